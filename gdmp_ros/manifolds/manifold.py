@@ -13,6 +13,11 @@ from gdmp_ros.manifolds import operations as ops
 _NOTHING = np.empty(0)
 
 
+def _for_kernel(array: np.ndarray) -> np.ndarray:
+    """Contiguous and writable float64, as the kernels are compiled for; a copy only if it is not."""
+    return np.require(array, dtype=np.float64, requirements='CW')
+
+
 class Manifold(ABC):
     """
     A Riemannian manifold: stateless; points are float64 arrays, tangents flat vectors.
@@ -231,13 +236,13 @@ class Manifold(ABC):
         return point
 
     def _flat(self, point: np.ndarray) -> np.ndarray:
-        array = np.ascontiguousarray(point, dtype=np.float64)
+        array = _for_kernel(point)
         if array.shape != self.point_shape:
             raise self._no_point(f'shape is {array.shape}, expected {self.point_shape}')
         return array.reshape(-1)
 
     def _vector(self, tangent: np.ndarray) -> np.ndarray:
-        array = np.ascontiguousarray(tangent, dtype=np.float64)
+        array = _for_kernel(tangent)
         if array.shape != (self.tangent_size,):
             raise ManifoldError(f'{self!r}: tangent shape is {array.shape}, '
                                 f'expected {(self.tangent_size,)}')

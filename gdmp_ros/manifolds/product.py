@@ -6,14 +6,8 @@ from typing import Sequence
 import numpy as np
 
 from gdmp_ros.errors import CutLocusError, ManifoldError
-from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.manifold import Manifold
-
-#: What `a`, `b` and `out` hold in each operation: P(oint), V(ector), F(rame) or nothing.
-_LAYOUT = {ops.EXP: 'PVP', ops.LOG: 'PPV', ops.FRAME: 'P-F', ops.POINT: 'F-P', ops.MOVE: 'FV-',
-           ops.FRAME_LOG: 'FPV', ops.VECTOR: 'FVV', ops.COORDS: 'FVV', ops.MEND: 'F--',
-           ops.MEND_POINT: 'P--', ops.TANGENT: 'PVV'}
-
+from gdmp_ros.manifolds.registry import apply_factors, factor_table, POINT, VECTOR
 
 class Product(Manifold):
     """
@@ -36,15 +30,11 @@ class Product(Manifold):
             raise ManifoldError(f'Product: expected one or more manifolds, got {factors!r}')
         self._factors = tuple(inner for f in factors for inner in f.factors)
         self._names = self._given_names(names)
-        sizes = {'P': [f.point_size for f in self._factors],
-                 'V': [f.tangent_size for f in self._factors],
-                 'F': [f.frame_size for f in self._factors], '-': [0] * len(self._factors)}
-        ends = {key: np.cumsum([0, *values]) for key, values in sizes.items()}
-        self._slices = {key: [slice(int(a), int(b)) for a, b in zip(end[:-1], end[1:])]
-                        for key, end in ends.items()}
+        self._table = factor_table(self._factors)
+        last = self._table[-1]
         super().__init__(len(self._factors), dim=sum(f.dim for f in self._factors),
-                         point_shape=(int(ends['P'][-1]),), tangent_size=int(ends['V'][-1]),
-                         frame_size=int(ends['F'][-1]))
+                         point_shape=(int(last[POINT + 1]),), tangent_size=int(last[VECTOR + 1]),
+                         frame_size=sum(f.frame_size for f in self._factors))
 
     @property
     def factors(self) -> tuple[Manifold, ...]:
@@ -57,13 +47,13 @@ class Product(Manifold):
     @property
     def tangent_slices(self) -> list[slice]:
         """Where each factor's tangent lies in a tangent of the product."""
-        return list(self._slices['V'])
+        return [slice(int(a), int(b)) for a, b in self._table[:, VECTOR:VECTOR + 2]]
 
     def split(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
         """Cut a point into its factors' points."""
         flat = self._flat(point)
-        return tuple(flat[part].reshape(factor.point_shape)
-                     for factor, part in zip(self._factors, self._slices['P']))
+        return tuple(flat[a:b].reshape(factor.point_shape)
+                     for factor, (a, b) in zip(self._factors, self._table[:, POINT:POINT + 2]))
 
     def join(self, *points: np.ndarray) -> np.ndarray:
         """Put factors' points together to one point (the inverse of `split`)."""
@@ -85,9 +75,7 @@ class Product(Manifold):
         return self.join(*(f.random_point(rng) for f in self._factors))
 
     def _apply(self, op: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> float:
-        first, second, third = (self._slices[key] for key in _LAYOUT[op])
-        return min(f._apply(op, a[i], b[j], out[k])
-                   for f, i, j, k in zip(self._factors, first, second, third))
+        return float(apply_factors(self._table, op, a, b, out))
 
     def _project(self, array: np.ndarray) -> np.ndarray:
         return self.join(*(f._project(p) for f, p in zip(self._factors, self.split(array))))

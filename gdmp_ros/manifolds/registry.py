@@ -1,17 +1,19 @@
 """
 Which manifolds there are: a new one is its own file, one line in `KINDS` and one in `apply`.
 
-Compiled code tells the manifolds apart by their place in `KINDS`; files and parameters by name.
+Compiled code tells the manifolds apart by their place in `KINDS`, and walks a product by a table with
+one row per factor; files and parameters know them by name.
 """
 from __future__ import annotations
 
-from typing import Any, Mapping
+from typing import Any, Sequence
+
+import numpy as np
 
 from gdmp_ros.compilation import compiled
-from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import euclidean, quaternion, rotation, spd, sphere
+from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.product import Product
 
 KINDS: tuple[Any, ...] = (
     euclidean.Euclidean,
@@ -36,27 +38,53 @@ def apply(kind, op, m, a, b, out):
     return spd.apply(op, m, a, b, out)
 
 
-def number_of(manifold: Manifold) -> int:
-    """Place of a manifold's class in `KINDS`."""
-    return KINDS.index(type(manifold))
+# Columns of a factor table: where the factor's part lies in a point, a tangent and a frame.
+KIND, SIZE, POINT, VECTOR, FRAME = 0, 1, 2, 4, 6
+_EMPTY = 8
+_COLUMNS = 10
+
+#: For each operation, the columns that cut ``a``, ``b`` and ``out`` into factors.
+_PARTS = np.full((11, 3), _EMPTY)
+_PARTS[ops.EXP] = POINT, VECTOR, POINT
+_PARTS[ops.LOG] = POINT, POINT, VECTOR
+_PARTS[ops.FRAME] = POINT, _EMPTY, FRAME
+_PARTS[ops.POINT] = FRAME, _EMPTY, POINT
+_PARTS[ops.MOVE] = FRAME, VECTOR, _EMPTY
+_PARTS[ops.FRAME_LOG] = FRAME, POINT, VECTOR
+_PARTS[ops.VECTOR] = FRAME, VECTOR, VECTOR
+_PARTS[ops.COORDS] = FRAME, VECTOR, VECTOR
+_PARTS[ops.MEND] = FRAME, _EMPTY, _EMPTY
+_PARTS[ops.MEND_POINT] = POINT, _EMPTY, _EMPTY
+_PARTS[ops.TANGENT] = POINT, VECTOR, VECTOR
 
 
-def from_spec(spec: object) -> Manifold:
-    """
-    Build the manifold that `Manifold.spec` described.
+@compiled
+def apply_factor(table, factor, op, a, b, out):
+    """Answer ``op`` for one factor of a product, given the whole product's arrays."""
+    row = table[factor]
+    i, j, k = _PARTS[op, 0], _PARTS[op, 1], _PARTS[op, 2]
+    return apply(row[KIND], op, row[SIZE], a[row[i]:row[i + 1]], b[row[j]:row[j + 1]],
+                 out[row[k]:row[k + 1]])
 
-    :raises DataError: if the description is malformed; the message lists the known kinds
-    """
-    if not isinstance(spec, Mapping) or 'kind' not in spec:
-        raise DataError(f'manifold: expected an object with "kind", got {spec!r}')
-    kind = spec['kind']
-    if kind == Product.kind:
-        factors = spec.get('factors')
-        if not isinstance(factors, list) or not factors:
-            raise DataError(f'manifold: a product needs a list "factors", got {factors!r}')
-        return Product(*(from_spec(f) for f in factors), names=spec.get('names'))
-    for known in KINDS:
-        if known.kind == kind:
-            return known() if known is quaternion.UnitQuaternion else known(spec.get('m'))
-    names = ', '.join([*(known.kind for known in KINDS), Product.kind])
-    raise DataError(f'manifold: unknown kind {kind!r}, expected one of {names}')
+
+@compiled
+def apply_factors(table, op, a, b, out):
+    """Answer ``op`` factor by factor; the least of the factors' answers."""
+    least = np.inf
+    for factor in range(table.shape[0]):
+        least = min(least, apply_factor(table, factor, op, a, b, out))
+    return least
+
+
+def factor_table(factors: Sequence[Manifold]) -> np.ndarray:
+    """Table of the factors for `apply_factors`, int64 of shape (factors, 10)."""
+    table = np.zeros((len(factors), _COLUMNS), dtype=np.int64)
+    table[:, KIND] = [KINDS.index(type(factor)) for factor in factors]
+    table[:, SIZE] = [factor.m for factor in factors]
+    for column, sizes in ((POINT, [factor.point_size for factor in factors]),
+                          (VECTOR, [factor.tangent_size for factor in factors]),
+                          (FRAME, [factor.frame_size for factor in factors])):
+        ends = np.cumsum(sizes)
+        table[:, column] = ends - sizes
+        table[:, column + 1] = ends
+    return table

@@ -1,0 +1,121 @@
+"""The skill file: JSON with a format version; floats are written so that they read back exactly."""
+from __future__ import annotations
+
+from dataclasses import asdict
+import json
+import math
+import os
+from pathlib import Path
+import tempfile
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.dmp.skill import Gains, Skill
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.manifolds import from_spec, Manifold
+
+FORMAT = 'gdmp skill'
+VERSION = 1
+_UNITS = {'duration': 's', 'euclidean': 'm', 'sphere': 'rad', 'rotation': 'rad',
+          'quaternion': 'wxyz, tangents half-angle rad', 'spd': 'of the matrix (N/m, Nm/rad)',
+          'velocity': 'per duration, in the frame at the start'}
+
+
+def write(skill: Skill, path: Path) -> None:
+    """Write ``skill`` beside ``path`` first and move it there: no half-written file is left."""
+    document = {
+        'format': FORMAT, 'version': VERSION, 'manifold': skill.manifold.spec(),
+        'connection': skill.connection, 'gains': asdict(skill.gains), 'duration': skill.duration,
+        'steps': skill.steps, 'start': skill.start.reshape(-1).tolist(),
+        'goal': skill.goal.reshape(-1).tolist(), 'frame': skill.frame.tolist(),
+        'velocity': skill.velocity.tolist(), 'weights': skill.weights.tolist(),
+        'units': _UNITS, 'provenance': dict(skill.provenance)}
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+    except (OSError, ValueError) as error:
+        raise DataError(f'{path}: cannot write the skill: {error}') from None
+    try:
+        with os.fdopen(handle, 'w') as out:
+            out.write(text + '\n')
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except OSError as error:
+        os.unlink(name)
+        raise DataError(f'{path}: cannot write the skill: {error}') from None
+
+
+def read(path: Path) -> Skill:
+    """Read and validate a skill file; `DataError` names the file, the field and the reason."""
+    try:
+        document = json.loads(path.read_text())
+    except OSError as error:
+        raise DataError(f'{path}: cannot read the skill: {error.strerror}') from None
+    except (ValueError, RecursionError) as error:
+        raise DataError(f'{path}: not a skill file: {error}') from None
+    try:
+        return _parse(document)
+    except GdmpError as error:
+        raise DataError(f'{path}: {error}') from None
+
+
+def _parse(document: Any) -> Skill:
+    if not isinstance(document, dict) or document.get('format') != FORMAT:
+        raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
+    if document.get('version') != VERSION:
+        raise DataError(f'format version is {document.get("version")!r}, this release reads '
+                        f'{VERSION}')
+    manifold = from_spec(document.get('manifold'))
+    gains = document.get('gains')
+    if not isinstance(gains, dict) or set(gains) != {'alpha_z', 'alpha_x', 'alpha_g'}:
+        raise DataError(f'gains: expected alpha_z, alpha_x and alpha_g, got {gains!r}')
+    steps = document.get('steps')
+    if not isinstance(steps, int) or isinstance(steps, bool) or not 1 <= steps <= 10 ** 8:
+        raise DataError(f'steps: expected an integer from 1 to 1e8, got {steps!r}')
+    duration = _numbers(document, 'duration', ())
+    if not duration > 0.0:
+        raise DataError(f'duration is {duration} s, expected > 0')
+    weights = _numbers(document, 'weights', (None, manifold.tangent_size))
+    if len(weights) < 2:
+        raise DataError(f'weights: {len(weights)} basis functions, expected at least 2')
+    provenance = document.get('provenance', {})
+    if not isinstance(provenance, dict):
+        raise DataError(f'provenance: expected an object, got {provenance!r}')
+    return Skill(manifold=manifold, connection=str(document.get('connection')),
+                 gains=Gains(**gains), start=_point(document, 'start', manifold),
+                 goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
+                 duration=float(duration),
+                 velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
+                 weights=weights, steps=steps, provenance=provenance)
+
+
+def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    try:
+        array = np.array(document.get(name), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f'{name}: expected numbers') from None
+    if array.ndim != len(shape) or any(want is not None and got != want
+                                       for got, want in zip(array.shape, shape)):
+        wanted = tuple('any' if want is None else want for want in shape)
+        raise DataError(f'{name}: shape is {array.shape}, expected {wanted}')
+    if not np.isfinite(array).all():
+        raise DataError(f'{name}: an entry is not a finite number')
+    return array
+
+
+def _point(document: dict[str, Any], name: str, manifold: Manifold) -> np.ndarray:
+    flat = _numbers(document, name, (math.prod(manifold.point_shape),))
+    try:
+        return manifold.check_point(flat.reshape(manifold.point_shape))
+    except GdmpError as error:
+        raise DataError(f'{name}: {error}') from None
+
+
+def _frame(document: dict[str, Any], manifold: Manifold) -> np.ndarray:
+    """The frame must be one at the start: otherwise the roll-out would begin elsewhere."""
+    frame = _numbers(document, 'frame', (manifold.frame_size,))
+    expected = manifold.frame(_point(document, 'start', manifold))
+    if not np.allclose(frame, expected, rtol=1e-9, atol=1e-12):
+        raise DataError('frame: is not the frame at the start')
+    return frame
