@@ -62,3 +62,14 @@ def compiled(function: Function) -> Function:
     finally:
         numba.core.config.CACHE_DIR = previous
     return kernel
+
+
+def inlined(function: Function) -> Function:
+    """
+    Make ``function`` part of every kernel that calls it.
+
+    A kernel is optimised together with all that it calls, again for each kernel on the way: large
+    functions that are called from one place compile several times faster as part of their caller.
+    """
+    part: Function = numba.njit(inline='always', error_model='numpy')(function)
+    return part

@@ -14,75 +14,47 @@ from gdmp_ros.compilation import compiled
 from gdmp_ros.errors import CutLocusError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.registry import apply_factors, factor_table
+from gdmp_ros.manifolds.registry import apply_factors, factor_table, map_factors
 
 #: Frames are re-orthonormalised after this many moves.
 MEND_EVERY = 32
 
 
 @compiled
-def _develop(table, frame, points, goal, frames, steps, to_goal):
+def _develop(table, frame, points, goal, frames, steps, to_goal, gaps):
+    """Carry ``frame`` along ``points``; rows of ``gaps``: from the cut locus of neighbour, goal."""
     none = np.empty(0)
-    least_step, least_goal, at_step, at_goal = np.inf, np.inf, 0, 0
     for i in range(points.shape[0]):
         frames[i] = frame
-        gap = apply_factors(table, ops.FRAME_LOG, frame, goal, to_goal[i])
-        if gap < least_goal:
-            least_goal, at_goal = gap, i
+        gaps[1, i] = apply_factors(table, ops.FRAME_LOG, frame, goal, to_goal[i])
         if i + 1 < points.shape[0]:
-            gap = apply_factors(table, ops.FRAME_LOG, frame, points[i + 1], steps[i])
-            if gap < least_step:
-                least_step, at_step = gap, i
+            gaps[0, i] = apply_factors(table, ops.FRAME_LOG, frame, points[i + 1], steps[i])
             apply_factors(table, ops.MOVE, frame, steps[i], none)
             if i % MEND_EVERY == MEND_EVERY - 1:
                 apply_factors(table, ops.MEND, frame, none, none)
-    return least_step, at_step, least_goal, at_goal
 
 
-@compiled
-def _difference(table, points, goal, steps, to_goal):
-    back = np.empty(steps.shape[1])
-    least_step, least_goal, at_step, at_goal = np.inf, np.inf, 0, 0
-    for i in range(points.shape[0]):
-        gap = apply_factors(table, ops.LOG, points[i], goal, to_goal[i])
-        if gap < least_goal:
-            least_goal, at_goal = gap, i
-        if i + 1 < points.shape[0]:
-            gap = apply_factors(table, ops.LOG, points[i], points[i + 1], steps[i])
-            apply_factors(table, ops.LOG, points[i + 1], points[i], back)
-            if gap < least_step:
-                least_step, at_step = gap, i
-            for j in range(back.size):
-                steps[i, j] = 0.5 * (steps[i, j] - back[j])
-    return least_step, at_step, least_goal, at_goal
+def _rowwise(table: np.ndarray, op: int, a: np.ndarray, b: np.ndarray,
+             width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Apply an operation to each row: results of ``width`` numbers, and the kernels' answers."""
+    out, answers = np.empty((len(a), width)), np.empty(len(a))
+    map_factors(table, op, np.require(a, requirements='CW'), np.require(b, requirements='CW'), out,
+                answers)
+    return out, answers
 
 
-@compiled
-def _tangents(table, points, vectors):
-    work = np.empty(vectors.shape[1])
-    for i in range(points.shape[0]):
-        work[:] = vectors[i]
-        apply_factors(table, ops.TANGENT, points[i], work, vectors[i])
+def _check_steps(manifold: Manifold, gaps: np.ndarray) -> None:
+    at = int(np.argmin(gaps))
+    if gaps[at] < ops.CUT_LOCUS_LIMIT:
+        raise CutLocusError(f'{manifold!r}: samples {at} and {at + 1} are {gaps[at]:.2g} rad from '
+                            f'the cut locus of each other: sampled too coarsely', float(gaps[at]))
 
 
-@compiled
-def _place(table, frames, index, offsets, points):
-    none = np.empty(0)
-    for i in range(index.size):
-        frame = frames[index[i]].copy()
-        apply_factors(table, ops.MOVE, frame, offsets[i], none)
-        apply_factors(table, ops.POINT, frame, none, points[i])
-
-
-def _check(manifold: Manifold, gaps: tuple[float, int, float, int]) -> None:
-    step_gap, step_at, goal_gap, goal_at = gaps
-    if step_gap < ops.CUT_LOCUS_LIMIT:
-        raise CutLocusError(f'{manifold!r}: samples {step_at} and {step_at + 1} are {step_gap:.2g} '
-                            f'rad from the cut locus of each other: sampled too coarsely', step_gap)
-    if goal_gap < ops.CUT_LOCUS_LIMIT:
-        raise CutLocusError(f'{manifold!r}: sample {goal_at} is {goal_gap:.2g} rad from the cut '
-                            f'locus of the goal, expected at least {ops.CUT_LOCUS_LIMIT:g}',
-                            goal_gap)
+def _check_goal(manifold: Manifold, gaps: np.ndarray) -> None:
+    at = int(np.argmin(gaps))
+    if gaps[at] < ops.CUT_LOCUS_LIMIT:
+        raise CutLocusError(f'{manifold!r}: sample {at} is {gaps[at]:.2g} rad from the cut locus of '
+                            f'the goal, expected at least {ops.CUT_LOCUS_LIMIT:g}', float(gaps[at]))
 
 
 class Development:
@@ -105,11 +77,13 @@ class Development:
         self.frames = np.empty((count, manifold.frame_size))
         self.steps = np.empty((count - 1, size))
         self.to_goal = np.empty((count, size))
-        goal_point = self.points[-1] if goal is None else manifold._flat(goal)
-        gaps = _develop(self.table, frame.copy(), self.points, goal_point, self.frames, self.steps,
-                        self.to_goal)
-        # Without a goal asked for, only the steps must be unique.
-        _check(manifold, gaps if goal is not None else (gaps[0], gaps[1], np.inf, 0))
+        gaps = np.full((2, count), np.inf)
+        end = self.points[-1] if goal is None else manifold._flat(goal)
+        _develop(self.table, frame.copy(), self.points, end, self.frames, self.steps, self.to_goal,
+                 gaps)
+        _check_steps(manifold, gaps[0])
+        if goal is not None:
+            _check_goal(manifold, gaps[1])
 
     def interpolate(self, times: np.ndarray, at: np.ndarray) -> np.ndarray:
         """
@@ -121,10 +95,11 @@ class Development:
         """
         unrolled = np.vstack([np.zeros(self.steps.shape[1]), np.cumsum(self.steps, axis=0)])
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 1)
-        offsets = np.ascontiguousarray(CubicSpline(times, unrolled)(at) - unrolled[index])
-        out = np.empty((len(at), self.manifold.point_size))
-        _place(self.table, self.frames, index, offsets, out)
-        return out
+        offsets = CubicSpline(times, unrolled)(at) - unrolled[index]
+        moved = self.frames[index]
+        _rowwise(self.table, ops.MOVE, moved, offsets, 0)
+        return _rowwise(self.table, ops.POINT, moved, np.empty((len(at), 0)),
+                        self.manifold.point_size)[0]
 
 
 def differentiate(steps: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -155,12 +130,13 @@ def published_derivatives(manifold: Manifold, points: np.ndarray, goal: np.ndarr
     :param points: flat samples, shape ``(samples, point_size)``
     :raises CutLocusError: as `Development`
     """
-    table = factor_table(manifold.factors)
-    points = np.require(points, requirements='CW')
-    steps = np.empty((len(points) - 1, manifold.tangent_size))
-    to_goal = np.empty((len(points), manifold.tangent_size))
-    _check(manifold, _difference(table, points, manifold._flat(goal), steps, to_goal))
-    velocity, acceleration = differentiate(steps, dt)
-    _tangents(table, points, velocity)
-    _tangents(table, points, acceleration)
-    return velocity, acceleration, to_goal
+    table, size = factor_table(manifold.factors), manifold.tangent_size
+    forth, gaps = _rowwise(table, ops.LOG, points[:-1], points[1:], size)
+    _check_steps(manifold, gaps)
+    back, _ = _rowwise(table, ops.LOG, points[1:], points[:-1], size)
+    goals = np.broadcast_to(manifold._flat(goal), points.shape)
+    to_goal, gaps = _rowwise(table, ops.LOG, points, goals, size)
+    _check_goal(manifold, gaps)
+    velocity, acceleration = differentiate(0.5 * (forth - back), dt)
+    return (_rowwise(table, ops.TANGENT, points, velocity, size)[0],
+            _rowwise(table, ops.TANGENT, points, acceleration, size)[0], to_goal)

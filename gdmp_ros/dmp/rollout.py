@@ -10,7 +10,6 @@ from gdmp_ros.dmp import stepping as st
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.skill import carry_frame, in_frame, Skill, Trajectory
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.registry import factor_table
 
@@ -89,11 +88,10 @@ class Rollout:
 
         :param dt: 0 or more [s]; the path does not depend on how time is cut into steps
         """
-        out = np.empty(self._out_size)
-        st.advance(self._table, self._gains, self._functions, self._weights,
-                   self._tolerances, self._numbers, self._frames, self._points, self._vectors, out,
-                   dt)
-        return self._view(out)
+        out = np.empty((1, self._out_size))
+        self._durations[0] = dt
+        self._advance(out, self._durations)
+        return self._view(out[0])
 
     def sample(self, times: np.ndarray) -> Trajectory:
         """
@@ -106,9 +104,7 @@ class Rollout:
         if not (steps >= 0.0).all():
             raise ParameterError('sample: times must not decrease, nor lie before the present')
         out = np.empty((len(times), self._out_size))
-        st.advance_many(self._table, self._gains, self._functions, self._weights,
-                        self._tolerances, self._numbers, self._frames, self._points,
-                        self._vectors, out, steps)
+        self._advance(out, steps)
         size = self._points.shape[1]
         return Trajectory(times, out[:, :size].reshape(len(times), *self._shape),
                           out[:, size:size + self._vectors.shape[1]])
@@ -116,9 +112,7 @@ class Rollout:
     @property
     def state(self) -> State:
         """The present moment, without letting time pass."""
-        out = np.empty(self._out_size)
-        st.evaluate(self._table, self._numbers, self._frames, self._points, self._vectors, out)
-        return self._view(out)
+        return self.advance(0.0)
 
     def retarget(self, goal: np.ndarray) -> None:
         """
@@ -132,12 +126,9 @@ class Rollout:
         manifold = self.skill.manifold
         new = manifold.align(manifold.check_point(goal), self.goal)
         switched = (numbers[st.INTERVAL] + 1.0) / numbers[st.STEPS]
-        present = points[st.GOAL].copy()
-        if numbers[st.MOVING] > 0.0:
-            st.goal_at(self._table, numbers, points, self._vectors, switched, present)
-        direction = manifold.log(present.reshape(self._shape), new)
-        self._vectors[st.DIRECTION] = direction
-        points[st.GOAL_FROM] = present
+        present = self._goal_at(switched)
+        self._vectors[st.DIRECTION] = manifold.log(present, new)
+        points[st.GOAL_FROM] = present.reshape(-1)
         points[st.GOAL_NEW] = new.reshape(-1)
         numbers[st.SWITCHED] = switched
         numbers[st.MOVING] = 1.0
@@ -186,6 +177,17 @@ class Rollout:
         """What happened so far."""
         named = {'cut_locus': st.CUT_LOCUS, 'held': st.HELD, 'not_settled': st.NOT_SETTLED}
         return {name for name, entry in named.items() if self._numbers[entry] > 0.0}
+
+    def _advance(self, out: np.ndarray, durations: np.ndarray) -> None:
+        st.advance(self._table, self._gains, self._functions, self._weights, self._tolerances,
+                   self._numbers, self._frames, self._points, self._vectors, out, durations)
+
+    def _goal_at(self, s: float) -> np.ndarray:
+        if self._numbers[st.MOVING] == 0.0:
+            return self._points[st.GOAL].reshape(self._shape).copy()
+        elapsed = self._numbers[st.ALPHA_G] * (s - self._numbers[st.SWITCHED])
+        return self.skill.manifold.exp(self._points[st.GOAL_FROM].reshape(self._shape),
+                                       -math.expm1(-elapsed) * self._vectors[st.DIRECTION])
 
     def _aligned(self, given: np.ndarray | None, default: np.ndarray) -> np.ndarray:
         if given is None:
@@ -236,16 +238,13 @@ class Rollout:
         self._frames[[st.START, st.NODE]] = frame
         self._points[[st.START, st.NODE]] = start.reshape(-1)
         self._points[[st.GOAL, st.GOAL_FROM, st.GOAL_NEW]] = goal.reshape(-1)
-        z = np.array(coordinates)
+        self._vectors[st.Z] = coordinates
         if self.skill.connection == 'published':
-            _vector_at(manifold, frame, coordinates, z)
-        self._vectors[st.Z] = z
+            manifold._apply(ops.VECTOR, frame, np.array(coordinates), self._vectors[st.Z])
         # Refused here rather than flagged later: nothing has moved yet.
         self._vectors[st.TO_GOAL] = manifold.log(start, goal)
-        st.start_to_goal(self._table, self._numbers, self._frames, self._points, self._vectors)
-        if not st.step(self._table, self._gains, self._functions, self._weights,
-                       self._numbers, self._frames, self._points, self._vectors):
-            self._numbers[st.HELD] = 1.0
+        self._durations = np.zeros(1)
+        self.advance(0.0)
 
     def _view(self, out: np.ndarray) -> State:
         numbers = self._numbers
@@ -255,11 +254,6 @@ class Rollout:
             point = point.reshape(self._shape)
         return State(float(numbers[st.TIME]), math.exp(-numbers[st.ALPHA_X] * numbers[st.S]), point,
                      out[size:size + count], out[size + count:])
-
-
-def _vector_at(manifold: Manifold, frame: np.ndarray, coordinates: np.ndarray,
-               out: np.ndarray) -> None:
-    manifold._apply(ops.VECTOR, frame, np.ascontiguousarray(coordinates), out)
 
 
 def _in_range(name: str, value: float, low: float, high: float) -> float:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, inlined
 from gdmp_ros.dmp.forcing import forcing
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.registry import apply_factor, apply_factors
@@ -36,6 +36,8 @@ NUMBERS = 18
 DECAY, PULL = range(2)
 
 _MEND_EVERY = 32
+#: e^-40 of the way is left: less than rounding.
+_ARRIVED = 40.0
 
 
 @compiled
@@ -44,22 +46,20 @@ def _copy(source, out):
         out[i] = source[i]
 
 
-@compiled
-def goal_at(table, numbers, points, vectors, s, out):
-    """Goal at ``s`` after a switch, in closed form, [GDMP] eq. (28); False once it has arrived."""
+@inlined
+def _move_goal(table, numbers, points, vectors, s):
+    """Goal at ``s`` after a switch, in closed form, [GDMP] eq. (28)."""
     elapsed = numbers[ALPHA_G] * (s - numbers[SWITCHED])
-    if elapsed > 40.0:
-        _copy(points[GOAL_NEW], out)
-        return False
     fraction = -math.expm1(-elapsed)
     for i in range(vectors.shape[1]):
         vectors[SPARE, i] = fraction * vectors[DIRECTION, i]
-    apply_factors(table, ops.EXP, points[GOAL_FROM], vectors[SPARE], out)
-    return True
+    apply_factors(table, ops.EXP, points[GOAL_FROM], vectors[SPARE], points[GOAL])
+    if elapsed > _ARRIVED:
+        numbers[MOVING] = 0.0
 
 
-@compiled
-def start_to_goal(table, numbers, frames, points, vectors):
+@inlined
+def _start_to_goal(table, numbers, frames, points, vectors):
     """Refresh ``Log_{Y0}(G)``, in the start's frame (parallel) or representation (published)."""
     if numbers[PARALLEL] > 0.0:
         gap = apply_factors(table, ops.FRAME_LOG, frames[START], points[GOAL],
@@ -70,7 +70,7 @@ def start_to_goal(table, numbers, frames, points, vectors):
         numbers[CUT_LOCUS] = 1.0
 
 
-@compiled
+@inlined
 def _drift_to_mid(table, numbers, frames, points, vectors, half):
     """Half a drift from NODE to MID; where the goal is, seen from there."""
     offset = vectors[OFFSET]
@@ -96,7 +96,7 @@ def _drift_to_mid(table, numbers, frames, points, vectors, half):
                     vectors[TO_GOAL, i] = vectors[SPARE, i]
 
 
-@compiled
+@inlined
 def _drift_to_node(table, numbers, frames, points, vectors, half):
     offset = vectors[OFFSET]
     if numbers[PARALLEL] > 0.0:
@@ -118,8 +118,8 @@ def _drift_to_node(table, numbers, frames, points, vectors, half):
     return apply_factors(table, ops.FRAME, points[NODE], vectors[SPARE], frames[WORK]) + frames[WORK].sum()
 
 
-@compiled
-def step(table, gains, functions, weights, numbers, frames, points, vectors):
+@inlined
+def _step(table, gains, functions, weights, numbers, frames, points, vectors):
     """
     Compute the next interval; False, with everything as before, where the result is not finite.
 
@@ -129,9 +129,9 @@ def step(table, gains, functions, weights, numbers, frames, points, vectors):
     s = (numbers[INTERVAL] + 1.5) * h
     x = math.exp(-numbers[ALPHA_X] * s)
     if numbers[MOVING] > 0.0:
-        if not goal_at(table, numbers, points, vectors, s, points[GOAL]):
-            numbers[MOVING] = 0.0
-        start_to_goal(table, numbers, frames, points, vectors)
+        _move_goal(table, numbers, points, vectors, s)
+    if numbers[MOVING] > 0.0 or numbers[INTERVAL] < 0.0:
+        _start_to_goal(table, numbers, frames, points, vectors)
     forcing(functions, weights, s, x, vectors[FORCE])
     _copy(frames[NODE], frames[PREVIOUS])
     _copy(points[NODE], points[PREVIOUS])
@@ -150,7 +150,7 @@ def step(table, gains, functions, weights, numbers, frames, points, vectors):
     return True
 
 
-@compiled
+@inlined
 def _interpolate(table, numbers, frames, points, vectors, u):
     """Frame WORK at fraction ``u`` of the interval; RATE and CURVE, derivatives by s, in it."""
     h = 1.0 / numbers[STEPS]
@@ -178,8 +178,8 @@ def _interpolate(table, numbers, frames, points, vectors, u):
     apply_factors(table, ops.MOVE, frames[WORK], offset, vectors[SPARE])
 
 
-@compiled
-def evaluate(table, numbers, frames, points, vectors, out):
+@inlined
+def _evaluate(table, numbers, frames, points, vectors, out):
     """
     Write point, velocity and acceleration of the present moment to ``out``.
 
@@ -208,7 +208,7 @@ def evaluate(table, numbers, frames, points, vectors, out):
     apply_factors(table, ops.VECTOR, frames[WORK], vectors[SPARE], acceleration)
 
 
-@compiled
+@inlined
 def _pass_time(numbers, dt):
     """Advance ``s`` by ``dt`` of time while the speed moves to its goal at a bounded rate."""
     left = numbers[SPEED_GOAL] - numbers[SPEED]
@@ -226,7 +226,7 @@ def _pass_time(numbers, dt):
     numbers[TIME] += dt
 
 
-@compiled
+@inlined
 def _settle(table, tolerances, numbers, frames, points, vectors, point):
     """Decide whether the motion is over (only once s has reached 1)."""
     apply_factors(table, ops.FRAME, point, vectors[SPARE], frames[WORK])
@@ -243,8 +243,8 @@ def _settle(table, tolerances, numbers, frames, points, vectors, point):
         numbers[FINISHED], numbers[NOT_SETTLED] = 1.0, 1.0
 
 
-@compiled
-def advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors, out,
+@inlined
+def _advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors, out,
             dt):
     """Let ``dt`` seconds pass: the nodes on the way, then the present moment into ``out``."""
     if numbers[HELD] > 0.0:
@@ -252,20 +252,24 @@ def advance(table, gains, functions, weights, tolerances, numbers, frames, point
     else:
         _pass_time(numbers, dt)
     # The small number keeps rounding in s from deciding whether a node has been passed.
-    while (numbers[HELD] == 0.0
-           and numbers[S] * numbers[STEPS] > numbers[INTERVAL] + 1.0 + 1e-9):
-        if not step(table, gains, functions, weights, numbers, frames, points, vectors):
+    while (numbers[HELD] == 0.0 and (numbers[S] * numbers[STEPS] > numbers[INTERVAL] + 1.0 + 1e-9
+                                     or numbers[INTERVAL] < 0.0)):
+        if not _step(table, gains, functions, weights, numbers, frames, points, vectors):
             numbers[HELD] = 1.0
             numbers[SPEED], numbers[SPEED_SLOPE] = 0.0, 0.0
-    evaluate(table, numbers, frames, points, vectors, out)
+    _evaluate(table, numbers, frames, points, vectors, out)
     if numbers[S] >= 1.0 and numbers[FINISHED] == 0.0:
         _settle(table, tolerances, numbers, frames, points, vectors, out[:points.shape[1]])
 
 
 @compiled
-def advance_many(table, gains, functions, weights, tolerances, numbers, frames, points, vectors,
-                 out, durations):
-    """`advance` once for each of ``durations`` [s], into the rows of ``out``."""
+def advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors, out,
+            durations):
+    """
+    Let each of ``durations`` [s] pass in turn and write the moment after it to a row of ``out``.
+
+    The first call computes the first interval too, so a duration of 0 evaluates the start.
+    """
     for i in range(durations.size):
-        advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors,
+        _advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors,
                 out[i], durations[i])

@@ -10,7 +10,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, inlined
 from gdmp_ros.manifolds import euclidean, quaternion, rotation, spd, sphere
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.manifold import Manifold
@@ -24,7 +24,7 @@ KINDS: tuple[Any, ...] = (
 )
 
 
-@compiled
+@inlined
 def apply(kind, op, m, a, b, out):
     """Answer operation ``op`` for manifold number ``kind`` (`gdmp_ros.manifolds.operations`)."""
     if kind == 0:
@@ -58,7 +58,7 @@ _PARTS[ops.MEND_POINT] = POINT, _EMPTY, _EMPTY
 _PARTS[ops.TANGENT] = POINT, VECTOR, VECTOR
 
 
-@compiled
+@inlined
 def apply_factor(table, factor, op, a, b, out):
     """Answer ``op`` for one factor of a product, given the whole product's arrays."""
     row = table[factor]
@@ -74,6 +74,13 @@ def apply_factors(table, op, a, b, out):
     for factor in range(table.shape[0]):
         least = min(least, apply_factor(table, factor, op, a, b, out))
     return least
+
+
+@compiled
+def map_factors(table, op, a, b, out, answers):
+    """Answer ``op`` for each row of ``a``, ``b`` and ``out``; `apply_factors`' answers by row."""
+    for i in range(answers.size):
+        answers[i] = apply_factors(table, op, a[i], b[i], out[i])
 
 
 def factor_table(factors: Sequence[Manifold]) -> np.ndarray:
