@@ -1,0 +1,200 @@
+"""
+Set up a virtual environment that runs everything: ``make setup`` calls this.
+
+Installs the pinned packages of ``requirements.lock``, builds ``gdmp_msgs`` from ``msg_defs/`` into
+the environment and installs ``gdmp_ros`` editable. Where a Jazzy installation is sourced, its
+rclpy is used instead of the wheels. Does nothing, quickly, where nothing has changed.
+"""
+import argparse
+import hashlib
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import sysconfig
+
+ROOT = Path(__file__).resolve().parent.parent
+SUPPORTED = ((3, 11), (3, 12), (3, 13))
+#: Lines of the lock file a sourced ROS installation stands in for.
+ROS_PREFIXES = ('ros-',)
+
+
+class SetupError(Exception):
+    """One clear line for the user."""
+
+
+def sourced_ros():
+    """Whether a ROS installation is sourced: its prefixes, or None. Only Jazzy will do."""
+    distribution, prefixes = os.environ.get('ROS_DISTRO'), os.environ.get('AMENT_PREFIX_PATH')
+    if not distribution or not prefixes:
+        return None
+    if distribution != 'jazzy':
+        raise SetupError(f'ROS {distribution} is sourced; gdmp_ros needs Jazzy (or no ROS at all: '
+                         'unset ROS_DISTRO and AMENT_PREFIX_PATH)')
+    return prefixes
+
+
+def check_machine():
+    """Refuse early what cannot work."""
+    if sys.version_info[:2] not in SUPPORTED:
+        names = ', '.join('.'.join(map(str, version)) for version in SUPPORTED)
+        raise SetupError(f'Python {sys.version.split()[0]} is not supported: use one of {names} '
+                         '(make setup PYTHON=python3.12)')
+    compiler = os.environ.get('CXX', 'c++')
+    if shutil.which(compiler) is None:
+        raise SetupError(f'no C++ compiler ("{compiler}") found: install g++ '
+                         '(Debian, Ubuntu: apt install g++)')
+    if not Path(sysconfig.get_path('include'), 'Python.h').exists():
+        raise SetupError('the Python headers are missing: install them '
+                         '(Debian, Ubuntu: apt install python3-dev)')
+
+
+def fingerprint(prefixes):
+    """Hash of everything the environment is made from."""
+    digest = hashlib.sha256(f'{sys.version}{sys.executable}{prefixes}{ROOT}'.encode())
+    inputs = [ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')]
+    inputs += [Path(__file__), *sorted(p for p in (ROOT / 'msg_defs').rglob('*') if p.is_file())]
+    for path in inputs:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def run(what, command, log, **options):
+    """Run a step; its output goes to the log, and its last lines to the user if it fails."""
+    print(f'setup: {what} …', flush=True)
+    with log.open('a') as out:
+        out.write(f'$ {" ".join(map(str, command))}\n')
+        out.flush()
+        done = subprocess.run(list(map(str, command)), stdout=out, stderr=subprocess.STDOUT,
+                              **options)
+    if done.returncode != 0:
+        text = log.read_text()
+        offline = any(word in text for word in ('NewConnectionError', 'Temporary failure in name',
+                                                'No matching distribution', 'ProxyError'))
+        hint = 'the package index cannot be reached: is there a network? ' if offline else ''
+        raise SetupError(f'{what} failed: {hint}see {log}')
+
+
+def locked(prefixes, python, target):
+    """Write the lock to use: without ROS wheels, and with its NumPy, where ROS is sourced."""
+    lines = (ROOT / 'requirements.lock').read_text().splitlines()
+    if prefixes:
+        lines = [line for line in lines if not line.startswith(ROS_PREFIXES)]
+        found = subprocess.run([python, '-c', 'import numpy; print(numpy.__version__)'],
+                               capture_output=True, text=True)
+        if found.returncode == 0 and found.stdout.startswith('1.'):
+            # Message extensions of an apt Jazzy are compiled against NumPy 1 and refuse NumPy 2.
+            lines = [f'numpy=={found.stdout.strip()}' if line.startswith('numpy==') else line
+                     for line in lines]
+    target.write_text('\n'.join(lines) + '\n')
+    return target
+
+
+def mend_exports(venv, python):
+    """
+    Point CMake files of the wheels to this interpreter's headers.
+
+    They name the include folders of the machine the wheels were built on.
+    """
+    numpy_include = subprocess.run([python, '-c', 'import numpy; print(numpy.get_include())'],
+                                   capture_output=True, text=True, check=True).stdout.strip()
+    python_include = sysconfig.get_path('include')
+    for path in venv.glob('share/*/cmake/export_*__rosidl_generator_pyExport.cmake'):
+        words = []
+        for line in path.read_text().split('\n'):
+            if 'INTERFACE_INCLUDE_DIRECTORIES' in line:
+                head, _, tail = line.partition('"')
+                folders, _, rest = tail.partition('"')
+                folders = ';'.join(python_include if '/include/python3' in folder
+                                   else numpy_include if folder.endswith('numpy/_core/include')
+                                   or folder.endswith('numpy/core/include') else folder
+                                   for folder in folders.split(';'))
+                line = f'{head}"{folders}"{rest}'
+            words.append(line)
+        path.write_text('\n'.join(words))
+
+
+def build_messages(venv, python, prefixes, log):
+    """Build ``gdmp_msgs`` and install it into the environment."""
+    build = venv / 'build' / 'gdmp_msgs'
+    shutil.rmtree(build, ignore_errors=True)
+    search = [str(venv), *(prefixes.split(os.pathsep) if prefixes else [])]
+    environment = dict(os.environ, AMENT_PREFIX_PATH=os.pathsep.join(search),
+                       CMAKE_PREFIX_PATH=os.pathsep.join(search),
+                       PATH=os.pathsep.join([str(venv / 'bin'), os.environ['PATH']]))
+    cmake = venv / 'bin' / 'cmake'
+    run('configuring gdmp_msgs',
+        [cmake, '-G', 'Ninja', '-S', ROOT / 'msg_defs', '-B', build,
+         f'-DCMAKE_INSTALL_PREFIX={venv}', f'-DPython3_EXECUTABLE={python}',
+         '-DCMAKE_BUILD_TYPE=Release', '-DBUILD_TESTING=OFF', '-Wno-dev'], log, env=environment)
+    run('building gdmp_msgs', [cmake, '--build', build, '--target', 'install'], log,
+        env=environment)
+
+
+def write_wrappers(venv, prefixes):
+    """
+    With a sourced ROS: executables that carry its environment, so that nothing need be sourced.
+
+    (The wheels bring a start-up hook of their own that does the same.)
+    """
+    libraries = [str(venv / 'lib'), *os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)]
+    values = {'ROS_DISTRO': 'jazzy',
+              'AMENT_PREFIX_PATH': os.pathsep.join([str(venv), prefixes]),
+              'LD_LIBRARY_PATH': os.pathsep.join(filter(None, libraries)),
+              'PYTHONPATH': os.environ.get('PYTHONPATH', '')}
+    exports = ''.join(f"export {name}='{value}'\n" for name, value in values.items())
+    for name, module in (('gdmp', 'cli.main'), ('panda_sim', 'nodes.panda_sim'),
+                         ('trajectory_server', 'nodes.trajectory_server')):
+        script = venv / 'bin' / name
+        script.write_text(f'#!/bin/sh\n{exports}'
+                          f"exec '{venv}/bin/python' -m gdmp_ros.{module} \"$@\"\n")
+        script.chmod(0o755)
+    python = venv / 'bin' / 'python-ros'
+    python.write_text(f'#!/bin/sh\n{exports}exec \'{venv}/bin/python\' "$@"\n')
+    python.chmod(0o755)
+
+
+def make(venv):
+    """Bring the environment up to date."""
+    prefixes = sourced_ros()
+    check_machine()
+    stamp = venv / 'gdmp-setup.stamp'
+    wanted = fingerprint(prefixes)
+    if stamp.exists() and stamp.read_text() == wanted:
+        return
+    shutil.rmtree(venv, ignore_errors=True)
+    venv.mkdir(parents=True)
+    log = venv / 'setup.log'
+    python = venv / 'bin' / 'python'
+    run('creating the environment', [sys.executable, '-m', 'venv', venv], log)
+    lock = locked(prefixes, python, venv / 'requirements.txt')
+    run('installing packages (about a minute)',
+        [python, '-m', 'pip', 'install', '--disable-pip-version-check', '-r', lock], log)
+    if not prefixes:
+        mend_exports(venv, python)
+    build_messages(venv, python, prefixes, log)
+    run('installing gdmp_ros', [python, '-m', 'pip', 'install', '--disable-pip-version-check',
+                                '--no-deps', '--no-build-isolation', '--use-pep517',
+                                '-e', ROOT], log)
+    if prefixes:
+        write_wrappers(venv, prefixes)
+    stamp.write_text(wanted)
+    print(f'setup: done, {venv}')
+
+
+def main():
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--venv', type=Path, default=ROOT / '.venv', help='where to put it')
+    venv = parser.parse_args().venv.resolve()
+    try:
+        make(venv)
+    except SetupError as error:
+        sys.exit(f'setup: {error}')
+    except OSError as error:
+        sys.exit(f'setup: {error.filename or ""}: {error.strerror}')
+
+
+if __name__ == '__main__':
+    main()

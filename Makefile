@@ -1,0 +1,29 @@
+# make demo   everything end to end: bags, learning, streaming, simulated arm, report
+# make test   every test
+# make setup  only the environment (make setup PYTHON=python3.12 for another interpreter)
+
+PYTHON ?= python3
+VENV ?= .venv
+# With a sourced ROS the environment's Python needs what was sourced: python-ros carries it.
+PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || echo $(VENV)/bin/python)
+
+.PHONY: setup demo test lint bench clean
+
+setup:
+	@$(PYTHON) .ci/bootstrap.py --venv $(VENV)
+
+demo: setup
+	@$(VENV)/bin/gdmp demo --out out/demo
+
+test: setup lint
+	@$(PY) -m pytest
+
+lint: setup
+	@$(PY) -m ruff check .
+	@$(PY) -m mypy
+
+bench: setup
+	@$(VENV)/bin/gdmp bench accuracy --class GShape
+
+clean:
+	rm -rf $(VENV) out build install log

