@@ -1,0 +1,249 @@
+"""
+Cartesian impedance with a full 6×6 stiffness, [GDMP] eqs. (39), (40).
+
+The wrench is the gradient of ``½ eᵀ K e`` with e the clipped position error and rotation vector of
+the orientation error (base frame), plus damping designed for the inertia felt at the tool.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from gdmp_ros.compilation import compiled
+from gdmp_ros.manifolds.linalg import (cholesky, invert_lower, multiply, symmetric_eigen,
+                                       transposed_multiply)
+
+
+@dataclass(frozen=True)
+class ImpedanceGains:
+    """
+    Constants of the law.
+
+    :ivar singularity: ε in ``Λ = (J M⁻¹ Jᵀ + ε² I)⁻¹`` [1/√kg]: keeps it finite at singularities
+    :ivar position_clip: largest position error acted upon [m]
+    :ivar rotation_clip: largest rotation error acted upon [rad]
+    :ivar posture_stiffness: of the null-space posture [Nm/rad]
+    :ivar posture_damping: in the null space [Nm s/rad]
+    :ivar feed_forward: 1 adds the inertial force ``Λ ẍ_d``, 0 does not
+    """
+
+    singularity: float = 0.02
+    position_clip: float = 0.1
+    rotation_clip: float = 0.5
+    posture_stiffness: float = 5.0
+    posture_damping: float = 2.0
+    feed_forward: float = 1.0
+
+    def array(self) -> np.ndarray:
+        """Return the numbers as the kernel takes them."""
+        return np.array([self.singularity, self.position_clip, self.rotation_clip,
+                         self.posture_stiffness, self.posture_damping, self.feed_forward])
+
+
+(_SINGULARITY, _POSITION_CLIP, _ROTATION_CLIP, _POSTURE_STIFFNESS, _POSTURE_DAMPING,
+ _FEED_FORWARD) = range(6)
+# Where the numbers of a target lie: `Target.array`.
+POSE, TWIST, ACCELERATION, STIFFNESS, DAMPING_RATIO = 0, 7, 13, 19, 55
+TARGET_SIZE = 56
+
+
+@compiled
+def task_inertia_inverse(inertia, jacobian, singularity, solved):
+    """
+    ``A = J M⁻¹ Jᵀ + ε² I`` (6×6), and ``M⁻¹ Jᵀ`` into ``solved`` (n×6).
+    """
+    n = inertia.shape[0]
+    lower, inverse = np.empty((n, n)), np.empty((n, n))
+    cholesky(inertia, lower)
+    invert_lower(lower, inverse)
+    half = np.empty((n, 6))
+    for i in range(n):
+        for j in range(6):
+            total = 0.0
+            for k in range(i + 1):
+                total += inverse[i, k] * jacobian[j, k]
+            half[i, j] = total
+    for i in range(n):
+        for j in range(6):
+            total = 0.0
+            for k in range(i, n):
+                total += inverse[k, i] * half[k, j]
+            solved[i, j] = total
+    result = np.empty((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            total = singularity * singularity if i == j else 0.0
+            for k in range(n):
+                total += half[k, i] * half[k, j]
+            result[i, j] = total
+            result[j, i] = total
+    return result
+
+
+@compiled
+def damping_design(stiffness, inertia_inverse, damping_ratio):
+    """
+    Damping by double diagonalisation, and the task inertia Λ.
+
+    With ``Λ = Q Qᵀ`` and ``K = Q diag(k) Qᵀ`` the damping is ``D = 2 ζ Q diag(√k) Qᵀ``: every mode
+    of ``Λ ẍ + D ẋ + K x = 0`` has the damping ratio ζ.
+
+    :param stiffness: K, shape (m, m), positive definite
+    :param inertia_inverse: Λ⁻¹, shape (m, m)
+    :returns: D and Λ, shape (m, m) each
+    """
+    m = stiffness.shape[0]
+    lower, inverse, work, turned = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
+                                    np.empty((m, m)))
+    cholesky(inertia_inverse, lower)
+    invert_lower(lower, inverse)
+    multiply(stiffness, lower, work)
+    transposed_multiply(lower, work, turned)
+    values, vectors = np.empty(m), np.empty((m, m))
+    symmetric_eigen(turned, values, vectors)
+    transposed_multiply(inverse, vectors, work)
+    damping, inertia = np.empty((m, m)), np.empty((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            d, l = 0.0, 0.0
+            for k in range(m):
+                weight = work[i, k] * work[j, k]
+                d += weight * math.sqrt(max(values[k], 0.0))
+                l += weight
+            damping[i, j] = 2.0 * damping_ratio * d
+            damping[j, i] = damping[i, j]
+            inertia[i, j] = l
+            inertia[j, i] = l
+    return damping, inertia
+
+
+@compiled
+def rotation_error(measured, wanted, out):
+    """
+    Rotation vector from the measured to the wanted quaternion (wxyz), in the base frame [rad].
+
+    The shorter way round: the sign of the measured quaternion is chosen first.
+    """
+    dot = 0.0
+    for i in range(4):
+        dot += measured[i] * wanted[i]
+    sign = 1.0 if dot >= 0.0 else -1.0
+    w, x, y, z = (sign * measured[0], sign * measured[1], sign * measured[2], sign * measured[3])
+    a, b, c, d = wanted[0], wanted[1], wanted[2], wanted[3]
+    vx = -a * x + b * w - c * z + d * y
+    vy = -a * y + b * z + c * w - d * x
+    vz = -a * z - b * y + c * x + d * w
+    norm = math.sqrt(vx * vx + vy * vy + vz * vz)
+    real = a * w + b * x + c * y + d * z
+    scale = 2.0 * math.atan2(norm, real) / norm if norm > 1e-12 else 2.0
+    out[0], out[1], out[2] = scale * vx, scale * vy, scale * vz
+
+
+@compiled
+def clip_norm(v, limit):
+    """Shorten ``v`` to ``limit``."""
+    total = 0.0
+    for i in range(v.size):
+        total += v[i] * v[i]
+    norm = math.sqrt(total)
+    if norm > limit:
+        for i in range(v.size):
+            v[i] *= limit / norm
+
+
+@compiled
+def left_jacobian_inverse(e, v, out):
+    """
+    ``J_l(e)⁻¹ v`` on SO(3): makes the torque the gradient of the rotational energy.
+    """
+    angle2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+    if angle2 < 1e-6:
+        factor = 1.0 / 12.0 + angle2 / 720.0
+    else:
+        angle = math.sqrt(angle2)
+        factor = 1.0 / angle2 - 0.5 / (angle * math.tan(0.5 * angle))
+    cx = e[1] * v[2] - e[2] * v[1]
+    cy = e[2] * v[0] - e[0] * v[2]
+    cz = e[0] * v[1] - e[1] * v[0]
+    out[0] = v[0] - 0.5 * cx + factor * (e[1] * cz - e[2] * cy)
+    out[1] = v[1] - 0.5 * cy + factor * (e[2] * cx - e[0] * cz)
+    out[2] = v[2] - 0.5 * cz + factor * (e[0] * cy - e[1] * cx)
+
+
+@compiled
+def _elastic_wrench(pose, target, gains, stiffness):
+    error = np.empty(6)
+    for i in range(3):
+        error[i] = target[POSE + i] - pose[i]
+    rotation_error(pose[3:7], target[POSE + 3:POSE + 7], error[3:])
+    clip_norm(error[:3], gains[_POSITION_CLIP])
+    clip_norm(error[3:], gains[_ROTATION_CLIP])
+    wrench = np.empty(6)
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            total += stiffness[i, j] * error[j]
+        wrench[i] = total
+    left_jacobian_inverse(error[3:], wrench[3:].copy(), wrench[3:])
+    return wrench
+
+
+@compiled
+def _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
+    """Add the posture torque projected to the null space: ``(I - Jᵀ Λ J M⁻¹) τ``."""
+    n = q.size
+    wanted, task = np.empty(n), np.zeros(6)
+    for i in range(n):
+        wanted[i] = gains[_POSTURE_STIFFNESS] * (rest[i] - q[i]) - gains[_POSTURE_DAMPING] * dq[i]
+    for j in range(6):
+        for i in range(n):
+            task[j] += solved[i, j] * wanted[i]
+    for i in range(n):
+        total = wanted[i]
+        for j in range(6):
+            for k in range(6):
+                total -= jacobian[j, i] * task_inertia[j, k] * task[k]
+        torque[i] += total
+
+
+@compiled
+def impedance_torque(q, dq, pose, jacobian, inertia, bias, target, rest, gains, external, torque,
+                     wrench):
+    """
+    One tick of the law.
+
+    :param pose: measured (x, y, z, qw, qx, qy, qz)
+    :param target: `TARGET_SIZE` numbers: pose, twist, acceleration, 6×6 stiffness, damping ratio
+    :param rest: posture of the null space [rad]
+    :param external: joint torque acting from outside [Nm]
+    :param torque: result [Nm], shape (n,): impedance + posture + gravity and Coriolis
+    :param wrench: result, external wrench at the tool [N, Nm], shape (6,)
+    """
+    n = q.size
+    stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+    solved = np.empty((n, 6))
+    inverse = task_inertia_inverse(inertia, jacobian, gains[_SINGULARITY], solved)
+    damping, task_inertia = damping_design(stiffness, inverse, target[DAMPING_RATIO])
+    force = _elastic_wrench(pose, target, gains, stiffness)
+    felt = np.zeros(6)
+    rate = np.empty(6)
+    for j in range(6):
+        rate[j] = target[TWIST + j]
+        for i in range(n):
+            rate[j] -= jacobian[j, i] * dq[i]
+            felt[j] += solved[i, j] * external[i]
+    for j in range(6):
+        total = force[j]
+        wrench[j] = 0.0
+        for k in range(6):
+            total += damping[j, k] * rate[k]
+            total += gains[_FEED_FORWARD] * task_inertia[j, k] * target[ACCELERATION + k]
+            wrench[j] += task_inertia[j, k] * felt[k]
+        force[j] = total
+    for i in range(n):
+        torque[i] = bias[i]
+        for j in range(6):
+            torque[i] += jacobian[j, i] * force[j]
+    _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)

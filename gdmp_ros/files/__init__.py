@@ -1,0 +1,1 @@
+"""Files and data sets: rosbag2 recordings, LASA handwriting."""

@@ -1,0 +1,1 @@
+"""Simulated robots: the only place that imports MuJoCo."""

@@ -1,0 +1,128 @@
+"""A torque-controlled arm in MuJoCo: the built-in Panda, or any other MJCF."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gdmp_ros.errors import DataError
+
+PANDA = Path(__file__).parent / 'models' / 'panda.xml'
+#: Posture of the Panda's ready pose [rad].
+READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
+
+
+class Measurement(NamedTuple):
+    """
+    What a robot tells its controller at a tick.
+
+    :ivar position: of the joints [rad], shape ``(n,)``
+    :ivar velocity: of the joints [rad/s], shape ``(n,)``
+    :ivar pose: of the tool in the base frame, (x, y, z, qw, qx, qy, qz)
+    :ivar jacobian: of the tool in the base frame, linear over angular, shape ``(6, n)``
+    :ivar inertia: joint-space inertia, shape ``(n, n)``
+    :ivar bias: gravity and Coriolis torque [Nm], shape ``(n,)``
+    :ivar external: torque of contacts and applied forces [Nm], shape ``(n,)``
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    pose: np.ndarray
+    jacobian: np.ndarray
+    inertia: np.ndarray
+    bias: np.ndarray
+    external: np.ndarray
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the joints, each of shape ``(n,)``: position [rad], torque [Nm]."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    torque: np.ndarray
+
+
+class Arm:
+    """One arm; `step` lets one time step pass under a torque."""
+
+    def __init__(self, path: str | Path = '', tool: str = 'tcp', hand: bool = True):
+        """
+        Load a model.
+
+        :param path: MJCF file; the built-in Panda by default
+        :param tool: name of the site that is controlled
+        :param hand: False removes the body ``hand`` (and its tool) from the model
+        :raises DataError: if the file cannot be loaded or has no such site, or no motors
+        """
+        source = Path(path) if path else PANDA
+        try:
+            spec = mujoco.MjSpec.from_file(str(source))
+            if not hand:
+                spec.delete(spec.body('hand'))
+            self.model = spec.compile()
+        except (ValueError, OSError, mujoco.FatalError) as error:
+            raise DataError(f'{source}: cannot load the model: {error}') from None
+        self.data = mujoco.MjData(self.model)
+        self._site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, tool)
+        if self._site < 0:
+            names = [self.model.site(i).name for i in range(self.model.nsite)]
+            raise DataError(f'{source}: no site {tool!r}, the model has {names}')
+        if self.model.nu == 0 or self.model.nu != self.model.nv:
+            raise DataError(f'{source}: {self.model.nu} motors for {self.model.nv} degrees of '
+                            'freedom, expected one torque motor for each')
+        n = self.model.nv
+        self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
+        self.limits = Limits(*self.model.jnt_range.T.copy(),
+                             self.model.actuator_ctrlrange[:, 1].copy())
+        self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
+        self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
+        self.reset()
+
+    @property
+    def period(self) -> float:
+        """Time step [s]."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    def reset(self, position: np.ndarray | None = None) -> None:
+        """Put the arm at rest at ``position`` [rad]; at the first keyframe by default."""
+        mujoco.mj_resetData(self.model, self.data)
+        if position is not None:
+            self.data.qpos[:] = position
+        elif self.model.nkey:
+            mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        mujoco.mj_forward(self.model, self.data)
+
+    def measure(self) -> Measurement:
+        """Read the present state; the arrays are valid until the next call."""
+        model, data = self.model, self.data
+        mujoco.mj_jacSite(model, data, self._linear, self._angular, self._site)
+        mujoco.mj_fullM(model, data, self._inertia)
+        self._pose[:3] = data.site_xpos[self._site]
+        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[self._site])
+        # Everything that is neither passive, nor bias, nor a motor acts from outside.
+        applied = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - data.qfrc_actuator
+        return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
+                           np.vstack([self._linear, self._angular]), self._inertia,
+                           data.qfrc_bias.copy(), data.qfrc_constraint + applied)
+
+    def step(self, torque: np.ndarray) -> None:
+        """Let one period pass under joint torques [Nm]; `measure` then tells the new state."""
+        self.data.ctrl[:] = torque
+        mujoco.mj_step2(self.model, self.data)
+        mujoco.mj_step1(self.model, self.data)
+
+    def site_pose(self, name: str) -> np.ndarray:
+        """Pose (x, y, z, qw, qx, qy, qz) of a site in the base frame."""
+        site, pose = self.data.site(name), np.zeros(7)
+        pose[:3] = site.xpos
+        mujoco.mju_mat2Quat(pose[3:], site.xmat)
+        return pose
