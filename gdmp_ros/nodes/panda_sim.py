@@ -1,0 +1,257 @@
+"""A Panda in MuJoCo in place of the robot: follows references under 1 kHz impedance control."""
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gdmp_msgs.msg import Reference, RobotState
+from gdmp_msgs.srv import StepSimulation
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from gdmp_ros.control.impedance import ImpedanceGains
+from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.nodes import wire
+from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE,
+                                    PolledGroup, reliable, run, save_lateness, take_latest)
+from gdmp_ros.nodes.parameters import Parameters
+from gdmp_ros.nodes.sim_parameters import SPECS
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.sim.closed_loop import ClosedLoop, Tick
+from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.viewer import Viewer
+
+NS = 1_000_000_000
+#: Longest wait for a paused loop to take its steps, beyond their own duration [s].
+STEP_WAIT_S = 5.0
+#: Catching up more periods than this at once would only delay the next tick further.
+MOST_STEPS = 10
+
+
+class PandaSim(ManagedNode):
+    """The managed node ``panda_sim``."""
+
+    def __init__(self) -> None:
+        super().__init__('panda_sim')
+        self.parameters = Parameters(self, SPECS)
+        self._entities: list[tuple[Any, Any]] = []
+        self._thread: RealtimeThread | None = None
+        self._viewer: Viewer | None = None
+        self._active = False
+        self._paused = False
+        self._reset = False
+        self._steps_wanted = 0
+        self._stepped = threading.Event()
+        self._sequence = 0
+        self._ticks = 0
+        self._lateness = LatenessRecorder(1_000_000)
+
+    # Lifecycle
+
+    def configure(self) -> None:
+        p = self.parameters
+        gains = ImpedanceGains(position_clip=p.position_clip, rotation_clip=p.rotation_clip,
+                               posture_stiffness=p.posture_stiffness,
+                               posture_damping=p.posture_damping,
+                               feed_forward=1.0 if p.feed_forward else 0.0)
+        guard = GuardSettings(p.frame_id, p.reference_timeout, p.stop_time, p.fade_time)
+        self._loop = ClosedLoop(Arm(p.model, p.tool_site), gains, guard, p.damping_ratio,
+                                p.torque_rate)
+        self._loop.tick()  # compiles the control law, or loads it from the cache
+        self._loop.reset()
+        self._every = max(1, round(1.0 / (p.viewer_rate_hz * self._loop.arm.period)))
+        self._make_publishers()
+        self._make_inputs()
+        self.parameters.locked = True
+
+    def activate(self) -> None:
+        if not self.parameters.headless:
+            self._viewer = Viewer(self._loop.arm)
+        self._period_ns = round(self._loop.arm.period * NS)
+        self._lateness = LatenessRecorder(self._period_ns)
+        self._last = 0
+        self._active = True
+        body = self._in_step if self.parameters.pace == 'wall' else self._fast
+        self._thread = RealtimeThread(body, self.parameters.realtime_priority)
+        self._thread.start()
+        if self.parameters.realtime_priority != 0:
+            self.log_scheduler(self._thread)
+
+    def deactivate(self) -> None:
+        if not self._active:
+            return
+        self._active = False
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+        save_lateness(self.parameters.lateness_file, self._lateness)
+
+    def cleanup(self) -> None:
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._entities.clear()
+        self.parameters.locked = False
+
+    # The loop
+
+    def _in_step(self) -> None:
+        run_periodic(self._wall_tick, self._period_ns, MonotonicClock(), lambda: not self._active)
+
+    def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
+        self._lateness.add(deadline_ns, now_ns)
+        # After an overrun simulated time catches up, or it would fall behind wall time.
+        periods = (deadline_ns - self._last) // self._period_ns if self._last else 1
+        self._last = deadline_ns
+        stamp = time.time_ns() - (time.monotonic_ns() - deadline_ns)
+        for late in range(min(periods, MOST_STEPS) - 1, -1, -1):
+            self._advance(stamp - late * self._period_ns)
+        if self._viewer is not None and self._ticks % 16 == 0:
+            self._viewer.sync()
+
+    def _fast(self) -> None:
+        while self._active:
+            stamp = round(self._loop.arm.time * NS)
+            if not self._advance(stamp):
+                time.sleep(0.001)
+                continue
+            self._clock.publish(ClockMessage(clock=wire.stamp_of(round(self._loop.arm.time * NS))))
+            now = time.monotonic_ns()
+            self._lateness.add(now, now)
+
+    def _advance(self, stamp_ns: int) -> bool:
+        """One tick, unless paused; True if simulated time has passed."""
+        if self._reset:
+            self._reset = False
+            self._loop.reset()
+        if self._paused:
+            if self._steps_wanted == 0:
+                return False
+            self._steps_wanted -= 1
+        message = take_latest(self._reference)
+        if message is not None and self._loop.guard.offer(wire.reference_target(message),
+                                                          message.header.frame_id):
+            self._sequence = message.sequence
+        tick = self._loop.tick()
+        self._publish(tick, stamp_ns)
+        if self._paused and self._steps_wanted == 0:
+            self._stepped.set()
+        return True
+
+    def _publish(self, tick: Tick, stamp_ns: int) -> None:
+        measured = tick.measurement
+        numbers = np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness,
+                                  measured.position, measured.velocity, tick.torque])
+        self._state.publish(self._state_message.bytes(numbers, stamp_ns, self._sequence))
+        self._ticks += 1
+        if self._ticks % self._every == 0:
+            self._pose.publish(self._pose_message.bytes(measured.pose, stamp_ns))
+            self._stiffness.publish(self._stiffness_message.bytes(tick.stiffness))
+            self._joint_message.header.stamp = wire.stamp_of(stamp_ns)
+            self._joint_message.position = measured.position.tolist()
+            self._joint_message.velocity = measured.velocity.tolist()
+            self._joint_message.effort = tick.torque.tolist()
+            self._joints.publish(self._joint_message)
+
+    # Interfaces
+
+    def _make_publishers(self) -> None:
+        def publisher(kind: Any, topic: str, depth: int) -> Any:
+            made = self.create_publisher(kind, topic, reliable(depth),
+                                         qos_overriding_options=OVERRIDABLE())
+            self._entities.append((self.destroy_publisher, made))
+            return made
+
+        frame, names = self.parameters.frame_id, self._loop.arm.names
+        self._state = publisher(RobotState, '~/state', DEEP)
+        self._pose = publisher(PoseStamped, '~/measured_pose', 10)
+        self._stiffness = publisher(Float64MultiArray, '~/applied_stiffness', 10)
+        self._joints = publisher(JointState, 'joint_states', 10)
+        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
+        if self.parameters.pace == 'fast':
+            self._clock = publisher(ClockMessage, '/clock', 10)
+        state, pose = RobotState(), PoseStamped()
+        state.header.frame_id = pose.header.frame_id = frame
+        self._state_message = wire.Patched(state, 55 + 3 * len(names), wire.fill_robot_state)
+        self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
+        self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
+        self._joint_message = JointState(name=names)
+
+    def _make_inputs(self) -> None:
+        self._reference = self.create_subscription(
+            Reference, self.parameters.reference_topic, lambda _: None, reliable(1),
+            callback_group=PolledGroup(), qos_overriding_options=OVERRIDABLE())
+        self._entities.append((self.destroy_subscription, self._reference))
+        for kind, name, callback in ((SetBool, 'set_pause', self._on_pause),
+                                     (Trigger, 'reset_world', self._on_reset),
+                                     (StepSimulation, 'step_simulation', self._on_step)):
+            service = self.create_service(kind, f'~/{name}', callback)
+            self._entities.append((self.destroy_service, service))
+        timer = self.create_timer(0.1, self._report)
+        self._entities.append((self.destroy_timer, timer))
+
+    def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
+        self._paused = request.data
+        reply.success = True
+        reply.message = 'paused' if request.data else 'running'
+        return reply
+
+    def _on_reset(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
+        self._reset = True
+        reply.success, reply.message = True, 'the arm is put back to its first keyframe'
+        return reply
+
+    def _on_step(self, request: StepSimulation.Request,
+                 reply: StepSimulation.Response) -> StepSimulation.Response:
+        try:
+            self._step(request.steps)
+            reply.success = True
+        except ParameterError as error:
+            reply.message = str(error)
+        reply.time = self._loop.arm.time
+        return reply
+
+    def _step(self, steps: int) -> None:
+        if not self._active or not self._paused:
+            raise ParameterError('the simulation is not paused: call ~/set_pause first')
+        if not 1 <= steps <= 100_000:
+            raise ParameterError(f'steps is {steps}, expected 1 to 100000')
+        self._stepped.clear()
+        self._steps_wanted = steps
+        if not self._stepped.wait(steps * self._loop.arm.period + STEP_WAIT_S):
+            raise ParameterError(f'{self._steps_wanted} of {steps} steps were not taken in time')
+
+    def _report(self) -> None:
+        guard, bites = self._loop.guard, self._loop.limiter.bites
+        level, text = DiagnosticStatus.OK, 'following' if guard.following else 'holding'
+        if self._paused:
+            text = 'paused'
+        if self._thread is not None and self._thread.failure is not None:
+            level, text = DiagnosticStatus.ERROR, f'simulation failed: {self._thread.failure!r}'
+            self.get_logger().error(text, throttle_duration_sec=5.0)
+        extra = {'references refused': guard.refused, 'last refusal': guard.last_refusal,
+                 **{f'{name} limit, ticks': count for name, count in bites.items()}}
+        if guard.refused and guard.last_refusal != getattr(self, '_said', ''):
+            self._said = guard.last_refusal
+            self.get_logger().warning(f'reference refused: {guard.last_refusal}')
+        self._diagnostics.publish(lateness_diagnostics(
+            'panda_sim', level, text, self._lateness, extra, self.get_clock().now().to_msg()))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``panda_sim``."""
+    return run(PandaSim, arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

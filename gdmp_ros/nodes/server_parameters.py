@@ -1,0 +1,32 @@
+"""Parameters of the trajectory server."""
+from gdmp_ros.dmp.skill import CONNECTIONS
+from gdmp_ros.nodes.parameters import Spec
+
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('skill', '', 'skill file to load; empty: learn from `demonstrations`, or load later'),
+    Spec('demonstrations', [''], 'rosbag2 folders to learn from when there is no skill file'),
+    Spec('n_basis', 60, 'basis functions when learning', low=2, high=2000),
+    Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
+    Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
+    Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
+    Spec('start_from', 'measured', 'where motions start: at the measured pose, or the skill\'s',
+         choices=('measured', 'skill'), live=True),
+    Spec('execute_on_activate', False, 'start the skill as soon as the node is active'),
+    Spec('measured_pose_topic', '~/measured_pose', 'PoseStamped of the robot\'s tool'),
+    Spec('measured_pose_age', 0.5, 'oldest measured pose a motion may start from', 's', 0.01, 10.0,
+         live=True),
+    Spec('damping_ratio', 0.7, 'sent with the reference; 1 is critical', low=0.0, high=2.0),
+    Spec('stiffness', [400.0, 400.0, 400.0], 'translational, where a skill has none', 'N/m', 1.0,
+         5000.0),
+    Spec('rotational_stiffness', [30.0, 30.0, 30.0], 'rotational, where a skill has none',
+         'Nm/rad', 0.1, 500.0),
+    Spec('speed_rate', 5.0, 'largest change of the tempo', '1/s', 0.1, 100.0),
+    Spec('workspace_min', [-0.2, -0.8, 0.02], 'lowest goal position accepted', 'm', -10.0, 10.0,
+         live=True),
+    Spec('workspace_max', [0.8, 0.8, 1.1], 'highest goal position accepted', 'm', -10.0, 10.0,
+         live=True),
+    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
+         'system grants it; 0: never', low=-1, high=99),
+    Spec('lateness_file', '', 'where to write the lateness of every tick at the end'),
+)

@@ -1,0 +1,407 @@
+"""Streams a skill as pose and stiffness references at 1 kHz; goals switch while it moves."""
+from __future__ import annotations
+
+from pathlib import Path
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gdmp_msgs.msg import Reference, ServerState
+from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
+from gdmp_ros.dmp import Skill
+from gdmp_ros.errors import DataError, GdmpError, ManifoldError, ParameterError
+from gdmp_ros.files import recordings
+from gdmp_ros.files.bags import QUATERNION_TOLERANCE
+from gdmp_ros.nodes import wire
+from gdmp_ros.nodes.execute_action import ExecuteAction
+from gdmp_ros.nodes.learning import LearningProcess
+from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE, reliable,
+                                    run, save_lateness)
+from gdmp_ros.nodes.parameters import Parameters
+from gdmp_ros.nodes.server_parameters import SPECS
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.player import Player, PlayerSettings
+from gdmp_ros.realtime.statistics import LatenessRecorder
+
+NS = 1_000_000_000
+#: With simulated time, a longer step of /clock moves the grid instead of the motion [s].
+CLOCK_JUMP_S = 0.01
+
+
+class TrajectoryServer(ManagedNode):
+    """The managed node ``trajectory_server``."""
+
+    def __init__(self) -> None:
+        super().__init__('trajectory_server')
+        self.parameters = Parameters(self, SPECS)
+        self.player: Player | None = None
+        self._entities: list[tuple[Any, Any]] = []
+        self._thread: RealtimeThread | None = None
+        self._measured: tuple[np.ndarray, float] | None = None
+        self._skill_name = ''
+        self._sequence = 0
+        self._last_tick = 0
+        self._active = False
+        self._lateness = LatenessRecorder(1_000_000)
+
+    # Lifecycle
+
+    def configure(self) -> None:
+        skill, name = self._skill_from_parameters()
+        if skill is not None:
+            self._use(skill, name)
+        self._make_publishers()
+        self._make_inputs()
+        self._make_services()
+        self._action = ExecuteAction(self)
+        self._learning = LearningProcess(self)
+        self.parameters.locked = True
+
+    def activate(self) -> None:
+        self._lateness = LatenessRecorder(self._period_ns())
+        self._last_tick = 0
+        self._active = True
+        if self.get_parameter('use_sim_time').value:
+            self.get_logger().info('simulated time: one reference for each message on /clock')
+        else:
+            self._thread = RealtimeThread(self._stream, self.parameters.realtime_priority)
+            self._thread.start()
+            self.log_scheduler(self._thread)
+        if self.parameters.execute_on_activate:
+            self.begin()
+
+    def deactivate(self) -> None:
+        if not self._active:
+            return
+        if self.player is not None and self.player.status in ('moving', 'paused', 'stopping'):
+            self.player.stop()
+            ends = time.monotonic() + 2.0 / self.parameters.speed_rate
+            while self.player.status == 'stopping' and time.monotonic() < ends:
+                time.sleep(0.005)
+        self._active = False
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        self._action.deactivated()
+        save_lateness(self.parameters.lateness_file, self._lateness)
+
+    def cleanup(self) -> None:
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._entities.clear()
+        if hasattr(self, '_action'):
+            self._action.destroy()
+            self._learning.cancel()
+        self.player = None
+        self._measured = None
+        self.parameters.locked = False
+
+    # What it does
+
+    @property
+    def active(self) -> bool:
+        """Whether references are being streamed."""
+        return self._active
+
+    def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
+              duration: float | None = None, tolerances: tuple[float, float] | None = None) -> None:
+        """
+        Start the loaded skill.
+
+        :raises GdmpError: if it cannot start; what is streamed stays as it is
+        """
+        player = self._loaded()
+        if not self._active:
+            raise ParameterError('the node is not active')
+        factor = None
+        if goal_stiffness is not None and len(goal_stiffness):
+            factor = player.tool.stiffness_factor(goal_stiffness)
+        player.start(self._start_pose(), goal_pose, factor, duration, tolerances)
+
+    def load_skill(self, path: str) -> None:
+        """
+        Load a skill file for the next start.
+
+        :raises DataError: if it cannot be loaded; the present skill stays
+        """
+        self._use(Skill.load(path), path)
+        self.get_logger().info(f'loaded {path}')
+
+    def checked_goal_pose(self, message: PoseStamped) -> np.ndarray:
+        """
+        Numbers of a goal pose.
+
+        :raises ManifoldError: in a wrong frame, not finite, not unit, outside the workspace
+        """
+        numbers = self._checked_pose(message)
+        low, high = self.parameters.workspace_min, self.parameters.workspace_max
+        for axis, value, least, most in zip('xyz', numbers, low, high):
+            if not least <= value <= most:
+                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
+                                    f'{least:g} to {most:g} m')
+        return numbers
+
+    def _loaded(self) -> Player:
+        if self.player is None:
+            raise ParameterError('no skill is loaded: set the parameter skill or demonstrations, '
+                                 'or call ~/load_skill or ~/learn_skill')
+        return self.player
+
+    def _skill_from_parameters(self) -> tuple[Skill | None, str]:
+        parameters = self.parameters
+        if parameters.skill:
+            return Skill.load(parameters.skill), parameters.skill
+        bags = [bag for bag in parameters.demonstrations if bag]
+        if not bags:
+            self.get_logger().info('no skill yet: waiting for ~/load_skill or ~/learn_skill')
+            return None, ''
+        shown = [recordings.read(bag) for bag in bags]
+        for recording in shown:
+            if recording.frame != parameters.frame_id:
+                raise DataError(f'{recording.bag}: poses are in frame {recording.frame!r}, '
+                                f'expected {parameters.frame_id!r}')
+        skill = Skill.learn([r.demonstration for r in shown], n_basis=parameters.n_basis,
+                            connection=parameters.connection)
+        return skill, ', '.join(bags)
+
+    def _use(self, skill: Skill, name: str) -> None:
+        skill.reproduce(skill.duration)  # compiles the kernels, or loads them from the cache
+        if self.player is None:
+            stiffness = np.diag([*self.parameters.stiffness,
+                                 *self.parameters.rotational_stiffness])
+            self.player = Player(skill, PlayerSettings(stiffness, self.parameters.damping_ratio,
+                                                       self.parameters.speed_rate))
+        else:
+            self.player.load(skill)
+        self._skill_name = name
+
+    def _start_pose(self) -> np.ndarray | None:
+        if self.parameters.start_from == 'skill':
+            return None
+        topic = self.resolve_topic_name(self.parameters.measured_pose_topic)
+        if self._measured is None:
+            raise ParameterError(f'no measured pose has arrived on {topic}: where is the robot? '
+                                 '(start_from: skill starts at the skill\'s own start)')
+        pose, arrived = self._measured
+        age = time.monotonic() - arrived
+        if age > self.parameters.measured_pose_age:
+            raise ParameterError(f'the last measured pose on {topic} is {age:.2f} s old, expected '
+                                 f'at most {self.parameters.measured_pose_age:g} s')
+        return pose
+
+    # Streaming
+
+    def _period_ns(self) -> int:
+        return NS // self.parameters.rate_hz
+
+    def _stream(self) -> None:
+        run_periodic(self._wall_tick, self._period_ns(), MonotonicClock(),
+                     lambda: not self._active)
+
+    def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
+        self._lateness.add(deadline_ns, now_ns)
+        dt = (deadline_ns - self._last_tick) / NS if self._last_tick else self._period_ns() / NS
+        self._last_tick = deadline_ns
+        self._publish(dt, time.time_ns() - (time.monotonic_ns() - deadline_ns))
+
+    def _clock_tick(self, message: ClockMessage) -> None:
+        if not self._active or not self.get_parameter('use_sim_time').value:
+            return
+        now = message.clock.sec * NS + message.clock.nanosec
+        dt = (now - self._last_tick) / NS if self._last_tick else 0.0
+        self._last_tick = now
+        self._lateness.add(self._lateness.ticks * self._period_ns(),
+                           self._lateness.ticks * self._period_ns())
+        self._publish(dt if 0.0 <= dt <= CLOCK_JUMP_S else 0.0, now)
+
+    def _publish(self, dt: float, stamp_ns: int) -> None:
+        player = self.player
+        if player is None:
+            return
+        if player.target is None and self._measured is not None and player.status == 'idle':
+            player.hold(self._measured[0])
+        target = player.tick(dt)
+        if target is None:
+            return
+        self._sequence += 1
+        self._reference.publish(self._atomic.bytes(target, stamp_ns, self._sequence))
+        self._pose.publish(self._pose_only.bytes(target[POSE:POSE + 7], stamp_ns))
+        self._stiffness.publish(self._matrix_only.bytes(target[STIFFNESS:STIFFNESS + 36]))
+
+    # Interfaces
+
+    def _make_publishers(self) -> None:
+        frame = self.parameters.frame_id
+
+        def publisher(kind: Any, topic: str, depth: int) -> Any:
+            made = self.create_publisher(kind, topic, reliable(depth),
+                                         qos_overriding_options=OVERRIDABLE())
+            self._entities.append((self.destroy_publisher, made))
+            return made
+
+        self._reference = publisher(Reference, '~/reference', DEEP)
+        self._pose = publisher(PoseStamped, '~/reference_pose', 10)
+        self._stiffness = publisher(Float64MultiArray, '~/reference_stiffness', 10)
+        self._state = publisher(ServerState, '~/state', 10)
+        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
+        reference, pose = Reference(), PoseStamped()
+        reference.header.frame_id = pose.header.frame_id = frame
+        self._atomic = wire.Patched(reference, TARGET_SIZE, wire.fill_reference)
+        self._pose_only = wire.Patched(pose, 7, wire.fill_pose_stamped)
+        self._matrix_only = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
+
+    def _make_inputs(self) -> None:
+        def subscription(kind: Any, topic: str, callback: Any, depth: int = 1) -> None:
+            made = self.create_subscription(kind, topic, callback, reliable(depth),
+                                            qos_overriding_options=OVERRIDABLE())
+            self._entities.append((self.destroy_subscription, made))
+
+        subscription(PoseStamped, self.parameters.measured_pose_topic, self._on_measured)
+        subscription(PoseStamped, '~/goal_pose', self._on_goal_pose)
+        subscription(Float64MultiArray, '~/goal_stiffness', self._on_goal_stiffness)
+        subscription(ClockMessage, '/clock', self._clock_tick, 10)
+        timer = self.create_timer(0.1, self._report)
+        self._entities.append((self.destroy_timer, timer))
+
+    def _make_services(self) -> None:
+        def service(kind: Any, name: str, callback: Any) -> None:
+            made = self.create_service(kind, f'~/{name}', callback)
+            self._entities.append((self.destroy_service, made))
+
+        service(Trigger, 'start', lambda _, reply: self._answer(reply, self.begin))
+        service(Trigger, 'stop', lambda _, reply: self._answer(
+            reply, lambda: self._loaded().stop()))
+        service(SetBool, 'pause', lambda request, reply: self._answer(
+            reply, lambda: self._loaded().pause(request.data)))
+        service(SetSpeed, 'set_speed', lambda request, reply: self._answer(
+            reply, lambda: self._set_speed(request.scale)))
+        service(LoadSkill, 'load_skill', lambda request, reply: self._answer(
+            reply, lambda: self.load_skill(request.path)))
+        service(LearnSkill, 'learn_skill', self._on_learn)
+
+    def _answer(self, reply: Any, action: Any) -> Any:
+        try:
+            action()
+            reply.success, reply.message = True, ''
+        except GdmpError as error:
+            reply.success, reply.message = False, str(error)
+            self.get_logger().warning(str(error))
+        return reply
+
+    def _set_speed(self, scale: float) -> None:
+        if not 0.0 <= scale <= 2.0:
+            raise ParameterError(f'speed is {scale!r}, expected a number from 0 to 2')
+        self._loaded().set_speed(scale)
+
+    async def _on_learn(self, request: LearnSkill.Request, reply: LearnSkill.Response) -> Any:
+        try:
+            path, error = await self._learning.learn(request)
+            self.load_skill(path)
+            if not request.output:
+                Path(path).unlink()
+            reply.success, reply.mean_relative_error = True, error
+        except GdmpError as problem:
+            reply.success, reply.message = False, str(problem)
+            self.get_logger().warning(str(problem))
+        return reply
+
+    def _checked_pose(self, message: PoseStamped) -> np.ndarray:
+        frame = self.parameters.frame_id
+        if message.header.frame_id != frame:
+            raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
+        numbers = wire.pose_numbers(message.pose)
+        if not np.isfinite(numbers).all():
+            raise ManifoldError('pose has a NaN or infinite number')
+        norm = float(np.linalg.norm(numbers[3:]))
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            raise ManifoldError(f'quaternion norm is {norm:.6g}, expected 1 within '
+                                f'{QUATERNION_TOLERANCE:g}')
+        numbers[3:] /= norm
+        return numbers
+
+    def _guarded(self, topic: str, action: Any) -> None:
+        try:
+            action()
+        except GdmpError as error:
+            if self.player is not None:
+                self.player.refuse(f'{topic}: {error}')
+            self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
+
+    def _on_measured(self, message: PoseStamped) -> None:
+        def use() -> None:
+            self._measured = self._checked_pose(message), time.monotonic()
+        self._guarded('measured_pose', use)
+
+    def _on_goal_pose(self, message: PoseStamped) -> None:
+        self._guarded('goal_pose', lambda: self._moving().goal_pose(
+            self.checked_goal_pose(message)))
+
+    def _on_goal_stiffness(self, message: Float64MultiArray) -> None:
+        def use() -> None:
+            player = self._moving()
+            player.goal_stiffness(player.tool.stiffness_factor(message.data))
+        self._guarded('goal_stiffness', use)
+
+    def _moving(self) -> Player:
+        player = self._loaded()
+        if player.status == 'idle' or (player.rollout is None and player.status == 'holding'):
+            raise ParameterError('no skill is being executed; start one first')
+        return player
+
+    # Reports
+
+    def state(self) -> ServerState:
+        """Describe the present state."""
+        message = ServerState(status='idle', skill=self._skill_name)
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self.parameters.frame_id
+        player, figures = self.player, self._lateness.punctuality(1000)
+        message.ticks, message.missed = self._lateness.ticks, self._lateness.missed
+        message.rate_hz = figures.rate_hz
+        message.lateness_p50_us, message.lateness_p99_us = figures.p50_us, figures.p99_us
+        message.lateness_max_us = figures.max_us
+        message.scheduler = self._thread.scheduler if self._thread is not None else 'other'
+        if player is None:
+            return message
+        message.status, message.refused = player.status, player.refused
+        message.last_refusal = player.last_refusal
+        rollout = player.rollout
+        if rollout is not None:
+            manifold = rollout.skill.manifold
+            message.progress, message.speed = rollout.progress, rollout.speed
+            message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
+            message.finished, message.flags = rollout.finished, sorted(rollout.flags)
+            message.factors = list(manifold.names)
+            message.distance_to_goal = player.distances()
+        return message
+
+    def _report(self) -> None:
+        message = self.state()
+        self._state.publish(message)
+        level, text = DiagnosticStatus.OK, message.status
+        thread = self._thread
+        if thread is not None and thread.failure is not None:
+            level, text = DiagnosticStatus.ERROR, f'streaming failed: {thread.failure!r}'
+            self.get_logger().error(text, throttle_duration_sec=5.0)
+        elif message.flags:
+            level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
+        extra = {'skill': message.skill, 'refused': message.refused,
+                 'last refusal': message.last_refusal, 'scheduler': message.scheduler}
+        self._diagnostics.publish(lateness_diagnostics(
+            'trajectory_server', level, text, self._lateness, extra, message.header.stamp))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``trajectory_server``."""
+    return run(TrajectoryServer, arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,331 @@
+"""
+A skill on pose and stiffness, played tick by tick as an impedance reference.
+
+One thread calls `tick`; requests come from others through slots that are replaced, never queued.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.control.impedance import (ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TARGET_SIZE,
+                                        TWIST)
+from gdmp_ros.dmp import Rollout, Skill, State
+from gdmp_ros.errors import DataError, GdmpError, ManifoldError
+from gdmp_ros.manifolds import (Euclidean, Product, SymmetricPositiveDefinite,
+                                UnitQuaternion)
+
+#: A held reference nearer than this to the measured pose is where a motion starts [m, rad].
+NEAR_M, NEAR_RAD = 0.02, 0.1
+_S3 = UnitQuaternion()
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """
+    What completes a skill to an impedance reference.
+
+    :ivar stiffness: 6×6 used where the skill has none; its rotational block also goes with SPD(3)
+    :ivar damping_ratio: 1 is critical
+    :ivar speed_rate: largest change of the tempo [1/s]
+    """
+
+    stiffness: np.ndarray
+    damping_ratio: float = 0.7
+    speed_rate: float = 5.0
+
+
+class ToolSkill:
+    """Where pose and stiffness lie in a skill's points; refuses other manifolds."""
+
+    def __init__(self, skill: Skill, settings: PlayerSettings):
+        """:raises DataError: unless the skill is on R³ × S³, with or without SPD(3) or SPD(6)"""
+        factors = skill.manifold.factors
+        kinds = [type(f) for f in factors]
+        pose = kinds[:2] == [Euclidean, UnitQuaternion] and factors[0].m == 3
+        rest = factors[2:]
+        matrix = (len(rest) == 1 and isinstance(rest[0], SymmetricPositiveDefinite)
+                  and rest[0].m in (3, 6))
+        if not pose or (rest and not matrix) or not isinstance(skill.manifold, Product):
+            raise DataError(f'the skill is on {skill.manifold!r}; a pose reference needs '
+                            'R³ × S³, R³ × S³ × SPD(3) or R³ × S³ × SPD(6)')
+        self.skill = skill
+        self.manifold = skill.manifold
+        self.stiffness_size = rest[0].m if rest else 0
+        self._settings = settings
+
+    def point(self, pose: np.ndarray, stiffness: np.ndarray | None) -> np.ndarray:
+        """Join (x, y, z, qw, qx, qy, qz) and the stiffness factor to a point."""
+        parts = [pose[:3], pose[3:7]] + ([stiffness] if self.stiffness_size else [])
+        return self.manifold.join(*parts)
+
+    def stiffness_factor(self, numbers: Any) -> np.ndarray:
+        """
+        Check a stiffness goal (9 or 36 numbers row-major) and return the skill's factor of it.
+
+        :raises ManifoldError: if it is not positive definite or does not fit the skill
+        """
+        values = np.asarray(numbers, dtype=float).reshape(-1)
+        size = self.stiffness_size
+        if size == 0:
+            raise ManifoldError('the skill has no stiffness, so it has no stiffness goal')
+        if values.size == 9 and size == 3:
+            return self.manifold.factors[2].check_point(values.reshape(3, 3))
+        if values.size != 36:
+            expected = '9 or 36' if size == 3 else '36'
+            raise ManifoldError(f'stiffness goal has {values.size} numbers, expected {expected}')
+        full = SymmetricPositiveDefinite(6).check_point(values.reshape(6, 6))
+        if size == 6:
+            return full
+        scale = 1e-6 * np.abs(full).max()
+        if np.abs(full[:3, 3:]).max() > scale:
+            raise ManifoldError('stiffness goal couples translation and rotation; this skill has '
+                                'a 3×3 translational stiffness only')
+        if np.abs(full[3:, 3:] - self._settings.stiffness[3:, 3:]).max() > scale:
+            raise ManifoldError('stiffness goal has another rotational block than the parameter '
+                                'rotational_stiffness; this skill can change the 3×3 '
+                                'translational stiffness only')
+        return np.ascontiguousarray(full[:3, :3])
+
+    def fill(self, state: State, target: np.ndarray) -> None:
+        """Write a state as pose, twist, acceleration and 6×6 stiffness."""
+        point, v, a = state.point, state.velocity, state.acceleration
+        target[POSE:POSE + 7] = point[:7]
+        target[TWIST:TWIST + 6] = v[:6]
+        target[ACCELERATION:ACCELERATION + 6] = a[:6]
+        # Half-angle to rotation vector.
+        target[TWIST + 3:TWIST + 6] *= 2.0
+        target[ACCELERATION + 3:ACCELERATION + 6] *= 2.0
+        if self.stiffness_size == 6:
+            target[STIFFNESS:STIFFNESS + 36] = point[7:]
+        elif self.stiffness_size == 3:
+            target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:3, :3] = point[7:].reshape(3, 3)
+
+
+class Player:
+    """Plays skills: holds, starts, follows goals, pauses, stops."""
+
+    def __init__(self, skill: Skill, settings: PlayerSettings):
+        """:raises DataError: if the skill is not one of pose and stiffness"""
+        self._settings = settings
+        self.tool = ToolSkill(skill, settings)
+        self.refused = 0
+        self.last_refusal = ''
+        self._rollout: Rollout | None = None
+        self._target: np.ndarray | None = None
+        self._stopping = False
+        self._paused = False
+        self._speed = 1.0
+        # Slots: written by any thread, taken by `tick`.
+        self._next_start: tuple[ToolSkill, Rollout] | None = None
+        self._next_hold: np.ndarray | None = None
+        self._next_pose: np.ndarray | None = None
+        self._next_stiffness: np.ndarray | None = None
+
+    @property
+    def target(self) -> np.ndarray | None:
+        """The reference of the last tick, None before there is any."""
+        return self._target
+
+    @property
+    def rollout(self) -> Rollout | None:
+        """The motion under way, or the one whose goal is held."""
+        return self._rollout
+
+    @property
+    def status(self) -> str:
+        """``idle``, ``moving``, ``paused``, ``stopping`` or ``holding``."""
+        if self._target is None and self._next_hold is None and self._next_start is None:
+            return 'idle'
+        if self._next_start is not None:
+            return 'moving'
+        if self._rollout is None:
+            return 'holding'
+        if self._stopping:
+            return 'stopping'
+        if self._paused:
+            return 'paused'
+        return 'holding' if self._rollout.finished else 'moving'
+
+    def load(self, skill: Skill) -> None:
+        """Use another skill from the next start on."""
+        self.tool = ToolSkill(skill, self._settings)
+
+    def hold(self, pose: np.ndarray) -> None:
+        """Hold ``pose`` (x, y, z, qw, qx, qy, qz) from the next tick on."""
+        target = np.zeros(TARGET_SIZE)
+        target[POSE:POSE + 7] = pose
+        target[STIFFNESS:STIFFNESS + 36] = self._settings.stiffness.reshape(-1)
+        if self.tool.stiffness_size:
+            target[STIFFNESS:STIFFNESS + 36] = self._full_stiffness(self.tool.skill.start[7:])
+        target[DAMPING_RATIO] = self._settings.damping_ratio
+        self._next_hold = target
+
+    def start(self, measured: np.ndarray | None, goal_pose: np.ndarray | None = None,
+              goal_stiffness: np.ndarray | None = None, duration: float | None = None,
+              tolerances: tuple[float, float] | None = None) -> None:
+        """
+        Start the loaded skill from where the robot is, without a step in the reference.
+
+        :param measured: pose of the robot; None starts at the skill's own start
+        :param goal_pose: instead of the skill's
+        :param goal_stiffness: factor (`ToolSkill.stiffness_factor`) instead of the skill's
+        :param tolerances: at the goal [m, rad]
+        :raises GdmpError: if the motion is not possible; nothing has changed then
+        """
+        tool = self.tool
+        start, velocity = self._where_to_start(tool, measured)
+        position, orientation, *stiffness = tool.manifold.split(tool.skill.goal)
+        pose = np.concatenate([position, orientation]) if goal_pose is None else goal_pose
+        goal = tool.point(pose, goal_stiffness if goal_stiffness is not None
+                          else stiffness[0] if stiffness else None)
+        limits = None
+        if tolerances is not None:
+            limits = [tolerances[0], 0.5 * tolerances[1], 0.0025][:len(tool.manifold.factors)]
+        rollout = Rollout(tool.skill, start=start, goal=goal, duration=duration, velocity=velocity,
+                          speed=0.0 if velocity is None else min(self._speed, 1.0),
+                          speed_rate=self._settings.speed_rate, tolerances=limits)
+        rollout.set_speed(self._speed)
+        self._paused = self._stopping = False
+        self._next_start = (tool, rollout)
+
+    def goal_pose(self, pose: np.ndarray) -> None:
+        """Switch the pose goal at the next tick."""
+        self._next_pose = pose
+
+    def goal_stiffness(self, factor: np.ndarray) -> None:
+        """Switch the stiffness goal (`ToolSkill.stiffness_factor`) at the next tick."""
+        self._next_stiffness = factor
+
+    def set_speed(self, scale: float) -> None:
+        """
+        Change the tempo, now and for motions to come.
+
+        :raises ParameterError: outside 0 … 2
+        """
+        if self._rollout is not None and not (self._paused or self._stopping):
+            self._rollout.set_speed(scale)
+        self._speed = scale
+
+    def pause(self, paused: bool) -> None:
+        """Come to a smooth stop on the path, or go on."""
+        self._paused = paused
+        if self._rollout is not None and not self._stopping:
+            self._rollout.set_speed(0.0 if paused else self._speed)
+
+    def stop(self) -> None:
+        """Come to a smooth stop on the path and hold there."""
+        if self._rollout is not None:
+            self._stopping = True
+            self._rollout.set_speed(0.0)
+
+    def distances(self) -> list[float]:
+        """How far each factor is from the goal: m, rad, and geodesic for the stiffness."""
+        rollout, target = self._rollout, self._target
+        if rollout is None or target is None:
+            return []
+        manifold = rollout.skill.manifold
+        assert isinstance(manifold, Product)
+        goal = manifold.split(rollout.goal)
+        result = [float(np.linalg.norm(goal[0] - target[:3])),
+                  2.0 * _S3.distance(_S3.align(target[3:7], goal[1]), goal[1])]
+        if len(goal) > 2:
+            size = len(goal[2])
+            matrix = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:size, :size]
+            result.append(manifold.factors[2].distance(np.ascontiguousarray(matrix), goal[2]))
+        return result
+
+    def tick(self, dt: float) -> np.ndarray | None:
+        """
+        Let ``dt`` seconds pass.
+
+        :returns: `TARGET_SIZE` numbers, the same array every time; None while there is nothing to
+            hold
+        """
+        self._take_start()
+        if self._rollout is None:
+            return self._target
+        self._take_goal(self._rollout)
+        state = self._rollout.advance(dt)
+        assert self._target is not None
+        self._playing.fill(state, self._target)
+        if self._stopping and self._rollout.speed == 0.0:
+            self._stopping, self._rollout = False, None
+            self._target[TWIST:STIFFNESS] = 0.0
+        return self._target
+
+    def _take_start(self) -> None:
+        held, self._next_hold = self._next_hold, None
+        if held is not None:
+            self._target, self._rollout = held, None
+        started, self._next_start = self._next_start, None
+        if started is None:
+            return
+        self._playing, self._rollout = started
+        if self._target is None:
+            self._target = np.zeros(TARGET_SIZE)
+            self._target[STIFFNESS:STIFFNESS + 36] = self._settings.stiffness.reshape(-1)
+        # With an SPD(3) skill only the translational block moves.
+        block = self._target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+        if self._playing.stiffness_size < 6:
+            block[:] = self._settings.stiffness
+        self._target[DAMPING_RATIO] = self._settings.damping_ratio
+
+    def _take_goal(self, rollout: Rollout) -> None:
+        pose, self._next_pose = self._next_pose, None
+        stiffness, self._next_stiffness = self._next_stiffness, None
+        if pose is None and stiffness is None:
+            return
+        position, orientation, *matrix = self._playing.manifold.split(rollout.goal)
+        if pose is None:
+            pose = np.concatenate([position, orientation])
+        if stiffness is None and matrix:
+            stiffness = matrix[0]
+        try:
+            rollout.retarget(self._playing.point(pose, stiffness))
+        except GdmpError as error:
+            self.refuse(str(error))
+
+    def refuse(self, reason: str) -> None:
+        """Count something refused and remember why."""
+        self.refused += 1
+        self.last_refusal = reason
+
+    def _where_to_start(self, tool: ToolSkill, measured: np.ndarray | None
+                        ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The point to start from, and the velocity of a reference that is moving already."""
+        target = self._target
+        if target is None or (measured is not None and not _near(target, measured)):
+            if measured is None:
+                return None, None
+            return tool.point(measured, self._start_stiffness(tool, None)), None
+        start = tool.point(target[POSE:POSE + 7].copy(), self._start_stiffness(tool, target))
+        speed = target[TWIST:TWIST + 6]
+        if np.abs(speed).max() < 1e-6:
+            return start, None
+        velocity = np.zeros(tool.manifold.tangent_size)
+        velocity[:3], velocity[3:6] = speed[:3], 0.5 * speed[3:]
+        return start, velocity
+
+    def _start_stiffness(self, tool: ToolSkill, target: np.ndarray | None) -> np.ndarray | None:
+        size = tool.stiffness_size
+        if not size:
+            return None
+        if target is None:
+            return np.asarray(tool.manifold.split(tool.skill.start)[2])
+        matrix = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:size, :size]
+        return np.ascontiguousarray(matrix)
+
+    def _full_stiffness(self, factor: np.ndarray) -> np.ndarray:
+        full = self._settings.stiffness.copy()
+        size = self.tool.stiffness_size
+        full[:size, :size] = factor.reshape(size, size)
+        return full.reshape(-1)
+
+
+def _near(target: np.ndarray, measured: np.ndarray) -> bool:
+    away = float(np.linalg.norm(target[:3] - measured[:3]))
+    turned = 2.0 * _S3.distance(_S3.align(measured[3:7], target[3:7]), target[3:7])
+    return away < NEAR_M and turned < NEAR_RAD

@@ -1,0 +1,64 @@
+"""How punctual a periodic loop is."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Punctuality(NamedTuple):
+    """
+    Figures of a loop.
+
+    :ivar ticks: steps taken
+    :ivar missed: deadlines passed over
+    :ivar rate_hz: steps per second
+    """
+
+    ticks: int
+    missed: int
+    rate_hz: float
+    p50_us: float
+    p99_us: float
+    max_us: float
+
+
+class LatenessRecorder:
+    """Keeps deadline and lateness of the last ticks in arrays made beforehand."""
+
+    def __init__(self, period_ns: int, capacity: int = 1 << 17):
+        """:param capacity: ticks kept; older ones are overwritten"""
+        self._period = period_ns
+        self._deadlines = np.zeros(capacity, dtype=np.int64)
+        self._lateness = np.zeros(capacity, dtype=np.int64)
+        self._last = 0
+        self.ticks = 0
+        self.missed = 0
+
+    def add(self, deadline_ns: int, now_ns: int) -> None:
+        """Count a tick; deadlines skipped since the last one count as missed."""
+        if self.ticks:
+            self.missed += (deadline_ns - self._last) // self._period - 1
+        self._last = deadline_ns
+        slot = self.ticks % len(self._deadlines)
+        self._deadlines[slot] = deadline_ns
+        self._lateness[slot] = now_ns - deadline_ns
+        self.ticks += 1
+
+    def punctuality(self, last: int | None = None) -> Punctuality:
+        """Figures over the last ``last`` ticks, all that are kept by default."""
+        kept = min(self.ticks, len(self._deadlines), last or self.ticks)
+        if kept < 2:
+            return Punctuality(self.ticks, self.missed, 0.0, 0.0, 0.0, 0.0)
+        slots = np.arange(self.ticks - kept, self.ticks) % len(self._deadlines)
+        deadlines, late = self._deadlines[slots], self._lateness[slots] * 1e-3
+        span = (deadlines[-1] - deadlines[0]) * 1e-9
+        p50, p99 = np.percentile(late, [50.0, 99.0])
+        return Punctuality(self.ticks, self.missed, float((kept - 1) / span), float(p50),
+                           float(p99), float(late.max()))
+
+    def lateness_us(self) -> np.ndarray:
+        """Lateness of the ticks that are kept, oldest first [µs]."""
+        kept = min(self.ticks, len(self._lateness))
+        slots = np.arange(self.ticks - kept, self.ticks) % len(self._lateness)
+        return np.asarray(self._lateness[slots] * 1e-3)
