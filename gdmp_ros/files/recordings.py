@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+import shutil
 from typing import Sequence
 
 import numpy as np
@@ -186,3 +187,18 @@ def _resting(demonstration: Demonstration) -> int:
             break
         last = i
     return last if demonstration.times[last] - demonstration.times[0] > REST_S else 0
+
+
+def replace(bag: Path, demonstration: Demonstration, frame: str, start_ns: int,
+            storage: str = 'mcap') -> None:
+    """`write`, taking the place of a bag of that name only once the new one is complete."""
+    if not bag.exists():
+        write(bag, demonstration, frame, start_ns, storage)
+        return
+    if not (bag / 'metadata.yaml').exists():
+        raise DataError(f'{bag}: exists and is not a rosbag2 folder; it is left alone')
+    fresh = bag.with_name(f'{bag.name}.new')
+    shutil.rmtree(fresh, ignore_errors=True)
+    write(fresh, demonstration, frame, start_ns, storage)
+    shutil.rmtree(bag)
+    fresh.rename(bag)

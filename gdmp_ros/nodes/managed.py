@@ -1,7 +1,6 @@
 """What both nodes share: lifecycle with a log line for every failure, autostart, main, QoS."""
 from __future__ import annotations
 
-from pathlib import Path
 import signal
 import sys
 import threading
@@ -147,12 +146,6 @@ def lateness_diagnostics(node: str, level: bytes, message: str, recorder: Latene
     result = DiagnosticArray(status=[status])
     result.header.stamp = stamp
     return result
-
-
-def save_lateness(path: str, recorder: LatenessRecorder) -> None:
-    """Write the lateness of all ticks kept [µs] as text, one per line; nothing without a path."""
-    if path:
-        Path(path).write_text('\n'.join(f'{us:.1f}' for us in recorder.lateness_us()) + '\n')
 
 
 def run(make: Callable[[], ManagedNode], arguments: Sequence[str] | None = None) -> int:

@@ -20,7 +20,7 @@ from gdmp_ros.control.reference import GuardSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE,
-                                    PolledGroup, reliable, run, save_lateness, take_latest)
+                                    PolledGroup, reliable, run, take_latest)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -95,7 +95,8 @@ class PandaSim(ManagedNode):
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
-        save_lateness(self.parameters.lateness_file, self._lateness)
+        if self.parameters.lateness_file:
+            self._lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
         for destroy, entity in self._entities:

@@ -28,5 +28,5 @@ SPECS = (
          live=True),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
-    Spec('lateness_file', '', 'where to write the lateness of every tick at the end'),
+    Spec('lateness_file', '', 'NumPy file for deadline and lateness of the ticks, written at the end'),
 )

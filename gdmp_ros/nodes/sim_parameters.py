@@ -28,5 +28,5 @@ SPECS = (
     Spec('feed_forward', True, 'add the inertial force of the reference\'s acceleration'),
     Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
-    Spec('lateness_file', '', 'where to write the lateness of every tick at the end'),
+    Spec('lateness_file', '', 'NumPy file for deadline and lateness of the ticks, written at the end'),
 )

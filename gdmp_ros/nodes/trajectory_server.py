@@ -23,7 +23,7 @@ from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.execute_action import ExecuteAction
 from gdmp_ros.nodes.learning import LearningProcess
 from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE, reliable,
-                                    run, save_lateness)
+                                    run)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.server_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -90,7 +90,8 @@ class TrajectoryServer(ManagedNode):
             self._thread.join()
             self._thread = None
         self._action.deactivated()
-        save_lateness(self.parameters.lateness_file, self._lateness)
+        if self.parameters.lateness_file:
+            self._lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
         for destroy, entity in self._entities:

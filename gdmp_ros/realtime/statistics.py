@@ -1,6 +1,7 @@
 """How punctual a periodic loop is."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -51,14 +52,25 @@ class LatenessRecorder:
         if kept < 2:
             return Punctuality(self.ticks, self.missed, 0.0, 0.0, 0.0, 0.0)
         slots = np.arange(self.ticks - kept, self.ticks) % len(self._deadlines)
-        deadlines, late = self._deadlines[slots], self._lateness[slots] * 1e-3
-        span = (deadlines[-1] - deadlines[0]) * 1e-9
-        p50, p99 = np.percentile(late, [50.0, 99.0])
-        return Punctuality(self.ticks, self.missed, float((kept - 1) / span), float(p50),
-                           float(p99), float(late.max()))
+        window = np.column_stack([self._deadlines[slots], self._lateness[slots]])
+        figures = punctuality_of(window, self._period)
+        return figures._replace(ticks=self.ticks, missed=self.missed)
 
-    def lateness_us(self) -> np.ndarray:
-        """Lateness of the ticks that are kept, oldest first [µs]."""
+    def ticks_kept(self) -> np.ndarray:
+        """Deadline and lateness of the ticks kept [ns], oldest first, shape ``(ticks, 2)``."""
         kept = min(self.ticks, len(self._lateness))
         slots = np.arange(self.ticks - kept, self.ticks) % len(self._lateness)
-        return np.asarray(self._lateness[slots] * 1e-3)
+        return np.column_stack([self._deadlines[slots], self._lateness[slots]])
+
+    def save(self, path: str | Path) -> None:
+        """Write `ticks_kept` as a NumPy file."""
+        np.save(path, self.ticks_kept())
+
+
+def punctuality_of(ticks: np.ndarray, period_ns: int) -> Punctuality:
+    """Figures of ticks as `LatenessRecorder.ticks_kept` gives them, at least two."""
+    deadlines, late = ticks[:, 0], ticks[:, 1] * 1e-3
+    p50, p99 = np.percentile(late, [50.0, 99.0])
+    missed = int((np.diff(deadlines) // period_ns - 1).clip(min=0).sum())
+    rate = (len(ticks) - 1) / ((deadlines[-1] - deadlines[0]) * 1e-9)
+    return Punctuality(len(ticks), missed, float(rate), float(p50), float(p99), float(late.max()))

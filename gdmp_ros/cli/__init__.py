@@ -1,0 +1,1 @@
+"""The command ``gdmp``: one file per verb."""

@@ -1,0 +1,73 @@
+"""Say what is in a bag or in a skill file.
+
+examples:
+  gdmp inspect demos/GShape_1
+  gdmp inspect skill.json
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from gdmp_ros.cli.terminal import table
+from gdmp_ros.dmp import Skill
+from gdmp_ros.errors import DataError
+from gdmp_ros.files import bags, recordings
+
+HELP = 'say what is in a bag or a skill file'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('path', type=Path, metavar='BAG|SKILL')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Tell bags from skill files by what they are on disk."""
+    path = options.path
+    if not path.exists():
+        raise DataError(f'{path}: no such bag or skill file')
+    if path.is_dir():
+        _bag(path)
+    else:
+        _skill(path)
+
+
+def _bag(path: Path) -> None:
+    table(str(path), ['topic', 'type', 'messages'], bags.topics(path))
+    try:
+        recording = recordings.read(path)
+    except DataError as error:
+        print(f'not a demonstration of a tool: {error}')
+        return
+    demonstration = recording.demonstration
+    points = demonstration.points
+    box = np.ptp(points[:, :3], axis=0)
+    rows = [['frame', recording.frame], ['samples', len(points)],
+            ['duration [s]', f'{demonstration.duration:.3f}'],
+            ['spacing', 'uniform' if demonstration.is_uniform else 'irregular (is resampled)'],
+            ['extent x, y, z [m]', ', '.join(f'{side:.3f}' for side in box)]]
+    if len(demonstration.manifold.factors) > 2:
+        size = demonstration.manifold.factors[2].m
+        values = np.linalg.eigvalsh(points[:, 7:].reshape(-1, size, size))
+        rows.append(['stiffness eigenvalues [N/m, Nm/rad]',
+                     f'{values.min():.1f} … {values.max():.1f}'])
+    table('demonstration', ['', 'value'], rows)
+
+
+def _skill(path: Path) -> None:
+    skill = Skill.load(path)
+    rows = [['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
+            ['connection', skill.connection], ['duration [s]', f'{skill.duration:.3f}'],
+            ['basis functions', skill.n_basis], ['grid steps', skill.steps],
+            ['alpha_z, alpha_x, alpha_g', f'{skill.gains.alpha_z:g}, {skill.gains.alpha_x:g}, '
+                                          f'{skill.gains.alpha_g:g}'],
+            ['start', _numbers(skill.start)], ['goal', _numbers(skill.goal)]]
+    rows += [[key, value] for key, value in skill.provenance.items()]
+    table(str(path), ['', 'value'], rows)
+
+
+def _numbers(point: np.ndarray) -> str:
+    return ' '.join(f'{number:.4g}' for number in point.reshape(-1))

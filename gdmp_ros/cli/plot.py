@@ -1,0 +1,27 @@
+"""Draw a skill: path with stiffness ellipsoids, and every factor over time.
+
+example:
+  gdmp plot skill.json -o skill.png
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gdmp_ros import plots
+from gdmp_ros.dmp import Skill
+
+HELP = 'draw a skill'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('skill', type=Path, metavar='SKILL')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='PNG')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Roll the skill out and draw it."""
+    skill = Skill.load(options.skill)
+    plots.save(plots.skill_figure(skill), options.output)
+    print(f'wrote {options.output}')

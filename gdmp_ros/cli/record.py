@@ -1,0 +1,57 @@
+"""Write demonstrations as rosbag2 recordings.
+
+The LASA human handwriting data set becomes motions of a tool in a Panda's workspace: the letter is
+scaled to 25 cm and lifted onto a shallow bowl, the tool points down and leans into the stroke, and
+the stiffness comes from the variance over the strokes (Gaussian mixture regression).
+
+example:
+  gdmp record lasa GShape -o demos
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gdmp_ros.cli.terminal import progress
+from gdmp_ros.errors import DataError
+from gdmp_ros.files import lasa, recordings
+from gdmp_ros.files.bags import NS, STORAGES
+
+HELP = 'write rosbag2 demonstrations from a data set'
+#: First stamp of the recordings, one minute apart: fixed, so that recordings are reproducible.
+EPOCH_NS = 1_700_000_000 * NS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('source', choices=['lasa'], help='data set')
+    parser.add_argument('name', help=f'class, one of {", ".join(lasa.CLASSES)}', metavar='CLASS')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
+                        help='folder for the bags CLASS_1, CLASS_2, …')
+    parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap')
+    parser.add_argument('--frame', default='panda_link0', help='frame_id of the poses')
+    parser.add_argument('--extent', type=float, default=lasa.EXTENT_M, metavar='M',
+                        help='size of the letter [m] (default %(default)s)')
+    parser.add_argument('--k-min', type=float, default=200.0, metavar='N/M',
+                        help='smallest stiffness [N/m] (default %(default)s)')
+    parser.add_argument('--k-max', type=float, default=800.0, metavar='N/M',
+                        help='largest stiffness [N/m] (default %(default)s)')
+    parser.add_argument('--force', action='store_true', help='replace bags that exist')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Record; nothing is written unless all names are free."""
+    if not 0.0 < options.extent <= 2.0:
+        raise DataError(f'extent is {options.extent:g} m, expected more than 0 and at most 2')
+    targets = [options.output / f'{options.name}_{i + 1}'
+               for i in range(len(lasa.strokes(options.name)))]
+    taken = [str(target) for target in targets if target.exists()]
+    if taken and not options.force:
+        raise DataError(f'{taken[0]}: exists already; use --force to replace it')
+    shown = lasa.robot_demonstrations(options.name, options.k_min, options.k_max, options.extent)
+    with progress('recording', len(targets)) as step:
+        for i, (target, demonstration) in enumerate(zip(targets, shown)):
+            recordings.replace(target, demonstration, options.frame, EPOCH_NS + i * 60 * NS,
+                               options.storage)
+            step()
+    print(f'wrote {len(targets)} recordings: {targets[0]} … {targets[-1].name}')

@@ -1,0 +1,89 @@
+"""Roll a skill out and print the path as CSV.
+
+The columns are time, phase and the point's numbers (position, quaternion wxyz, matrices row by row).
+
+examples:
+  gdmp rollout skill.json --dt 0.01 > path.csv
+  gdmp rollout skill.json --goal-position 0.5 0.1 0.4 --switch-at 2.0 -o path.csv
+"""
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+import sys
+from typing import TextIO
+
+import numpy as np
+
+from gdmp_ros.dmp import Rollout, Skill
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import Euclidean, Product
+
+HELP = 'roll a skill out, to another goal if asked, as CSV'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('skill', type=Path, metavar='SKILL')
+    parser.add_argument('-o', '--output', type=Path, metavar='CSV', help='default: the terminal')
+    parser.add_argument('--dt', type=float, default=0.01, help='spacing [s] (default %(default)s)')
+    parser.add_argument('--duration', type=float, help='instead of the demonstrated one [s]')
+    parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
+                        help='goal point, all its numbers')
+    parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
+                        help='goal of the position factor [m]')
+    parser.add_argument('--switch-at', type=float, default=0.0, metavar='S',
+                        help='when the goal switches [s]; 0: from the start')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Roll out until the motion is finished."""
+    if not options.dt > 0.0:
+        raise ParameterError(f'dt is {options.dt:g} s, expected more than 0')
+    skill = Skill.load(options.skill)
+    goal = _goal(skill, options)
+    at_once = options.switch_at <= 0.0
+    rollout = Rollout(skill, goal=goal if at_once else None, duration=options.duration)
+    if options.output is None:
+        _write(rollout, goal if not at_once else None, options, sys.stdout)
+        return
+    with options.output.open('w', newline='') as out:
+        _write(rollout, goal if not at_once else None, options, out)
+    print(f'wrote {options.output}')
+
+
+def _goal(skill: Skill, options: argparse.Namespace) -> np.ndarray | None:
+    if options.goal is not None:
+        flat = np.array(options.goal)
+        if flat.size != skill.goal.size:
+            raise ParameterError(f'--goal has {flat.size} numbers, expected {skill.goal.size}')
+        return skill.manifold.check_point(flat.reshape(skill.manifold.point_shape))
+    if options.goal_position is None:
+        return None
+    manifold = skill.manifold
+    if not (isinstance(manifold, Product) and manifold.factors[0] == Euclidean(3)):
+        raise ParameterError(f'--goal-position needs a skill that begins with R³, '
+                             f'this is {manifold!r}')
+    return manifold.join(np.array(options.goal_position), *manifold.split(skill.goal)[1:])
+
+
+def _write(rollout: Rollout, goal: np.ndarray | None, options: argparse.Namespace,
+           out: TextIO) -> None:
+    writer = csv.writer(out)
+    names = [f'{name}_{i}' for name, factor in zip(rollout.skill.manifold.names,
+                                                   rollout.skill.manifold.factors)
+             for i in range(factor.point_size)]
+    writer.writerow(['time', 'phase', *names])
+    state = rollout.state
+    while True:
+        writer.writerow([f'{state.time:.6f}', f'{state.phase:.9g}',
+                         *(f'{number:.12g}' for number in state.point.reshape(-1))])
+        if rollout.finished or 'held' in rollout.flags:
+            break
+        if goal is not None and state.time >= options.switch_at:
+            rollout.retarget(goal)
+            goal = None
+        state = rollout.advance(options.dt)
+    for flag in sorted(rollout.flags):
+        print(f'note: {flag}', file=sys.stderr)

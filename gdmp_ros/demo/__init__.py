@@ -1,0 +1,1 @@
+"""The demonstration ``gdmp demo``: both nodes as processes, recorded and reported."""

@@ -1,0 +1,25 @@
+"""The yardstick: a process of ordinary priority that only sleeps to 1 kHz deadlines."""
+from __future__ import annotations
+
+import signal
+import sys
+
+from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
+
+PERIOD_NS = 1_000_000
+
+
+def main(path: str) -> int:
+    """Run until SIGTERM or SIGINT, then write deadline and lateness of all ticks to ``path``."""
+    recorder = LatenessRecorder(PERIOD_NS)
+    ended: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda got, _: ended.append(got))
+    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), lambda: bool(ended))
+    recorder.save(path)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,97 @@
+"""The person at the terminal, as a node: starts the skill, switches the goal, waits."""
+from __future__ import annotations
+
+import time
+from typing import Any, Callable
+
+from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.msg import ServerState
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.nodes import wire
+from gdmp_ros.nodes.managed import reliable
+
+
+class Operator:
+    """Talks to a trajectory server over topics and its action; every wait is bounded."""
+
+    def __init__(self, server: str = 'trajectory_server', check: Callable[[], None] | None = None):
+        """:param check: called while waiting; may raise to give up"""
+        self._check = check or (lambda: None)
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self._node = Node('operator', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self.state: ServerState | None = None
+        self._node.create_subscription(ServerState, f'{server}/state', self._on_state, reliable(10))
+        self._pose = self._node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
+        self._matrix = self._node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
+                                                   reliable(10))
+        self._action = ActionClient(self._node, ExecuteSkill, f'{server}/execute')
+        self._result: Any = None
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def _on_state(self, message: ServerState) -> None:
+        self.state = message
+
+    def wait(self, what: str, until: Callable[[], bool], timeout: float) -> None:
+        """
+        Wait until a condition holds.
+
+        :raises GdmpError: after ``timeout`` seconds, saying what was waited for
+        """
+        ends = time.monotonic() + timeout
+        while not until():
+            if time.monotonic() > ends:
+                raise GdmpError(f'waited {timeout:g} s for {what} in vain')
+            self._check()
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def wait_status(self, status: str, timeout: float) -> None:
+        """Wait until the server reports a status."""
+        self.wait(f'the server to be {status}',
+                  lambda: self.state is not None and self.state.status == status, timeout)
+
+    def execute(self, goal: ExecuteSkill.Goal | None = None, timeout: float = 10.0) -> None:
+        """Start the loaded skill through the action."""
+        self.wait('the action server', self._action.server_is_ready, timeout)
+        self._result = None
+        sent = self._action.send_goal_async(goal or ExecuteSkill.Goal())
+        self.wait('the goal to be accepted', sent.done, timeout)
+        if not sent.result().accepted:
+            raise GdmpError('the server rejected the goal')
+        self.handle = sent.result()
+        self._result = self.handle.get_result_async()
+
+    def result(self, timeout: float) -> ExecuteSkill.Result:
+        """Wait for the action's result."""
+        self.wait('the motion to finish', self._result.done, timeout)
+        return self._result.result().result
+
+    def goal_pose(self, pose: np.ndarray, frame: str) -> None:
+        """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
+        self.wait('the server to listen to goals',
+                  lambda: self._pose.get_subscription_count() > 0, 5.0)
+        message = PoseStamped()
+        message.header.frame_id = frame
+        wire.set_pose(message.pose, pose)
+        self._pose.publish(message)
+
+    def goal_stiffness(self, matrix: np.ndarray) -> None:
+        """Switch the stiffness goal."""
+        self.wait('the server to listen to stiffness goals',
+                  lambda: self._matrix.get_subscription_count() > 0, 5.0)
+        self._matrix.publish(Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))

@@ -1,0 +1,40 @@
+"""How well a skill reproduces what it was shown."""
+from __future__ import annotations
+
+from typing import Sequence
+
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
+
+
+def reproduction_error(skill: Skill, demonstrations: Demonstration | Sequence[Demonstration],
+                       dt: float = 1e-3) -> np.ndarray:
+    """
+    Mean geodesic error / span of each demonstration, rolled out from its own start to its own goal.
+
+    The span is the largest distance from the start. The error is taken where the roll-out was
+    sampled, against a smooth curve through the demonstration's samples.
+
+    :param dt: spacing of the roll-out's samples [s]
+    """
+    shown = [demonstrations] if isinstance(demonstrations, Demonstration) else demonstrations
+    return np.array([_error(skill, demonstration, dt) for demonstration in shown])
+
+
+def _error(skill: Skill, demonstration: Demonstration, dt: float) -> float:
+    manifold, whole = skill.manifold, demonstration.duration
+    times = np.append(np.arange(0.0, whole - 1e-9, dt), whole)
+    # The skill's own start and goal need not be carried anywhere.
+    own = np.array_equal(demonstration.points[0], skill.start)
+    start, goal = (None, None) if own else (demonstration.points[0], demonstration.points[-1])
+    path = Rollout(skill, start=start, goal=goal, duration=whole).sample(times)
+    shown = demonstration.at(demonstration.times[0] + times)
+    # The roll-out may be in the other representative of the same motion.
+    shown[0] = manifold.align(shown[0], path.points[0])
+    for i in range(1, len(shown)):
+        shown[i] = manifold.align(shown[i], shown[i - 1])
+    distances = [manifold.distance(a, b) for a, b in zip(path.points, shown)]
+    return float(np.mean(distances)) / demonstration.span()

@@ -1,0 +1,111 @@
+"""Records topics to a bag without losing a message: deep histories, drained in batches."""
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+import os
+from pathlib import Path
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.files.bags import BagWriter
+from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable
+
+#: How often the histories are drained [s]: 20 messages of a 1 kHz topic at a time.
+DRAIN_S = 0.02
+
+
+def message_class(name: str) -> Any:
+    """Message class of a type name ``package/msg/Name``."""
+    package, _, kind = name.split('/')
+    return getattr(import_module(f'{package}.msg'), kind)
+
+
+def definition(name: str) -> tuple[str, str]:
+    """Text of a message definition with everything it contains, as bags store it, and its digest."""
+    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+    store = get_typestore(Stores.ROS2_JAZZY)
+    package, _, kind = name.split('/')
+    path = _share(package) / 'msg' / f'{kind}.msg'
+    store.register(get_types_from_msg(path.read_text(), name))
+    text, _ = store.generate_msgdef(name, ros_version=2)
+    return text, store.hash_rihs01(name)
+
+
+def _share(package: str) -> Path:
+    """Where a package keeps its files; the wheels install to the interpreter's own prefix."""
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        folder = Path(prefix) / 'share' / package
+        if folder.is_dir():
+            return folder
+    raise DataError(f'package {package} is not installed in any of {prefixes}')
+
+
+class Recorder(Node):
+    """Subscribes raw and writes what arrives, stamped with the time of arrival."""
+
+    def __init__(self, topics: dict[str, str], writer: BagWriter):
+        """:param topics: topic names and their types (``package/msg/Name``)"""
+        super().__init__('recorder')
+        self._writer = writer
+        self._inputs = []
+        for topic, kind in topics.items():
+            subscription = self.create_subscription(
+                message_class(kind), topic, lambda _: None, reliable(DEEP), raw=True,
+                callback_group=PolledGroup())
+            extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
+            self._inputs.append((topic, kind, subscription, *extra))
+
+    def drain(self) -> int:
+        """Write everything that has arrived; how many messages there were."""
+        count = 0
+        for topic, kind, subscription, text, digest in self._inputs:
+            with subscription.handle:
+                while True:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    stamp = taken[1]['received_timestamp']
+                    self._writer.raw(topic, kind, stamp, taken[0], text, digest)
+                    count += 1
+        return count
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Record until SIGTERM or SIGINT; the bag appears under its name when it is complete."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('bag')
+    parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
+    options = parser.parse_args(arguments)
+    topics = dict(pair.split('=', 1) for pair in options.topics)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    ended = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ended.set())
+    try:
+        with BagWriter(options.bag) as writer:
+            node = Recorder(topics, writer)
+            print('recording', flush=True)
+            while not ended.is_set():
+                node.drain()
+                time.sleep(DRAIN_S)
+            node.drain()
+    except GdmpError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    finally:
+        rclpy.shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

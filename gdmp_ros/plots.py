@@ -1,0 +1,118 @@
+"""Pictures; the only place that imports matplotlib. Functions that draw take Axes."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+import numpy as np
+
+from gdmp_ros.dmp import Skill
+from gdmp_ros.manifolds import Product
+
+matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
+                            'grid.alpha': 0.3, 'axes.spines.top': False,
+                            'axes.spines.right': False, 'legend.frameon': False})
+#: Distinct in black and white too.
+STYLES = ('-', '--', ':', '-.')
+INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a')
+#: Ellipsoids are drawn so that the stiffest axis of the picture has this length [m].
+ELLIPSOID_M = 0.035
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure; its folder is made where it does not exist."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, bbox_inches='tight')
+
+
+def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:
+    """Draw columns over time, told apart by colour and by line style."""
+    for i, name in enumerate(names):
+        axes.plot(times, values[:, i], STYLES[i % 4], color=INK[i % 4], label=name, lw=1.3)
+    axes.set_xlabel('time [s]')
+    axes.set_ylabel(label)
+    axes.legend(loc='best', ncols=min(4, len(names)))
+
+
+def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray | None,
+                         count: int = 12) -> None:
+    """
+    Draw a path in space with ellipsoids of its stiffness.
+
+    :param positions: shape ``(T, 3)`` [m]
+    :param matrices: shape ``(T, 3, 3)`` [N/m]
+    """
+    axes.plot(*positions.T, color=INK[0], lw=1.5, label='path')
+    axes.scatter(*positions[0], marker='o', color='black', label='start')
+    axes.scatter(*positions[-1], marker='*', s=60, color=INK[1], label='end')
+    if matrices is not None:
+        largest = float(np.linalg.eigvalsh(matrices).max())
+        at = np.searchsorted(_arc_length(positions), np.linspace(0.0, 1.0, count))
+        for i in np.minimum(at, len(positions) - 1):
+            _ellipsoid(axes, positions[i], matrices[i] * ELLIPSOID_M / largest)
+        axes.plot([], [], color=INK[2], label=f'stiffness (longest {largest:.0f} N/m)')
+    axes.set(xlabel='x [m]', ylabel='y [m]', zlabel='z [m]')
+    axes.set_aspect('equal')
+    axes.legend(loc='upper left')
+
+
+def _arc_length(positions: np.ndarray) -> np.ndarray:
+    steps = np.linalg.norm(np.diff(positions, axis=0, prepend=positions[:1]), axis=1)
+    total = np.cumsum(steps)
+    return np.asarray(total / max(total[-1], 1e-12))
+
+
+def _ellipsoid(axes: Any, centre: np.ndarray, shape: np.ndarray) -> None:
+    u, v = np.mgrid[0:2 * np.pi:17j, 0:np.pi:9j]
+    ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
+    surface = np.einsum('ij,juv->iuv', shape, ball) + centre[:, None, None]
+    axes.plot_wireframe(*surface, color=INK[2], lw=0.35, alpha=0.6)
+
+
+def skill_figure(skill: Skill) -> Figure:
+    """Draw a skill's roll-out: every factor over time, and the path where there is one in space."""
+    trajectory = skill.reproduce(skill.duration / 500)
+    manifold = skill.manifold
+    points = [manifold.split(p) if isinstance(manifold, Product) else (p,)
+              for p in trajectory.points]
+    count = len(manifold.factors)
+    spatial = manifold.factors[0].kind == 'euclidean' and manifold.factors[0].m == 3
+    figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')
+    grid = figure.add_gridspec(count, 2 if spatial else 1)
+    for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
+        values = np.array([p[i].reshape(-1) for p in points])
+        names = _component_names(factor.kind, factor.m)
+        keep = _independent(factor.kind, factor.m)
+        series(figure.add_subplot(grid[i, 0]), trajectory.times, values[:, keep], names,
+               f'{name}{_unit(name)}')
+    if spatial:
+        matrices = None
+        if count > 2 and manifold.factors[2].kind == 'spd':
+            matrices = np.array([p[2][:3, :3] for p in points])
+        axes = figure.add_subplot(grid[:, 1], projection='3d')
+        path_with_ellipsoids(axes, np.array([p[0] for p in points]), matrices)
+    return figure
+
+
+def _unit(name: str) -> str:
+    return {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]'}.get(name, '')
+
+
+def _independent(kind: str, m: int) -> list[int]:
+    if kind == 'spd':
+        return [i * m + j for i in range(m) for j in range(i, m)]
+    sizes = {'euclidean': m, 'sphere': m + 1, 'quaternion': 4, 'rotation': m * m}
+    return list(range(sizes[kind]))
+
+
+def _component_names(kind: str, m: int) -> list[str]:
+    if kind == 'quaternion':
+        return ['w', 'x', 'y', 'z']
+    if kind == 'spd':
+        return [f'{i + 1}{j + 1}' for i in range(m) for j in range(i, m)]
+    if kind == 'rotation':
+        return [f'{i + 1}{j + 1}' for i in range(m) for j in range(m)]
+    size = m + (kind == 'sphere')
+    return list('xyz'[:size]) if size <= 3 else [str(i + 1) for i in range(size)]

@@ -1,0 +1,89 @@
+"""Child processes that never outlive their parent."""
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Mapping, Sequence
+
+from gdmp_ros.errors import GdmpError
+
+_PR_SET_PDEATHSIG = 1
+
+
+def _end_with_parent() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+class Children:
+    """Processes of Python modules; leaving the context ends them all."""
+
+    def __init__(self, environment: Mapping[str, str], logs: Path):
+        """:param logs: folder for one log file per process"""
+        self._environment = dict(environment)
+        self._logs = logs
+        logs.mkdir(parents=True, exist_ok=True)
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Children:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in list(self.processes):
+            self.stop(name)
+
+    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> None:
+        """Start ``python -m module`` under a name."""
+        with self.log(name).open('ab') as out:
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, '-m', module, *arguments], env=self._environment, stdout=out,
+                stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, preexec_fn=_end_with_parent)
+
+    def start_node(self, name: str, module: str, parameters: Mapping[str, object],
+                   extra: Sequence[str] = ()) -> None:
+        """Start a ROS node with parameters."""
+        words = ['--ros-args']
+        for key, value in parameters.items():
+            words += ['-p', f'{key}:={_yaml(value)}']
+        self.start(name, module, [*words, *extra])
+
+    def stop(self, name: str, timeout: float = 10.0) -> int:
+        """Ask a process to end, and end it if it does not; its exit code."""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        return process.wait()
+
+    def kill(self, name: str) -> None:
+        """End a process without giving it a chance (SIGKILL)."""
+        process = self.processes.pop(name)
+        process.kill()
+        process.wait()
+
+    def check(self) -> None:
+        """:raises GdmpError: if a process has ended by itself; with the end of its log"""
+        for name, process in self.processes.items():
+            if process.poll() is not None:
+                tail = '\n  '.join(self.log(name).read_text(errors='replace').splitlines()[-6:])
+                raise GdmpError(f'{name} ended with code {process.returncode}; its last words:\n'
+                                f'  {tail}')
+
+    def log(self, name: str) -> Path:
+        """Where a process's output goes."""
+        return self._logs / f'{name}.log'
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f"'{value}'"
+    if isinstance(value, (list, tuple)):
+        return f'[{", ".join(_yaml(item) for item in value)}]'
+    return repr(value)
