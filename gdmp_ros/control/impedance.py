@@ -26,7 +26,8 @@ class ImpedanceGains:
     :ivar rotation_clip: largest rotation error acted upon [rad]
     :ivar posture_stiffness: of the null-space posture [Nm/rad]
     :ivar posture_damping: in the null space [Nm s/rad]
-    :ivar feed_forward: 1 adds the inertial force ``Λ ẍ_d``, 0 does not
+    :ivar feed_forward: 1 adds what the reference itself costs, the inertial force ``Λ ẍ_d`` and the
+        viscous friction of the joints at its velocity; 0 does not
     """
 
     singularity: float = 0.02
@@ -209,12 +210,30 @@ def _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
 
 
 @compiled
-def impedance_torque(q, dq, pose, jacobian, inertia, bias, target, rest, gains, external, torque,
-                     wrench):
+def _feed_forward(target, gains, friction, jacobian, solved, task_inertia, torque):
+    """
+    Add ``Jᵀ Λ ẍ_d`` and the friction of the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
+
+    At the reference's velocity, not at the measured one: no energy is fed into a measured motion.
+    """
+    for j in range(6):
+        push, flow = 0.0, 0.0
+        for k in range(6):
+            push += task_inertia[j, k] * target[ACCELERATION + k]
+            flow += task_inertia[j, k] * target[TWIST + k]
+        for i in range(torque.size):
+            torque[i] += gains[_FEED_FORWARD] * (jacobian[j, i] * push
+                                                 + friction[i] * solved[i, j] * flow)
+
+
+@compiled
+def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gains, external,
+                     torque, wrench):
     """
     One tick of the law.
 
     :param pose: measured (x, y, z, qw, qx, qy, qz)
+    :param friction: viscous, of the joints [Nm s/rad], shape (n,)
     :param target: `TARGET_SIZE` numbers: pose, twist, acceleration, 6×6 stiffness, damping ratio
     :param rest: posture of the null space [rad]
     :param external: joint torque acting from outside [Nm]
@@ -239,11 +258,11 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, target, rest, gains, 
         wrench[j] = 0.0
         for k in range(6):
             total += damping[j, k] * rate[k]
-            total += gains[_FEED_FORWARD] * task_inertia[j, k] * target[ACCELERATION + k]
             wrench[j] += task_inertia[j, k] * felt[k]
         force[j] = total
     for i in range(n):
         torque[i] = bias[i]
         for j in range(6):
             torque[i] += jacobian[j, i] * force[j]
+    _feed_forward(target, gains, friction, jacobian, solved, task_inertia, torque)
     _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)

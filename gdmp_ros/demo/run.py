@@ -146,7 +146,7 @@ def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
                 f'{report.STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
             children.start('bare', 'gdmp_ros.demo.bare', [str(folder / 'bare.npy')])
             log = children.log('recorder')
-            operator.wait('the recorder', lambda: 'recording' in log.read_text(), 30.0)
+            operator.wait('the recorder', lambda: log.read_text().endswith('recording\n'), 30.0)
             _sleep(operator, 1.0)
             timeline, cpu = _perform(operator, switch, children)
         finally:

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import RealtimeThread
-from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.realtime.statistics import Punctuality
 
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
 DEEP = 2000
@@ -132,10 +132,9 @@ class ManagedNode(LifecycleNode):
                 '(or realtime_priority is 0); expect late ticks under load')
 
 
-def lateness_diagnostics(node: str, level: bytes, message: str, recorder: LatenessRecorder,
+def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctuality,
                          extra: dict[str, object], stamp: Any) -> DiagnosticArray:
     """Build the /diagnostics message of a node with a loop."""
-    figures = recorder.punctuality(10_000)
     values = {'rate [Hz]': f'{figures.rate_hz:.1f}', 'ticks': figures.ticks,
               'missed ticks': figures.missed, 'lateness p50 [us]': f'{figures.p50_us:.0f}',
               'lateness p99 [us]': f'{figures.p99_us:.0f}',

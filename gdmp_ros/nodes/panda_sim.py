@@ -246,7 +246,8 @@ class PandaSim(ManagedNode):
             self._said = guard.last_refusal
             self.get_logger().warning(f'reference refused: {guard.last_refusal}')
         self._diagnostics.publish(lateness_diagnostics(
-            'panda_sim', level, text, self._lateness, extra, self.get_clock().now().to_msg()))
+            'panda_sim', level, text, self._lateness.punctuality(1000), extra,
+            self.get_clock().now().to_msg()))
 
 
 def main(arguments: list[str] | None = None) -> int:

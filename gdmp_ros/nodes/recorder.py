@@ -51,13 +51,14 @@ def _share(package: str) -> Path:
 
 
 class Recorder(Node):
-    """Subscribes raw and writes what arrives, stamped with the time of arrival."""
+    """Subscribes raw and writes what arrives, stamped with the time it was published."""
 
     def __init__(self, topics: dict[str, str], writer: BagWriter):
         """:param topics: topic names and their types (``package/msg/Name``)"""
         super().__init__('recorder')
         self._writer = writer
         self._inputs = []
+        self._waiting = set(topics)
         for topic, kind in topics.items():
             subscription = self.create_subscription(
                 message_class(kind), topic, lambda _: None, reliable(DEEP), raw=True,
@@ -65,19 +66,22 @@ class Recorder(Node):
             extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
             self._inputs.append((topic, kind, subscription, *extra))
 
-    def drain(self) -> int:
-        """Write everything that has arrived; how many messages there were."""
-        count = 0
+    @property
+    def complete(self) -> bool:
+        """Whether every topic has brought a message."""
+        return not self._waiting
+
+    def drain(self) -> None:
+        """Write everything that has arrived."""
         for topic, kind, subscription, text, digest in self._inputs:
             with subscription.handle:
                 while True:
                     taken = subscription.handle.take_message(subscription.msg_type, True)
                     if taken is None:
                         break
-                    stamp = taken[1]['received_timestamp']
+                    stamp = taken[1]['source_timestamp']
                     self._writer.raw(topic, kind, stamp, taken[0], text, digest)
-                    count += 1
-        return count
+                    self._waiting.discard(topic)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -94,9 +98,13 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with BagWriter(options.bag) as writer:
             node = Recorder(topics, writer)
-            print('recording', flush=True)
+            print(f'waiting for {", ".join(topics)}', flush=True)
+            said = False
             while not ended.is_set():
                 node.drain()
+                if node.complete and not said:
+                    print('recording', flush=True)
+                    said = True
                 time.sleep(DRAIN_S)
             node.drain()
     except GdmpError as error:

@@ -25,7 +25,8 @@ SPECS = (
     Spec('rotation_clip', 0.5, 'largest rotation error acted upon', 'rad', 0.01, 3.0),
     Spec('posture_stiffness', 5.0, 'of the posture in the null space', 'Nm/rad', 0.0, 100.0),
     Spec('posture_damping', 2.0, 'in the null space', 'Nm s/rad', 0.0, 50.0),
-    Spec('feed_forward', True, 'add the inertial force of the reference\'s acceleration'),
+    Spec('feed_forward', True, 'add the inertial force and the joint friction of the reference\'s '
+         'motion'),
     Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of the ticks, written at the end'),

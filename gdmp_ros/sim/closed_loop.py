@@ -61,8 +61,8 @@ class ClosedLoop:
         target = self.guard.target(self.arm.period)
         torque, wrench = np.empty(len(self._rest)), np.empty(6)
         impedance_torque(measured.position, measured.velocity, measured.pose, measured.jacobian,
-                         measured.inertia, measured.bias, target, self._rest, self._gains,
-                         measured.external, torque, wrench)
+                         measured.inertia, measured.bias, self.arm.friction, target, self._rest,
+                         self._gains, measured.external, torque, wrench)
         torque = self.limiter.apply(measured.position, torque)
         twist = measured.jacobian @ measured.velocity
         result = Tick(measured, twist, wrench, target[STIFFNESS:DAMPING_RATIO], torque)

@@ -78,6 +78,7 @@ class Arm:
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
         self.limits = Limits(*self.model.jnt_range.T.copy(),
                              self.model.actuator_ctrlrange[:, 1].copy())
+        self.friction = self.model.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
         self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
         self.reset()
