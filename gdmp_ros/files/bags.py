@@ -225,8 +225,13 @@ class BagWriter:
             self._connections[topic] = self._writer.add_connection(topic, msgtype, **extra)
         self._writer.write(self._connections[topic], stamp_ns, data)
 
-    def pose(self, topic: str, stamp_ns: int, pose: Sequence[float], frame: str) -> None:
-        """Write a PoseStamped from (x, y, z, qw, qx, qy, qz)."""
+    def pose(self, topic: str, stamp_ns: int, pose: Sequence[float], frame: str,
+             bag_ns: int | None = None) -> None:
+        """
+        Write a PoseStamped from (x, y, z, qw, qx, qy, qz).
+
+        :param bag_ns: when it arrived; at its stamp by default
+        """
         x, y, z, qw, qx, qy, qz = (float(v) for v in pose)
         types = self._store.types
         message = types[POSE](
@@ -234,7 +239,8 @@ class BagWriter:
             pose=types['geometry_msgs/msg/Pose'](
                 position=types['geometry_msgs/msg/Point'](x=x, y=y, z=z),
                 orientation=types['geometry_msgs/msg/Quaternion'](x=qx, y=qy, z=qz, w=qw)))
-        self.raw(topic, POSE, stamp_ns, bytes(self._store.serialize_cdr(message, POSE)))
+        self.raw(topic, POSE, stamp_ns if bag_ns is None else bag_ns,
+                 bytes(self._store.serialize_cdr(message, POSE)))
 
     def matrix(self, topic: str, stamp_ns: int, matrix: np.ndarray) -> None:
         """Write a square matrix as a Float64MultiArray, row-major, with labelled dimensions."""

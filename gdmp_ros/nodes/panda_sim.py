@@ -126,7 +126,7 @@ class PandaSim(ManagedNode):
             if not self._advance(stamp):
                 time.sleep(0.001)
                 continue
-            self._clock.publish(ClockMessage(clock=wire.stamp_of(round(self._loop.arm.time * NS))))
+            self._clock_out.publish(ClockMessage(clock=wire.stamp_of(round(self._loop.arm.time * NS))))
             now = time.monotonic_ns()
             self._lateness.add(now, now)
 
@@ -180,7 +180,7 @@ class PandaSim(ManagedNode):
         self._joints = publisher(JointState, 'joint_states', 10)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
         if self.parameters.pace == 'fast':
-            self._clock = publisher(ClockMessage, '/clock', 10)
+            self._clock_out = publisher(ClockMessage, '/clock', 10)
         state, pose = RobotState(), PoseStamped()
         state.header.frame_id = pose.header.frame_id = frame
         self._state_message = wire.Patched(state, 55 + 3 * len(names), wire.fill_robot_state)

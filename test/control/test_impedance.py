@@ -1,0 +1,136 @@
+"""The control law against what defines it: energies, modes, null spaces."""
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
+
+from gdmp_ros.control.impedance import (damping_design, left_jacobian_inverse, rotation_error,
+                                        TARGET_SIZE, impedance_torque, ImpedanceGains)
+from gdmp_ros.control.limits import TorqueLimiter
+from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.sim.panda import Arm, READY
+
+
+def wxyz(rotation):
+    return np.roll(rotation.as_quat(), 1)
+
+
+def target(pose, stiffness=None, twist=None):
+    numbers = np.zeros(TARGET_SIZE)
+    numbers[:7] = pose
+    if twist is not None:
+        numbers[7:13] = twist
+    full = np.diag([400.0] * 3 + [30.0] * 3) if stiffness is None else stiffness
+    numbers[19:55] = full.reshape(-1)
+    numbers[55] = 0.7
+    return numbers
+
+
+def torque_of(arm, numbers, velocity=None, gains=None):
+    measured = arm.measure()
+    dq = np.zeros(7) if velocity is None else velocity
+    torque, wrench = np.empty(7), np.empty(6)
+    settings = gains or ImpedanceGains(posture_stiffness=0.0, posture_damping=0.0,
+                                       singularity=1e-4)
+    impedance_torque(measured.position, dq, measured.pose, measured.jacobian, measured.inertia,
+                     measured.bias, arm.friction, numbers, READY, settings.array(),
+                     measured.external, torque, wrench)
+    return torque - measured.bias
+
+
+def test_damping_gives_every_mode_the_damping_ratio(rng):
+    stiffness = SymmetricPositiveDefinite(6).random_point(rng) * 300.0
+    inertia = SymmetricPositiveDefinite(6).random_point(rng) * 3.0
+    damping, felt = damping_design(stiffness, np.linalg.inv(inertia), 0.7)
+    np.testing.assert_allclose(felt, inertia, rtol=1e-9, atol=1e-9)
+    squares, modes = eigh(stiffness, inertia)
+    modal = modes.T @ damping @ modes
+    np.testing.assert_allclose(modal, np.diag(2 * 0.7 * np.sqrt(squares)), atol=1e-8)
+
+
+def test_rotation_error_takes_the_short_way_round(rng):
+    for _ in range(20):
+        a, b = Rotation.random(random_state=rng), Rotation.random(random_state=rng)
+        expected = (b * a.inv()).as_rotvec()
+        for sign in (1.0, -1.0):
+            out = np.empty(3)
+            rotation_error(sign * wxyz(a), wxyz(b), out)
+            np.testing.assert_allclose(out, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('size', [1e-5, 0.3, 2.5])
+def test_left_jacobian_inverse_is_the_derivative_of_the_logarithm(rng, size):
+    e = rng.standard_normal(3)
+    e *= size / np.linalg.norm(e)
+    v, out, h = rng.standard_normal(3), np.empty(3), 1e-6
+    left_jacobian_inverse(e, v, out)
+    shifted = [(Rotation.from_rotvec(s * h * v) * Rotation.from_rotvec(e)).as_rotvec()
+               for s in (1, -1)]
+    np.testing.assert_allclose(out, (shifted[0] - shifted[1]) / (2 * h), atol=1e-6)
+
+
+def test_elastic_torque_is_the_gradient_of_the_energy_for_a_coupled_stiffness(rng):
+    """No energy is gained on any closed loop: tau = -dU/dq with U = 1/2 e' K e."""
+    arm = Arm()
+    stiffness = SymmetricPositiveDefinite(6).random_point(rng)
+    scale = np.diag([20.0, 20, 20, 5, 5, 5])
+    stiffness = scale @ stiffness @ scale
+    home = arm.measure().pose.copy()
+    turn = Rotation.from_rotvec([0.2, -0.25, 0.15]) * Rotation.from_quat(np.roll(home[3:], -1))
+    numbers = target(np.concatenate([home[:3] + [0.02, -0.03, 0.04], wxyz(turn)]), stiffness)
+
+    def energy(q):
+        arm.reset(q)
+        pose, e = arm.measure().pose, np.empty(6)
+        e[:3] = numbers[:3] - pose[:3]
+        rotation_error(pose[3:].copy(), numbers[3:7].copy(), e[3:])
+        return 0.5 * e @ stiffness @ e
+
+    q = READY + 0.05 * rng.standard_normal(7)
+    steps = 1e-6 * np.eye(7)
+    gradient = np.array([(energy(q + s) - energy(q - s)) / 2e-6 for s in steps])
+    arm.reset(q)
+    np.testing.assert_allclose(torque_of(arm, numbers), -gradient, atol=1e-4)
+
+
+def test_errors_are_clipped():
+    arm = Arm()
+    pose = arm.measure().pose.copy()
+    far, clipped = pose.copy(), pose.copy()
+    far[0] += 0.5
+    clipped[0] += 0.1
+    np.testing.assert_allclose(torque_of(arm, target(far)), torque_of(arm, target(clipped)),
+                               atol=1e-9)
+
+
+def test_posture_torque_does_not_move_the_tool():
+    arm = Arm()
+    arm.reset(READY + np.array([0.3, 0, -0.2, 0, 0.1, 0, 0.2]))
+    measured = arm.measure()
+    only_posture = ImpedanceGains(posture_stiffness=10.0, posture_damping=0.0, singularity=1e-6)
+    torque = torque_of(arm, target(measured.pose.copy()), gains=only_posture)
+    assert np.linalg.norm(torque) > 0.1
+    acceleration = measured.jacobian @ np.linalg.solve(measured.inertia, torque)
+    assert np.abs(acceleration).max() < 1e-6
+
+
+def test_damping_takes_energy_out(rng):
+    arm = Arm()
+    pose = arm.measure().pose.copy()
+    for _ in range(10):
+        velocity = 0.2 * rng.standard_normal(7)
+        assert torque_of(arm, target(pose), velocity) @ velocity < 0.0
+
+
+def test_torque_rate_torque_and_joints_are_limited():
+    limiter = TorqueLimiter(np.full(2, -1.0), np.full(2, 1.0), np.array([5.0, 2.0]), rate=1.0)
+    limiter.reset(np.zeros(2))
+    middle = np.zeros(2)
+    np.testing.assert_allclose(limiter.apply(middle, np.array([3.0, -9.0])), [1.0, -1.0])
+    for _ in range(10):
+        last = limiter.apply(middle, np.array([30.0, -30.0]))
+    np.testing.assert_allclose(last, [5.0, -2.0])
+    assert limiter.bites['torque'] > 0 and limiter.bites['torque_rate'] > 0
+    limiter.reset(np.zeros(2))
+    pushed = limiter.apply(np.array([0.95, 0.0]), np.zeros(2))
+    assert pushed[0] < 0.0 and pushed[1] == 0.0 and limiter.bites['joint'] == 1

@@ -1,0 +1,138 @@
+"""The periodic loop on a clock of its own, and its statistics."""
+import gc
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.processes import Children
+from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
+
+
+class ScriptedClock:
+    """Time passes only when someone sleeps, and then late by what is scripted."""
+
+    def __init__(self, overshoot):
+        self.time = 0
+        self.overshoot = iter(overshoot)
+
+    def now(self):
+        return self.time
+
+    def sleep_until(self, deadline_ns):
+        self.time = max(self.time, deadline_ns) + next(self.overshoot, 0)
+
+
+def test_sleep_overshoot_never_accumulates():
+    seen, clock = [], ScriptedClock([300] * 100)
+    missed = run_periodic(lambda deadline, now: seen.append((deadline, now)), 1000, clock,
+                          lambda: len(seen) >= 50)
+    assert missed == 0
+    assert [deadline for deadline, _ in seen] == [1000 * (i + 1) for i in range(50)]
+    assert all(now - deadline == 300 for deadline, now in seen)
+
+
+def test_an_overrun_drops_ticks_instead_of_bursting():
+    seen, clock = [], ScriptedClock([0, 0, 3500] + [0] * 20)
+    missed = run_periodic(lambda deadline, now: seen.append(deadline), 1000, clock,
+                          lambda: len(seen) >= 6)
+    assert seen == [1000, 2000, 3000, 7000, 8000, 9000]
+    assert missed == 3
+
+
+def test_lateness_is_counted_and_summed_up():
+    recorder = LatenessRecorder(1000, capacity=64)
+    for deadline in [*range(1000, 51_000, 1000), *range(53_000, 103_000, 1000)]:
+        recorder.add(deadline, deadline + 100)
+    figures = recorder.punctuality()
+    assert (figures.ticks, figures.missed) == (100, 2)
+    assert figures.p50_us == 0.1 and figures.max_us == 0.1
+    assert len(recorder.ticks_kept()) == 64
+    window = punctuality_of(np.array([[0, 0], [1000, 10], [4000, 20]]), 1000)
+    assert window.missed == 2 and window.ticks == 3
+    assert abs(window.rate_hz - 2 / 4e-6) < 1e-6
+
+
+def test_a_loop_on_the_real_clock_keeps_its_rate():
+    recorder = LatenessRecorder(2_000_000)
+
+    def body():
+        ends = time.monotonic() + 0.5
+        run_periodic(recorder.add, 2_000_000, MonotonicClock(), lambda: time.monotonic() > ends)
+
+    thread = RealtimeThread(body)
+    thread.start()
+    assert thread.scheduler in ('fifo', 'other')
+    thread.join()
+    assert thread.failure is None
+    assert gc.isenabled()
+    assert 200 <= recorder.ticks + recorder.missed <= 260
+
+
+def test_only_the_streaming_thread_gets_priority():
+    policies = {}
+    thread = RealtimeThread(lambda: policies.update(inner=os.sched_getscheduler(0)))
+    thread.start()
+    thread.join()
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    expected = os.SCHED_FIFO if thread.scheduler == 'fifo' else os.SCHED_OTHER
+    assert policies['inner'] == expected
+    plain = RealtimeThread(lambda: None, priority=0)
+    plain.start()
+    plain.join()
+    assert plain.scheduler == 'other'
+
+
+def test_a_failure_in_the_loop_is_kept():
+    def fail():
+        raise ValueError('broken')
+    thread = RealtimeThread(fail, priority=0)
+    thread.start()
+    thread.join()
+    assert isinstance(thread.failure, ValueError)
+
+
+def test_domains_are_claimed_once():
+    domains = [Domain() for _ in range(5)]
+    assert len({d.id for d in domains}) == 5
+    assert all(1 <= d.id <= 101 for d in domains)
+    taken = domains[0].id
+    for domain in domains:
+        domain.release()
+    again = Domain()
+    assert again.id <= taken
+    again.release()
+
+
+def test_children_do_not_outlive_their_parent(tmp_path):
+    parent = subprocess.Popen([sys.executable, '-c', f'''
+import pathlib, time
+from gdmp_ros.realtime.processes import Children
+import os
+children = Children(os.environ, pathlib.Path({str(tmp_path)!r}))
+children.start('child', 'gdmp_ros.demo.bare', [{str(tmp_path / "ticks.npy")!r}])
+print(children.processes['child'].pid, flush=True)
+time.sleep(60)
+'''], stdout=subprocess.PIPE, text=True)
+    child = int(parent.stdout.readline())
+    time.sleep(1.0)
+    parent.kill()
+    parent.wait()
+    ends = time.monotonic() + 10.0
+    while os.path.exists(f'/proc/{child}') and time.monotonic() < ends:
+        time.sleep(0.05)
+    assert not os.path.exists(f'/proc/{child}')
+
+
+def test_children_say_why_they_ended(tmp_path):
+    with Children(os.environ, tmp_path) as children:
+        children.start('broken', 'gdmp_ros.no_such_module')
+        children.processes['broken'].wait()
+        with pytest.raises(GdmpError, match='(?s)broken ended with code 1.*no_such_module'):
+            children.check()

@@ -1,0 +1,178 @@
+"""Playing a skill as a reference: continuous through everything a user can ask."""
+import numpy as np
+import pytest
+
+from gdmp_ros import (DataError, Demonstration, Euclidean, ManifoldError, ParameterError, Product,
+                      Skill, UnitQuaternion)
+from gdmp_ros.files import lasa
+from gdmp_ros.realtime.player import Player, PlayerSettings
+
+SETTINGS = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3))
+DT = 1e-3
+
+
+@pytest.fixture(scope='module')
+def skill():
+    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
+
+
+@pytest.fixture
+def player(skill):
+    return Player(skill, SETTINGS)
+
+
+def pose_of(skill):
+    return skill.start[:7].copy()
+
+
+def run(player, ticks):
+    return np.array([player.tick(DT).copy() for _ in range(ticks)])
+
+
+def largest_step(rows):
+    return np.linalg.norm(np.diff(rows[:, :3], axis=0), axis=1).max()
+
+
+def test_it_is_idle_until_there_is_something_to_hold(player, skill):
+    assert player.status == 'idle' and player.tick(DT) is None
+    player.hold(pose_of(skill))
+    row = player.tick(DT)
+    assert player.status == 'holding'
+    np.testing.assert_array_equal(row[:7], pose_of(skill))
+    np.testing.assert_allclose(row[19:55].reshape(6, 6)[3:, 3:], 30.0 * np.eye(3))
+
+
+def test_a_motion_starts_at_the_measured_pose_without_a_step(player, skill):
+    elsewhere = pose_of(skill)
+    elsewhere[:3] += [0.1, -0.1, 0.05]
+    player.hold(elsewhere)
+    held = run(player, 5)
+    player.start(elsewhere)
+    rows = np.vstack([held, run(player, 3000)])
+    assert largest_step(rows) < 1e-3
+    assert np.abs(np.diff(rows[:, 7:10], axis=0)).max() < 0.02
+    assert player.status == 'moving'
+    stiffness = rows[:, 19:55].reshape(-1, 6, 6)
+    assert (np.linalg.eigvalsh(stiffness)[:, 0] > 0).all()
+
+
+def test_it_starts_from_the_robot_where_the_held_reference_is_far_from_it(player, skill):
+    player.hold(pose_of(skill))
+    run(player, 3)
+    robot = pose_of(skill)
+    robot[0] += 0.2
+    player.start(robot)
+    np.testing.assert_allclose(player.tick(DT)[:3], robot[:3], atol=1e-4)
+
+
+def test_goals_switch_pose_and_stiffness_each_on_its_own(player, skill):
+    player.start(None)
+    run(player, 1000)
+    goal = skill.goal[:7].copy()
+    goal[:3] += [0.0, -0.1, 0.05]
+    player.goal_pose(goal)
+    run(player, 500)
+    player.goal_stiffness(player.tool.stiffness_factor(np.diag([300.0, 500, 350]).reshape(-1)))
+    rows = run(player, 9000)
+    assert largest_step(rows) < 1e-3
+    assert player.status == 'holding' and player.rollout.finished
+    np.testing.assert_allclose(rows[-1, :3], goal[:3], atol=1e-4)
+    np.testing.assert_allclose(rows[-1, 19:55].reshape(6, 6)[:3, :3], np.diag([300.0, 500, 350]),
+                               atol=0.5)
+    # Past the end it goes on following.
+    goal[2] += 0.1
+    player.goal_pose(goal)
+    after = run(player, 6000)
+    np.testing.assert_allclose(after[-1, :3], goal[:3], atol=1e-4)
+
+
+def test_pause_resume_and_stop_are_smooth_and_stay_on_the_path(player, skill):
+    player.start(None)
+    rows = [run(player, 1200)]
+    player.pause(True)
+    rows.append(run(player, 500))
+    assert player.status == 'paused' and np.abs(rows[-1][-1, 7:13]).max() == 0.0
+    np.testing.assert_array_equal(rows[-1][-1, :7], rows[-1][-50, :7])
+    player.pause(False)
+    rows.append(run(player, 800))
+    assert player.status == 'moving'
+    player.stop()
+    rows.append(run(player, 500))
+    assert player.status == 'holding' and player.rollout is None
+    assert np.abs(rows[-1][-1, 7:13]).max() == 0.0
+    everything = np.vstack(rows)
+    assert largest_step(everything) < 1e-3
+    speeds = np.linalg.norm(everything[:, 7:10], axis=1)
+    assert np.abs(np.diff(speeds)).max() < 0.01
+
+
+def test_a_newer_start_takes_over_with_the_same_velocity(player, skill):
+    player.start(None)
+    before = run(player, 1500)
+    player.start(before[-1, :7].copy())
+    rows = np.vstack([before, run(player, 500)])
+    assert largest_step(rows) < 1e-3
+    assert np.abs(np.diff(rows[:, 7:10], axis=0)).max() < 0.02
+
+
+def test_speed_applies_to_this_motion_and_the_next(player, skill):
+    player.start(None)
+    run(player, 500)
+    player.set_speed(0.5)
+    run(player, 500)
+    assert player.rollout.speed == 0.5
+    player.stop()
+    run(player, 300)
+    player.start(None)
+    run(player, 500)
+    assert player.rollout.speed == 0.5
+    with pytest.raises(ParameterError):
+        player.set_speed(9.0)
+
+
+def test_stiffness_goals_that_do_not_fit_are_refused(player):
+    full = SETTINGS.stiffness.copy()
+    full[:3, :3] = np.diag([300.0, 500, 350])
+    np.testing.assert_allclose(player.tool.stiffness_factor(full.reshape(-1)), full[:3, :3])
+    coupled = full.copy()
+    coupled[0, 4] = coupled[4, 0] = 5.0
+    with pytest.raises(ManifoldError, match='couples'):
+        player.tool.stiffness_factor(coupled)
+    other = full.copy()
+    other[5, 5] = 90.0
+    with pytest.raises(ManifoldError, match='rotational block'):
+        player.tool.stiffness_factor(other)
+    with pytest.raises(ManifoldError, match='smallest eigenvalue'):
+        player.tool.stiffness_factor(np.diag([1.0, -1.0, 1.0]))
+    with pytest.raises(ManifoldError, match='5 numbers, expected 9 or 36'):
+        player.tool.stiffness_factor(np.ones(5))
+
+
+def test_a_refused_goal_is_counted_and_the_motion_goes_on(player, skill):
+    player.start(None)
+    run(player, 100)
+    goal = skill.goal[:7].copy()
+    goal[3:] = np.roll(goal[3:], 1) * [1, -1, 1, -1]  # a quarter of S³ away: fine
+    player.goal_pose(goal)
+    run(player, 10)
+    assert player.refused == 0
+
+
+def test_pose_only_skills_stream_the_configured_stiffness(rng):
+    manifold = Product(Euclidean(3), UnitQuaternion())
+    t = np.linspace(0.0, 1.0, 100)
+    points = np.array([manifold.join(np.array([0.3 + 0.1 * x * x, 0.0, 0.4]),
+                                     np.array([1.0, 0, 0, 0])) for x in t])
+    player = Player(Skill.learn(Demonstration(t, points, manifold)), SETTINGS)
+    player.start(None)
+    rows = run(player, 1500)
+    np.testing.assert_array_equal(rows[-1, 19:55].reshape(6, 6), SETTINGS.stiffness)
+    with pytest.raises(ManifoldError, match='no stiffness'):
+        player.tool.stiffness_factor(np.eye(3))
+
+
+def test_other_manifolds_are_refused(rng):
+    t = np.linspace(0.0, 1.0, 50)
+    skill = Skill.learn(Demonstration(t, np.column_stack([t, t]), Euclidean(2)))
+    with pytest.raises(DataError, match='a pose reference needs'):
+        Player(skill, SETTINGS)
