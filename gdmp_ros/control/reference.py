@@ -83,6 +83,8 @@ class ReferenceGuard:
         self._shift = np.zeros(3)
         self._turn = np.zeros(3)
         self._faded = 1.0
+        self._stopped = 1.0
+        self._last_twist = np.zeros(6)
 
     @staticmethod
     def _hold(pose: np.ndarray, stiffness: np.ndarray, damping_ratio: float) -> np.ndarray:
@@ -115,6 +117,7 @@ class ReferenceGuard:
         """
         if self.following and self._since > self.settings.timeout + 1e-9:
             self.following = False
+            self._stopped = 0.0
         if self.following:
             self._follow(dt)
         else:
@@ -144,12 +147,13 @@ class ReferenceGuard:
     def _stop(self, dt: float) -> None:
         """Let the last speed fade, then stand."""
         target = self._target
-        slow = max(0.0, 1.0 - dt / self.settings.stop_time)
-        target[TWIST:TWIST + 6] *= slow
-        target[ACCELERATION:ACCELERATION + 6] = 0.0
-        if np.abs(target[TWIST:TWIST + 6]).max() < 1e-4:
-            target[TWIST:TWIST + 6] = 0.0
+        if self._stopped >= 1.0:
             return
+        if self._stopped == 0.0:
+            self._last_twist = target[TWIST:TWIST + 6].copy()
+        u = self._stopped = min(1.0, self._stopped + dt / self.settings.stop_time)
+        target[TWIST:TWIST + 6] = (1.0 - u * u * (3.0 - 2.0 * u)) * self._last_twist
+        target[ACCELERATION:ACCELERATION + 6] = 0.0
         target[POSE:POSE + 3] += dt * target[TWIST:TWIST + 3]
         target[POSE + 3:POSE + 7] = _S3.exp(target[POSE + 3:POSE + 7],
                                             0.5 * dt * target[TWIST + 3:TWIST + 6])

@@ -32,7 +32,7 @@ class ExecuteAction:
         self._action = ActionServer(server, ExecuteSkill, '~/execute', self._execute,
                                     goal_callback=self._on_goal,
                                     cancel_callback=lambda _: CancelResponse.ACCEPT)
-        self._timer = server.create_timer(0.05, self._watch)
+        self._timer = server.wall_timer(0.05, self._watch)
 
     def destroy(self) -> None:
         """Take the action down."""

@@ -6,19 +6,21 @@ from pathlib import Path
 import subprocess
 import sys
 import tempfile
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from gdmp_msgs.srv import LearnSkill
-from rclpy.node import Node
 from rclpy.task import Future
 
 from gdmp_ros.errors import DataError, ParameterError
+
+if TYPE_CHECKING:
+    from gdmp_ros.nodes.trajectory_server import TrajectoryServer
 
 
 class LearningProcess:
     """Runs ``gdmp learn`` and looks after it ten times a second."""
 
-    def __init__(self, node: Node):
+    def __init__(self, node: TrajectoryServer):
         self._node = node
         self._process: subprocess.Popen[str] | None = None
 
@@ -33,7 +35,7 @@ class LearningProcess:
             raise ParameterError('a skill is being learned already')
         if not request.bags:
             raise ParameterError('no bags were named')
-        parameters = self._node.parameters  # type: ignore[attr-defined]
+        parameters = self._node.parameters
         output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
         command = [sys.executable, '-m', 'gdmp_ros.cli.main', 'learn', *request.bags, '-o', output,
                    '--json', '--n-basis', str(request.n_basis or parameters.n_basis),
@@ -47,7 +49,7 @@ class LearningProcess:
                 timer.cancel()
                 done.set_result(True)
 
-        timer = self._node.create_timer(0.1, look)
+        timer = self._node.wall_timer(0.1, look)
         await done
         self._node.destroy_timer(timer)
         process, self._process = self._process, None

