@@ -107,8 +107,8 @@ def mend_exports(venv, python):
                 head, _, tail = line.partition('"')
                 folders, _, rest = tail.partition('"')
                 folders = ';'.join(python_include if '/include/python3' in folder
-                                   else numpy_include if folder.endswith('numpy/_core/include')
-                                   or folder.endswith('numpy/core/include') else folder
+                                   else numpy_include if folder.endswith(
+                                       ('numpy/_core/include', 'numpy/core/include')) else folder
                                    for folder in folders.split(';'))
                 line = f'{head}"{folders}"{rest}'
             words.append(line)

@@ -1,8 +1,16 @@
-"""Geometry-aware dynamic movement primitives: learn from demonstrations, roll out, switch goals."""
+"""Geometry-aware dynamic movement primitives: learn, roll out, switch goals."""
 from gdmp_ros.dmp import Demonstration, Gains, Rollout, Skill, State, Trajectory
 from gdmp_ros.errors import CutLocusError, DataError, GdmpError, ManifoldError, ParameterError
-from gdmp_ros.manifolds import (Euclidean, from_spec, Manifold, Product, SpecialOrthogonal, Sphere,
-                                SymmetricPositiveDefinite, UnitQuaternion)
+from gdmp_ros.manifolds import (
+                                Euclidean,
+                                from_spec,
+                                Manifold,
+                                Product,
+                                SpecialOrthogonal,
+                                Sphere,
+                                SymmetricPositiveDefinite,
+                                UnitQuaternion,
+)
 
 __version__ = '0.1.0'
 

@@ -1,19 +1,21 @@
 """
 The one place that talks to Numba: how kernels are compiled and where they are kept.
 
-Numba stamps a cached function with its own source file only, so an edit to a kernel that it calls in
-another file would go unnoticed. The cache folder is therefore named by a hash over Numba's version
-and the source of every kernel: after any edit a new folder is used.
+Numba stamps a cached function with its own source file only, so an edit to a kernel that it calls
+in another file would go unnoticed. The cache folder is therefore named by a hash over Numba's
+version and the source of every kernel: after any edit a new folder is used.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import hashlib
 import os
 from pathlib import Path
 import tempfile
-from typing import Callable, TypeVar
+from typing import Any, cast, TypeVar
 
 import numba
+from numba.core import config
 
 Function = TypeVar('Function', bound=Callable[..., object])
 
@@ -55,13 +57,14 @@ _CACHE = str(cache_folder())
 
 def compiled(function: Function) -> Function:
     """Compile ``function`` on first call, without the GIL, and keep the machine code on disk."""
-    previous = numba.core.config.CACHE_DIR
-    numba.core.config.CACHE_DIR = _CACHE
+    settings = vars(config)
+    previous = settings['CACHE_DIR']
+    settings['CACHE_DIR'] = _CACHE
     try:
-        kernel: Function = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+        kernel: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
     finally:
-        numba.core.config.CACHE_DIR = previous
-    return kernel
+        settings['CACHE_DIR'] = previous
+    return cast(Function, kernel)
 
 
 def inlined(function: Function) -> Function:
@@ -71,5 +74,5 @@ def inlined(function: Function) -> Function:
     A kernel is optimised together with all that it calls, again for each kernel on the way: large
     functions that are called from one place compile several times faster as part of their caller.
     """
-    part: Function = numba.njit(inline='always', error_model='numpy')(function)
-    return part
+    part: Any = numba.njit(inline='always', error_model='numpy')(function)
+    return cast(Function, part)

@@ -72,11 +72,11 @@ def _ellipsoid(axes: Any, centre: np.ndarray, shape: np.ndarray) -> None:
 
 
 def skill_figure(skill: Skill) -> Figure:
-    """Draw a skill's roll-out: every factor over time, and the path where there is one in space."""
+    """Draw a roll-out: every factor over time, and the path where there is one in space."""
     trajectory = skill.reproduce(skill.duration / 500)
     manifold = skill.manifold
-    points = [manifold.split(p) if isinstance(manifold, Product) else (p,)
-              for p in trajectory.points]
+    points: list[tuple[np.ndarray, ...]] = [
+        manifold.split(p) if isinstance(manifold, Product) else (p,) for p in trajectory.points]
     count = len(manifold.factors)
     spatial = manifold.factors[0].kind == 'euclidean' and manifold.factors[0].m == 3
     figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')

@@ -1,10 +1,11 @@
 """Both nodes: a trajectory server and the simulated Panda it drives."""
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
 
 
 def generate_launch_description():
@@ -15,10 +16,11 @@ def generate_launch_description():
         return PathJoinSubstitution([FindPackageShare('gdmp_ros'), 'config', name])
 
     return LaunchDescription([
-        DeclareLaunchArgument('namespace', default_value='', description='namespace of both nodes'),
+        DeclareLaunchArgument('namespace', default_value='',
+                              description='namespace of both nodes'),
         DeclareLaunchArgument('skill', default_value='', description='skill file to load'),
         DeclareLaunchArgument('headless', default_value='true',
-                              description='without the simulation\'s window'),
+                              description="without the simulation's window"),
         DeclareLaunchArgument('use_rviz', default_value='false', description='start RViz'),
         LifecycleNode(package='gdmp_ros', executable='panda_sim', name='panda_sim',
                       namespace=namespace, output='screen',

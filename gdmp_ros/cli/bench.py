@@ -1,7 +1,8 @@
 """Measure accuracy.
 
-accuracy: the first demonstration of a LASA class on R², S², S³, SO(3) and SPD(2), both connections,
-sampled at 1, 2, 5 and 10 ms: mean geodesic error / span (largest distance from the start).
+accuracy: the first demonstration of a LASA class on R², S², S³, SO(3) and SPD(2), both
+connections, sampled at 1, 2, 5 and 10 ms: mean geodesic error / span (largest distance from the
+start).
 
 example:
   gdmp bench accuracy --class GShape --json accuracy.json

@@ -45,7 +45,7 @@ def _bag(path: Path) -> None:
     demonstration = recording.demonstration
     points = demonstration.points
     box = np.ptp(points[:, :3], axis=0)
-    rows = [['frame', recording.frame], ['samples', len(points)],
+    rows: list[list[object]] = [['frame', recording.frame], ['samples', len(points)],
             ['duration [s]', f'{demonstration.duration:.3f}'],
             ['spacing', 'uniform' if demonstration.is_uniform else 'irregular (is resampled)'],
             ['extent x, y, z [m]', ', '.join(f'{side:.3f}' for side in box)]]
@@ -59,7 +59,8 @@ def _bag(path: Path) -> None:
 
 def _skill(path: Path) -> None:
     skill = Skill.load(path)
-    rows = [['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
+    rows: list[list[object]] = [
+            ['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
             ['connection', skill.connection], ['duration [s]', f'{skill.duration:.3f}'],
             ['basis functions', skill.n_basis], ['grid steps', skill.steps],
             ['alpha_z, alpha_x, alpha_g', f'{skill.gains.alpha_z:g}, {skill.gains.alpha_x:g}, '

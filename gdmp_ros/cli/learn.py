@@ -1,8 +1,8 @@
 """Learn a skill from recorded demonstrations.
 
-Pose comes from a PoseStamped topic (or gdmp_msgs/Reference), stiffness from a Float64MultiArray with
-9 or 36 numbers where the bag has one. Rest at both ends is cut off. Several demonstrations may have
-their own starts, goals and durations.
+Pose comes from a PoseStamped topic (or gdmp_msgs/Reference), stiffness from a Float64MultiArray
+with 9 or 36 numbers where the bag has one. Rest at both ends is cut off. Several demonstrations
+may have their own starts, goals and durations.
 
 examples:
   gdmp learn demos/GShape_1 -o skill.json
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--n-basis', type=int, default=60, metavar='N',
                         help='basis functions (default %(default)s)')
     parser.add_argument('--connection', choices=CONNECTIONS, default='parallel',
-                        help='exact transport, or the paper\'s (default %(default)s)')
+                        help="exact transport, or the paper's (default %(default)s)")
     parser.add_argument('--json', action='store_true', help='print a report as JSON')
 
 

@@ -2,10 +2,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 import importlib
 import os
 import sys
-from typing import Sequence
 
 from gdmp_ros.errors import GdmpError
 
@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     verbs = result.add_subparsers(dest='verb', metavar='VERB', required=True)
     for name in VERBS:
         module = importlib.import_module(f'gdmp_ros.cli.{name}')
-        first, _, rest = module.__doc__.partition('\n')
+        first, _, rest = (module.__doc__ or '').partition('\n')
         sub = verbs.add_parser(name, help=module.HELP, description=first,
                                epilog=rest.strip() or None,
                                formatter_class=argparse.RawDescriptionHelpFormatter)

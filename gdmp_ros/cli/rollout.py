@@ -1,6 +1,7 @@
 """Roll a skill out and print the path as CSV.
 
-The columns are time, phase and the point's numbers (position, quaternion wxyz, matrices row by row).
+The columns are time, phase and the point's numbers (position, quaternion wxyz, matrices row by
+row).
 
 examples:
   gdmp rollout skill.json --dt 0.01 > path.csv

@@ -1,9 +1,9 @@
 """Tables and progress on the terminal; progress only where someone looks."""
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import sys
-from typing import Callable, Iterable, Iterator, Sequence
 
 from rich.console import Console
 from rich.progress import Progress

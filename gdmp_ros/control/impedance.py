@@ -12,8 +12,13 @@ import math
 import numpy as np
 
 from gdmp_ros.compilation import compiled
-from gdmp_ros.manifolds.linalg import (cholesky, invert_lower, multiply, symmetric_eigen,
-                                       transposed_multiply)
+from gdmp_ros.manifolds.linalg import (
+    cholesky,
+    invert_lower,
+    multiply,
+    symmetric_eigen,
+    transposed_multiply,
+)
 
 
 @dataclass(frozen=True)
@@ -26,8 +31,8 @@ class ImpedanceGains:
     :ivar rotation_clip: largest rotation error acted upon [rad]
     :ivar posture_stiffness: of the null-space posture [Nm/rad]
     :ivar posture_damping: in the null space [Nm s/rad]
-    :ivar feed_forward: 1 adds what the reference itself costs, the inertial force ``Λ ẍ_d`` and the
-        viscous friction of the joints at its velocity; 0 does not
+    :ivar feed_forward: 1 adds what the reference itself costs, the inertial force ``Λ ẍ_d`` and
+        the viscous friction of the joints at its velocity; 0 does not
     """
 
     singularity: float = 0.02
@@ -108,15 +113,15 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
     damping, inertia = np.empty((m, m)), np.empty((m, m))
     for i in range(m):
         for j in range(i + 1):
-            d, l = 0.0, 0.0
+            d, inert = 0.0, 0.0
             for k in range(m):
                 weight = work[i, k] * work[j, k]
                 d += weight * math.sqrt(max(values[k], 0.0))
-                l += weight
+                inert += weight
             damping[i, j] = 2.0 * damping_ratio * d
             damping[j, i] = damping[i, j]
-            inertia[i, j] = l
-            inertia[j, i] = l
+            inertia[i, j] = inert
+            inertia[j, i] = inert
     return damping, inertia
 
 

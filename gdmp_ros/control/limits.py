@@ -48,4 +48,4 @@ class TorqueLimiter:
         limited = np.clip(torque, -self.torque, self.torque)
         self.bites['torque'] += int((limited != torque).any())
         self._last = limited
-        return limited
+        return np.asarray(limited)

@@ -1,12 +1,18 @@
-"""What stands between a stream of references and the controller: checks, time-out, smooth return."""
+"""Between a stream of references and the controller: checks, time-out, smooth return."""
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from gdmp_ros.control.impedance import (ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TARGET_SIZE,
-                                        TWIST)
+from gdmp_ros.control.impedance import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    POSE,
+    STIFFNESS,
+    TARGET_SIZE,
+    TWIST,
+)
 from gdmp_ros.manifolds import UnitQuaternion
 
 _S3 = UnitQuaternion()

@@ -1,8 +1,9 @@
 """The person at the terminal, as a node: starts the skill, switches the goal, waits."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import time
-from typing import Any, Callable
+from typing import Any
 
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import ServerState
@@ -31,7 +32,8 @@ class Operator:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self.state: ServerState | None = None
-        self._node.create_subscription(ServerState, f'{server}/state', self._on_state, reliable(10))
+        self._node.create_subscription(ServerState, f'{server}/state', self._on_state,
+                                       reliable(10))
         self._pose = self._node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
         self._matrix = self._node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
                                                    reliable(10))

@@ -1,10 +1,10 @@
 """The demonstration's pictures."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 import subprocess
 import sys
-from typing import Mapping
 
 from matplotlib.figure import Figure
 import numpy as np

@@ -41,7 +41,8 @@ def read(bag: Path) -> Run:
 
     :raises DataError: if a topic is missing or empty
     """
-    references, states = [], []
+    references: list[Any] = []
+    states: list[Any] = []
     with opened(bag) as reader:
         for connection, _, raw in reader.messages():
             message: Any = reader.deserialize(raw, connection.msgtype)
@@ -76,7 +77,7 @@ def _pose(message: Any) -> list[float]:
 
 def _speed(message: Any) -> float:
     v, w = message.twist.linear, message.twist.angular
-    return max(abs(n) for n in (v.x, v.y, v.z, w.x, w.y, w.z))
+    return float(np.abs([v.x, v.y, v.z, w.x, w.y, w.z]).max())
 
 
 def lost(run: Run) -> int:

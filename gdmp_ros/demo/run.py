@@ -30,7 +30,7 @@ from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
 
 FRAME = 'panda_link0'
 PERIOD_NS = 1_000_000
-#: Where the goal goes in mid-motion, from where it was: [m], rotation vector [rad], stiffness [N/m].
+#: Where the goal goes in mid-motion, from where it was, and its stiffness.
 GOAL_STEP_M = np.array([0.03, -0.11, 0.04])
 GOAL_TURN_RAD = np.array([0.25, 0.2, 0.3])
 GOAL_STIFFNESS = np.diag([300.0, 700.0, 350.0])
@@ -156,7 +156,8 @@ def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
     return timeline, cpu
 
 
-def _perform(operator: Any, switch: Switch, children: Children) -> tuple[Timeline, dict[str, float]]:
+def _perform(operator: Any, switch: Switch, children: Children
+             ) -> tuple[Timeline, dict[str, float]]:
     processes = {'server': psutil.Process(children.processes['trajectory_server'].pid),
                  'sim': psutil.Process(children.processes['panda_sim'].pid)}
     begun, used = time.monotonic_ns(), {n: sum(p.cpu_times()[:2]) for n, p in processes.items()}

@@ -10,7 +10,7 @@ from gdmp_ros.dmp.development import Development
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds import Manifold
 
-#: Stamps whose spacing varies by less than this fraction count as uniform and are used as they are.
+#: Stamps whose spacing varies by less than this fraction are uniform and used as they are.
 UNIFORM = 1e-4
 #: Fewest samples a second derivative can be taken from.
 LEAST_SAMPLES = 3
@@ -101,7 +101,7 @@ class Demonstration:
         return Demonstration(times, self.at(times), self.manifold)
 
     def aligned(self, reference: np.ndarray) -> Demonstration:
-        """Give the same motion with the first point in the representative nearest ``reference``."""
+        """Give the same motion, beginning in the representative nearest ``reference``."""
         if np.array_equal(self.manifold.align(self.points[0], reference), self.points[0]):
             return self
         points = self.points.copy()

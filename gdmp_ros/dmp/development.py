@@ -22,7 +22,7 @@ MEND_EVERY = 32
 
 @compiled
 def _develop(table, frame, points, goal, frames, steps, to_goal, gaps):
-    """Carry ``frame`` along ``points``; rows of ``gaps``: from the cut locus of neighbour, goal."""
+    """Carry ``frame`` along; rows of ``gaps``: from the cut locus of neighbour and goal."""
     none = np.empty(0)
     for i in range(points.shape[0]):
         frames[i] = frame
@@ -38,8 +38,8 @@ def _rowwise(table: np.ndarray, op: int, a: np.ndarray, b: np.ndarray,
              width: int) -> tuple[np.ndarray, np.ndarray]:
     """Apply an operation to each row: results of ``width`` numbers, and the kernels' answers."""
     out, answers = np.empty((len(a), width)), np.empty(len(a))
-    map_factors(table, op, np.require(a, requirements='CW'), np.require(b, requirements='CW'), out,
-                answers)
+    first, second = (np.require(x, requirements=['C', 'W']) for x in (a, b))
+    map_factors(table, op, first, second, out, answers)
     return out, answers
 
 
@@ -53,8 +53,9 @@ def _check_steps(manifold: Manifold, gaps: np.ndarray) -> None:
 def _check_goal(manifold: Manifold, gaps: np.ndarray) -> None:
     at = int(np.argmin(gaps))
     if gaps[at] < ops.CUT_LOCUS_LIMIT:
-        raise CutLocusError(f'{manifold!r}: sample {at} is {gaps[at]:.2g} rad from the cut locus of '
-                            f'the goal, expected at least {ops.CUT_LOCUS_LIMIT:g}', float(gaps[at]))
+        raise CutLocusError(f'{manifold!r}: sample {at} is {gaps[at]:.2g} rad from the cut locus '
+                            f'of the goal, expected at least {ops.CUT_LOCUS_LIMIT:g}',
+                            float(gaps[at]))
 
 
 class Development:
@@ -68,12 +69,13 @@ class Development:
         :param points: samples, flat, shape ``(samples, point_size)``
         :param frame: frame at the first sample
         :param goal: point; the last sample by default
-        :raises CutLocusError: if neighbours, or a sample and the goal, lie on each other's cut locus
+        :raises CutLocusError: if neighbours, or a sample and the goal, lie on each other's cut
+            locus
         """
         count, size = len(points), manifold.tangent_size
         self.manifold = manifold
         self.table = factor_table(manifold.factors)
-        self.points = np.require(points, requirements='CW')
+        self.points = np.require(points, requirements=['C', 'W'])
         self.frames = np.empty((count, manifold.frame_size))
         self.steps = np.empty((count - 1, size))
         self.to_goal = np.empty((count, size))

@@ -1,7 +1,7 @@
 """How well a skill reproduces what it was shown."""
 from __future__ import annotations
 
-from typing import Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from gdmp_ros.dmp.skill import Skill
 def reproduction_error(skill: Skill, demonstrations: Demonstration | Sequence[Demonstration],
                        dt: float = 1e-3) -> np.ndarray:
     """
-    Mean geodesic error / span of each demonstration, rolled out from its own start to its own goal.
+    Mean geodesic error / span of each demonstration, rolled out from its own start to its own
+    goal.
 
     The span is the largest distance from the start. The error is taken where the roll-out was
     sampled, against a smooth curve through the demonstration's samples.

@@ -87,7 +87,8 @@ def design_matrix(functions, alpha_x, s, out):
             out[row, i] *= x / total
 
 
-def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray, target: np.ndarray) -> np.ndarray:
+def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray,
+            target: np.ndarray) -> np.ndarray:
     """
     Least-squares weights of all outputs at once, shape ``(functions, outputs)``.
 

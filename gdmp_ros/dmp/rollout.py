@@ -1,8 +1,9 @@
 """A motion under way: the only state that moves."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
-from typing import NamedTuple, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.registry import factor_table
 
-#: How near every factor must be to the goal: [m], [rad] on S^m, half of 0.0025 rad on S³, [rad], [1].
+#: How near every factor must be to the goal: [m], [rad], half-angle [rad], [rad], [1].
 TOLERANCES = {'euclidean': 0.0005, 'sphere': 0.0025, 'quaternion': 0.00125, 'rotation': 0.0025,
               'spd': 0.0025}
 #: Fastest tempo `Rollout.set_speed` accepts.
@@ -43,8 +44,9 @@ class Rollout:
     Executes a skill: `advance` lets time pass, `retarget` and `set_speed` act at any moment.
 
     Not to be shared between threads. `flags` tells what happened: ``cut_locus`` (the goal was met
-    exactly opposite; the motion went on along its last direction), ``held`` (a step was not finite;
-    the last state is kept), ``not_settled`` (finished without reaching the goal's tolerance).
+    exactly opposite; the motion went on along its last direction), ``held`` (a step was not
+    finite; the last state is kept), ``not_settled`` (finished without reaching the goal's
+    tolerance).
     """
 
     def __init__(self, skill: Skill, start: np.ndarray | None = None,
@@ -155,7 +157,7 @@ class Rollout:
     @property
     def goal(self) -> np.ndarray:
         """The goal last asked for, shape ``point_shape``."""
-        return self._points[st.GOAL_NEW].reshape(self._shape).copy()
+        return np.array(self._points[st.GOAL_NEW].reshape(self._shape))
 
     @property
     def duration(self) -> float:
@@ -184,7 +186,7 @@ class Rollout:
 
     def _goal_at(self, s: float) -> np.ndarray:
         if self._numbers[st.MOVING] == 0.0:
-            return self._points[st.GOAL].reshape(self._shape).copy()
+            return np.array(self._points[st.GOAL].reshape(self._shape))
         elapsed = self._numbers[st.ALPHA_G] * (s - self._numbers[st.SWITCHED])
         return self.skill.manifold.exp(self._points[st.GOAL_FROM].reshape(self._shape),
                                        -math.expm1(-elapsed) * self._vectors[st.DIRECTION])
@@ -252,7 +254,8 @@ class Rollout:
         point = out[:size]
         if len(self._shape) > 1:
             point = point.reshape(self._shape)
-        return State(float(numbers[st.TIME]), math.exp(-numbers[st.ALPHA_X] * numbers[st.S]), point,
+        phase = math.exp(-numbers[st.ALPHA_X] * numbers[st.S])
+        return State(float(numbers[st.TIME]), phase, point,
                      out[size:size + count], out[size + count:])
 
 

@@ -1,10 +1,11 @@
 """What was learned: everything a roll-out needs, frozen."""
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 import math
 from pathlib import Path
-from typing import Any, Mapping, NamedTuple, Sequence, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The skill file: JSON with a format version; floats are written so that they read back exactly."""
+"""The skill file: JSON with a format version; floats read back exactly as written."""
 from __future__ import annotations
 
 from dataclasses import asdict

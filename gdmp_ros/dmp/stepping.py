@@ -4,9 +4,9 @@ The compiled heart: leapfrog steps on the fixed grid, and the motion between its
 Time is ``s = ∫ dt/τ``; node k lies at s = k / K. Within a step the point drifts half a step with
 the old velocity, the velocity is advanced with goal, logarithm and forcing term at mid-step by the
 exact solution of its linear part, and the point drifts on with the new velocity. Between the nodes
-the velocity is interpolated in the frame at mid-step (``parallel``: linearly, which meets both half
-drifts exactly; ``published``: by a cubic Hermite in the frame of the earlier node). The path is then
-the same for any sequence of `advance` and has a continuous velocity.
+the velocity is interpolated in the frame at mid-step (``parallel``: linearly, which meets both
+half drifts exactly; ``published``: by a cubic Hermite in the frame of the earlier node). The path
+is then the same for any sequence of `advance` and has a continuous velocity.
 
 Rows and entries of the roll-out's arrays are named here, once.
 """
@@ -117,7 +117,8 @@ def _drift_to_node(table, numbers, frames, points, vectors, half):
     if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
         apply_factors(table, ops.MEND_POINT, points[NODE], vectors[SPARE], vectors[SPARE])
     # A matrix that has left the cone has no frame; its NaN tells.
-    return apply_factors(table, ops.FRAME, points[NODE], vectors[SPARE], frames[WORK]) + frames[WORK].sum()
+    apply_factors(table, ops.FRAME, points[NODE], vectors[SPARE], frames[WORK])
+    return frames[WORK].sum()
 
 
 @inlined

@@ -6,11 +6,12 @@ reason. Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere e
 """
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import shutil
-from typing import Any, Callable, Iterator, NamedTuple, Sequence
+from typing import Any, NamedTuple
 import uuid
 
 import numpy as np
@@ -120,7 +121,9 @@ def read_series(path: str | Path, topic: str, *wanted: str) -> Series:
 
 def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: str) -> Series:
     decoder = _DECODERS[connections[0].msgtype]
-    stamps, rows, frame = [], [], ''
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    frame = ''
     for connection, bag_time, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
         header = getattr(message, 'header', None)
@@ -136,7 +139,8 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
         rows.append(row)
     if not rows:
         raise DataError(f'{bag}: topic {topic} has no messages')
-    series = Series(bag, topic, np.array(stamps, dtype=np.int64), np.array(rows, dtype=float), frame)
+    series = Series(bag, topic, np.array(stamps, dtype=np.int64), np.array(rows, dtype=float),
+                    frame)
     _check_series(series)
     return series
 
@@ -154,7 +158,7 @@ def _check_series(series: Series) -> None:
 
 
 def checked_poses(series: Series) -> np.ndarray:
-    """Poses (x, y, z, qw, qx, qy, qz) with quaternions of unit norm, or the sample that has not."""
+    """Poses (x, y, z, qw, qx, qy, qz), normalised; refuses the first that is far from unit."""
     poses = series.values[:, :7].copy()
     norms = np.linalg.norm(poses[:, 3:], axis=1)
     off = np.abs(norms - 1.0) > QUATERNION_TOLERANCE
@@ -219,9 +223,9 @@ class BagWriter:
         :param definition: text of the message definition, for types outside common interfaces
         """
         if topic not in self._connections:
-            extra = {} if definition is None else {'msgdef': definition, 'rihs01': digest}
-            if definition is None:
-                extra = {'typestore': self._store}
+            extra: dict[str, Any] = {'typestore': self._store}
+            if definition is not None:
+                extra = {'msgdef': definition, 'rihs01': digest}
             self._connections[topic] = self._writer.add_connection(topic, msgtype, **extra)
         self._writer.write(self._connections[topic], stamp_ns, data)
 

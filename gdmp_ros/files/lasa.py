@@ -10,8 +10,15 @@ from scipy.signal import savgol_filter
 
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import DataError
-from gdmp_ros.manifolds import (Euclidean, Manifold, Product, SpecialOrthogonal, Sphere,
-                                SymmetricPositiveDefinite, UnitQuaternion)
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 from gdmp_ros.stiffness import variance_stiffness
 
 CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
@@ -55,8 +62,8 @@ def riemannian(stroke: Stroke, mapping: str) -> Demonstration:
     """
     A stroke on a manifold, [GDMP] section 5.1.
 
-    R² as it is; S² as Exp at the pole; S³ and SO(3) as Exp at the identity of (x, y, mean of both);
-    SPD(2) as Exp at diag(1, 2) of the symmetric matrix [x z; z y] with the same z.
+    R² as it is; S² as Exp at the pole; S³ and SO(3) as Exp at the identity of (x, y, mean of
+    both); SPD(2) as Exp at diag(1, 2) of the symmetric matrix [x z; z y] with the same z.
 
     :param mapping: one of `MAPPINGS`
     """
@@ -95,8 +102,8 @@ def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
     """
     The strokes of a class as motions of a tool in a Panda's workspace, on `TOOL`.
 
-    The letter (``extent`` wide [m]) lies on a gently curved surface, the tool points down and leans
-    into the stroke, and the stiffness comes from the variance over the strokes.
+    The letter (``extent`` wide [m]) lies on a gently curved surface, the tool points down and
+    leans into the stroke, and the stiffness comes from the variance over the strokes.
     """
     shown = strokes(name)
     everything = np.vstack([stroke.positions for stroke in shown])

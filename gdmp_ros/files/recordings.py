@@ -1,18 +1,23 @@
 """From a bag to a demonstration of pose and stiffness, and back."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
-from typing import Sequence
 
 import numpy as np
 
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import DataError, GdmpError, ManifoldError
 from gdmp_ros.files import bags
-from gdmp_ros.manifolds import (Euclidean, Manifold, Product, SymmetricPositiveDefinite,
-                                UnitQuaternion)
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
 #: A tool at rest stays within this of where it stood [m, rad of half-angle, 1] …
@@ -104,8 +109,8 @@ def _matrices(series: bags.Series, rows: np.ndarray) -> tuple[np.ndarray, np.nda
     """Stiffness matrices, cut to SPD(3) where the 6×6 ones are uncoupled with a constant block."""
     size = {9: 3, 36: 6}.get(rows.shape[1])
     if size is None:
-        raise DataError(f'{series.bag}: topic {series.topic} has {rows.shape[1]} numbers a sample, '
-                        'expected 9 (3×3) or 36 (6×6) for a stiffness')
+        raise DataError(f'{series.bag}: topic {series.topic} has {rows.shape[1]} numbers a '
+                        'sample, expected 9 (3×3) or 36 (6×6) for a stiffness')
     matrices = rows.reshape(-1, size, size)
     manifold = SymmetricPositiveDefinite(size)
     for i, matrix in enumerate(matrices):
@@ -162,8 +167,8 @@ def _trim(demonstration: Demonstration) -> Demonstration:
     last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
     if last - first < 2:
         raise DataError('nothing moves: every sample is within '
-                        f'{REST["position"] * 1e3:g} mm and {2 * REST["orientation"]:g} rad of the '
-                        'first')
+                        f'{REST["position"] * 1e3:g} mm and {2 * REST["orientation"]:g} rad of '
+                        'the first')
     if first == 0 and last == len(demonstration.times) - 1:
         return demonstration
     times = demonstration.times[first:last + 1]

@@ -4,8 +4,8 @@ from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.rotation import SpecialOrthogonal
-from gdmp_ros.manifolds.spec import from_spec
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+from gdmp_ros.manifolds.spec import from_spec
 from gdmp_ros.manifolds.sphere import Sphere
 
 __all__ = ['Euclidean', 'Manifold', 'Product', 'SpecialOrthogonal', 'Sphere',

@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 import math
-from typing import Callable, ClassVar, final, Sequence
+from typing import ClassVar, final
 
 import numpy as np
 
@@ -14,8 +15,8 @@ _NOTHING = np.empty(0)
 
 
 def _for_kernel(array: np.ndarray) -> np.ndarray:
-    """Contiguous and writable float64, as the kernels are compiled for; a copy only if it is not."""
-    return np.require(array, dtype=np.float64, requirements='CW')
+    """Contiguous, writable float64, as the kernels are compiled for; copied only if needed."""
+    return np.require(array, dtype=np.float64, requirements=['C', 'W'])
 
 
 class Manifold(ABC):
@@ -25,7 +26,8 @@ class Manifold(ABC):
     Laws, stated once in ``test/manifolds/test_laws.py`` for every manifold:
 
     * ``log(a, exp(a, v)) == v`` for v shorter than the distance to the cut locus;
-    * ``exp(a, log(a, b)) == b`` away from the cut locus, and ``norm(a, log(a, b)) == distance(a, b)``;
+    * ``exp(a, log(a, b)) == b`` away from the cut locus, and ``norm(a, log(a, b)) == distance(a,
+      b)``;
     * ``transport`` keeps inner products, and carries ``log(a, b)`` to ``-log(b, a)``;
     * ``geodesic(a, b, t)`` has constant speed; the gradient of the squared distances vanishes at
       ``mean``.
@@ -109,7 +111,8 @@ class Manifold(ABC):
     @final
     def log(self, base: np.ndarray, point: np.ndarray) -> np.ndarray:
         """
-        Tangent at ``base`` whose geodesic reaches ``point`` in unit time, shape ``(tangent_size,)``.
+        Tangent at ``base`` whose geodesic reaches ``point`` in unit time, shape
+        ``(tangent_size,)``.
 
         :raises CutLocusError: within 1e-6 rad of the cut locus: the geodesic is not unique
         :raises ManifoldError: if a shape is wrong
@@ -189,8 +192,9 @@ class Manifold(ABC):
             # Rounding ends the descent: below 1e-9 a step that no longer shrinks is the last.
             if length <= tolerance * spread or (length < 1e-9 * spread and length >= previous):
                 return estimate
-        raise GdmpError(f'{self!r}: the mean of {len(points)} points did not settle in {iterations} '
-                        f'iterations: gradient {length:.3g}, expected <= {tolerance * spread:.3g}')
+        raise GdmpError(f'{self!r}: the mean of {len(points)} points did not settle in '
+                        f'{iterations} iterations: gradient {length:.3g}, expected at most '
+                        f'{tolerance * spread:.3g}')
 
     @final
     def random_tangent(self, base: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -252,7 +256,8 @@ class Manifold(ABC):
         if count == 0:
             raise ManifoldError(f'{self!r}: the mean of no points is undefined')
         shares = np.ones(count) if weights is None else np.asarray(weights, dtype=np.float64)
-        if shares.shape != (count,) or not (shares >= 0.0).all() or not 0.0 < shares.sum() < np.inf:
+        valid = shares.shape == (count,) and (shares >= 0.0).all()
+        if not valid or not 0.0 < shares.sum() < np.inf:
             raise ManifoldError(f'{self!r}: weights must be {count} numbers >= 0 with a positive '
                                 f'sum, got {shares!r}')
         return np.asarray(shares / shares.sum())

@@ -1,10 +1,10 @@
 """
 The operations every manifold's kernel answers to.
 
-Each manifold file has one kernel ``apply(op, m, a, b, out) -> float`` over flat float64 arrays; ``m``
-is the manifold's size parameter. A *frame* is an isometry from coordinates in Rⁿ to the tangent
-space at a point, together with that point: moving it carries it parallel along the motion, so
-vectors stored in its coordinates need no transport of their own.
+Each manifold file has one kernel ``apply(op, m, a, b, out) -> float`` over flat float64 arrays;
+``m`` is the manifold's size parameter. A *frame* is an isometry from coordinates in Rⁿ to the
+tangent space at a point, together with that point: moving it carries it parallel along the motion,
+so vectors stored in its coordinates need no transport of their own.
 
 ========== ============ ============ ============ ==========================================
 op         a            b            out          returns

@@ -1,13 +1,14 @@
 """Products of manifolds: a pose is R³ × S³, a pose with stiffness R³ × S³ × S³_++."""
 from __future__ import annotations
 
-from typing import Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from gdmp_ros.errors import CutLocusError, ManifoldError
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.registry import apply_factors, factor_table, POINT, VECTOR
+
 
 class Product(Manifold):
     """

@@ -1,12 +1,13 @@
 """
 Which manifolds there are: a new one is its own file, one line in `KINDS` and one in `apply`.
 
-Compiled code tells the manifolds apart by their place in `KINDS`, and walks a product by a table with
-one row per factor; files and parameters know them by name.
+Compiled code tells the manifolds apart by their place in `KINDS`, and walks a product by a table
+with one row per factor; files and parameters know them by name.
 """
 from __future__ import annotations
 
-from typing import Any, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 

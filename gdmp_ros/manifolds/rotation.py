@@ -7,8 +7,15 @@ import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.linalg import (copy_into, multiply, multiply_transposed, set_identity,
-                                       sinc, symmetric_eigen, transposed_multiply)
+from gdmp_ros.manifolds.linalg import (
+    copy_into,
+    multiply,
+    multiply_transposed,
+    set_identity,
+    sinc,
+    symmetric_eigen,
+    transposed_multiply,
+)
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.sphere import orthonormalise
 
@@ -61,9 +68,11 @@ def _exp3(v, scale, out):
     s = sinc(angle)
     half = sinc(0.5 * angle)
     c = 0.5 * half * half
-    out[0, 0], out[0, 1], out[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-    out[1, 0], out[1, 1], out[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
-    out[2, 0], out[2, 1], out[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+    out[0, 0], out[1, 1], out[2, 2] = (1.0 - c * (y * y + z * z), 1.0 - c * (x * x + z * z),
+                                       1.0 - c * (x * x + y * y))
+    out[0, 1], out[1, 0] = c * x * y - s * z, c * x * y + s * z
+    out[0, 2], out[2, 0] = c * x * z + s * y, c * x * z - s * y
+    out[1, 2], out[2, 1] = c * y * z - s * x, c * y * z + s * x
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""S^m_++: symmetric positive definite matrices -- stiffness, damping, manipulability, covariance."""
+"""S^m_++: symmetric positive definite matrices -- stiffness, manipulability, covariance."""
 from __future__ import annotations
 
 import math
@@ -7,9 +7,18 @@ import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.linalg import (EPS, cholesky, congruence, copy_into, from_mandel,
-                                       invert_lower, multiply, symmetric_expm, symmetric_logm,
-                                       to_mandel)
+from gdmp_ros.manifolds.linalg import (
+    cholesky,
+    congruence,
+    copy_into,
+    EPS,
+    from_mandel,
+    invert_lower,
+    multiply,
+    symmetric_expm,
+    symmetric_logm,
+    to_mandel,
+)
 from gdmp_ros.manifolds.manifold import Manifold
 
 

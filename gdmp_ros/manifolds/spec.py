@@ -1,7 +1,7 @@
 """From the description of a manifold in a file or a parameter to the manifold."""
 from __future__ import annotations
 
-from typing import Mapping
+from collections.abc import Mapping
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.manifold import Manifold

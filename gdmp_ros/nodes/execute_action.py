@@ -1,4 +1,4 @@
-"""The action ``~/execute``: a skill from start to goal, with feedback, pre-empted by a newer one."""
+"""The action ``~/execute``: a skill to its goal, with feedback, pre-empted by a newer one."""
 from __future__ import annotations
 
 from typing import Any, TYPE_CHECKING

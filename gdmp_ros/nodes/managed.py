@@ -1,10 +1,11 @@
 """What both nodes share: lifecycle with a log line for every failure, autostart, main, QoS."""
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import signal
 import sys
 import threading
-from typing import Any, Callable, Sequence
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import rclpy
@@ -68,7 +69,8 @@ class ManagedNode(LifecycleNode):
     """
     A lifecycle node that says why a transition failed.
 
-    Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise on failure.
+    Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise on
+    failure.
     """
 
     def configure(self) -> None:

@@ -19,8 +19,16 @@ from gdmp_ros.control.impedance import ImpedanceGains
 from gdmp_ros.control.reference import GuardSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE,
-                                    PolledGroup, reliable, run, take_latest)
+from gdmp_ros.nodes.managed import (
+    DEEP,
+    lateness_diagnostics,
+    ManagedNode,
+    OVERRIDABLE,
+    PolledGroup,
+    reliable,
+    run,
+    take_latest,
+)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -126,7 +134,8 @@ class PandaSim(ManagedNode):
             if not self._advance(stamp):
                 time.sleep(0.001)
                 continue
-            self._clock_out.publish(ClockMessage(clock=wire.stamp_of(round(self._loop.arm.time * NS))))
+            passed = round(self._loop.arm.time * NS)
+            self._clock_out.publish(ClockMessage(clock=wire.stamp_of(passed)))
             now = time.monotonic_ns()
             self._lateness.add(now, now)
 

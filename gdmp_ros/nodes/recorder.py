@@ -30,7 +30,7 @@ def message_class(name: str) -> Any:
 
 
 def definition(name: str) -> tuple[str, str]:
-    """Text of a message definition with everything it contains, as bags store it, and its digest."""
+    """Text of a message definition with all it contains, as bags store it, and its digest."""
     from rosbags.typesys import get_types_from_msg, get_typestore, Stores
     store = get_typestore(Stores.ROS2_JAZZY)
     package, _, kind = name.split('/')

@@ -10,10 +10,10 @@ SPECS = (
     Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
     Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
-    Spec('start_from', 'measured', 'where motions start: at the measured pose, or the skill\'s',
+    Spec('start_from', 'measured', "where motions start: at the measured pose, or the skill's",
          choices=('measured', 'skill'), live=True),
     Spec('execute_on_activate', False, 'start the skill as soon as the node is active'),
-    Spec('measured_pose_topic', '~/measured_pose', 'PoseStamped of the robot\'s tool'),
+    Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
     Spec('measured_pose_age', 0.5, 'oldest measured pose a motion may start from', 's', 0.01, 10.0,
          live=True),
     Spec('damping_ratio', 0.7, 'sent with the reference; 1 is critical', low=0.0, high=2.0),
@@ -28,5 +28,5 @@ SPECS = (
          live=True),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
-    Spec('lateness_file', '', 'NumPy file for deadline and lateness of the ticks, written at the end'),
+    Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )

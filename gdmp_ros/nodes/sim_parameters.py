@@ -6,7 +6,7 @@ SPECS = (
     Spec('model', '', 'MJCF file of another arm with one torque motor per joint; empty: the '
          'built-in Panda'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
-    Spec('frame_id', 'panda_link0', 'frame of the robot\'s base; references in others are refused'),
+    Spec('frame_id', 'panda_link0', "frame of the robot's base; references in others are refused"),
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
     Spec('pace', 'wall', 'in step with wall time, or as fast as it can with /clock',
          choices=('wall', 'fast')),
@@ -25,9 +25,9 @@ SPECS = (
     Spec('rotation_clip', 0.5, 'largest rotation error acted upon', 'rad', 0.01, 3.0),
     Spec('posture_stiffness', 5.0, 'of the posture in the null space', 'Nm/rad', 0.0, 100.0),
     Spec('posture_damping', 2.0, 'in the null space', 'Nm s/rad', 0.0, 50.0),
-    Spec('feed_forward', True, 'add the inertial force and the joint friction of the reference\'s '
+    Spec('feed_forward', True, "add the inertial force and the joint friction of the reference's "
          'motion'),
     Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
-    Spec('lateness_file', '', 'NumPy file for deadline and lateness of the ticks, written at the end'),
+    Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )

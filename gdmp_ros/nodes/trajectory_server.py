@@ -23,8 +23,16 @@ from gdmp_ros.files.bags import QUATERNION_TOLERANCE
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.execute_action import ExecuteAction
 from gdmp_ros.nodes.learning import LearningProcess
-from gdmp_ros.nodes.managed import (DEEP, lateness_diagnostics, ManagedNode, OVERRIDABLE,
-                                    PolledGroup, reliable, run, take_latest)
+from gdmp_ros.nodes.managed import (
+    DEEP,
+    lateness_diagnostics,
+    ManagedNode,
+    OVERRIDABLE,
+    PolledGroup,
+    reliable,
+    run,
+    take_latest,
+)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.server_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -116,7 +124,8 @@ class TrajectoryServer(ManagedNode):
         return self._active
 
     def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
-              duration: float | None = None, tolerances: tuple[float, float] | None = None) -> None:
+              duration: float | None = None,
+              tolerances: tuple[float, float] | None = None) -> None:
         """
         Start the loaded skill.
 
@@ -193,7 +202,7 @@ class TrajectoryServer(ManagedNode):
         topic = self.resolve_topic_name(self.parameters.measured_pose_topic)
         if self._measured is None:
             raise ParameterError(f'no measured pose has arrived on {topic}: where is the robot? '
-                                 '(start_from: skill starts at the skill\'s own start)')
+                                 "(start_from: skill starts at the skill's own start)")
         pose, arrived = self._measured
         age = time.monotonic() - arrived
         if age > self.parameters.measured_pose_age:
@@ -204,7 +213,7 @@ class TrajectoryServer(ManagedNode):
     # Streaming
 
     def _period_ns(self) -> int:
-        return NS // self.parameters.rate_hz
+        return NS // int(self.parameters.rate_hz)
 
     def _stream(self) -> None:
         run_periodic(self._wall_tick, self._period_ns(), MonotonicClock(),
@@ -328,7 +337,8 @@ class TrajectoryServer(ManagedNode):
     def _checked_pose(self, message: PoseStamped) -> np.ndarray:
         frame = self.parameters.frame_id
         if message.header.frame_id != frame:
-            raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
+            raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, '
+                                f'expected {frame!r}')
         numbers = wire.pose_numbers(message.pose)
         if not np.isfinite(numbers).all():
             raise ManifoldError('pose has a NaN or infinite number')

@@ -1,13 +1,14 @@
 """
 Messages as numbers, and messages that are serialised once and then only patched.
 
-Serialising a Python message takes 20 µs and more; rewriting stamp and numbers in the serialised form
-takes two. Where they lie is found by serialising marked messages, not assumed.
+Serialising a Python message takes 20 µs and more; rewriting stamp and numbers in the serialised
+form takes two. Where they lie is found by serialising marked messages, not assumed.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import struct
-from typing import Any, Callable
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from gdmp_msgs.msg import Reference, RobotState

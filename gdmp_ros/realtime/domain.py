@@ -1,4 +1,4 @@
-"""A DDS domain of one's own: ids are claimed by file locks, so that runs side by side do not meet."""
+"""A DDS domain of one's own, claimed by a file lock: runs side by side do not meet."""
 from __future__ import annotations
 
 import fcntl

@@ -1,12 +1,13 @@
 """A periodic loop on absolute deadlines, and the thread it runs in."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import gc
 import os
 import sys
 import threading
 import time
-from typing import Callable, Protocol
+from typing import Protocol
 
 #: How often Python may switch threads while a loop runs [s]; the default of 5 ms is five ticks.
 SWITCH_INTERVAL_S = 1e-4

@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.control.impedance import (ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TARGET_SIZE,
-                                        TWIST)
+from gdmp_ros.control.impedance import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    POSE,
+    STIFFNESS,
+    TARGET_SIZE,
+    TWIST,
+)
 from gdmp_ros.dmp import Rollout, Skill, State
 from gdmp_ros.errors import DataError, GdmpError, ManifoldError
-from gdmp_ros.manifolds import (Euclidean, Product, SymmetricPositiveDefinite,
-                                UnitQuaternion)
+from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite, UnitQuaternion
 
 #: A held reference nearer than this to the measured pose is where a motion starts [m, rad].
 NEAR_M, NEAR_RAD = 0.02, 0.1
@@ -58,7 +63,9 @@ class ToolSkill:
 
     def point(self, pose: np.ndarray, stiffness: np.ndarray | None) -> np.ndarray:
         """Join (x, y, z, qw, qx, qy, qz) and the stiffness factor to a point."""
-        parts = [pose[:3], pose[3:7]] + ([stiffness] if self.stiffness_size else [])
+        parts = [pose[:3], pose[3:7]]
+        if self.stiffness_size and stiffness is not None:
+            parts.append(stiffness)
         return self.manifold.join(*parts)
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:

@@ -1,12 +1,12 @@
 """Child processes that never outlive their parent."""
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 import ctypes
 from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Mapping, Sequence
 
 from gdmp_ros.errors import GdmpError
 

@@ -76,7 +76,7 @@ class Arm:
                             'freedom, expected one torque motor for each')
         n = self.model.nv
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        self.limits = Limits(*self.model.jnt_range.T.copy(),
+        self.limits = Limits(self.model.jnt_range[:, 0].copy(), self.model.jnt_range[:, 1].copy(),
                              self.model.actuator_ctrlrange[:, 1].copy())
         self.friction = self.model.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))

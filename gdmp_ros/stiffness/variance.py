@@ -1,11 +1,12 @@
 """
-Stiffness from the variance over demonstrations: stiff where they agree, compliant where they differ.
+Stiffness from the variance over demonstrations: stiff where they agree, compliant where they
+differ.
 
 Source: [GDMP] section 5.1 (covariance profiles by GMM and GMR).
 """
 from __future__ import annotations
 
-from typing import Sequence
+from collections.abc import Sequence
 
 from gmr import GMM
 import numpy as np
@@ -48,7 +49,7 @@ class Mixture:
         out = np.empty((len(times), self._width, self._width))
         for i, time in enumerate(times):
             out[i] = self._mixture.condition([0], np.array([time])).to_mvn().covariance
-        return out * self._scale[1] ** 2
+        return np.asarray(out * self._scale[1] ** 2)
 
 
 def bounded_stiffness(covariances: np.ndarray, k_min: float = 200.0,

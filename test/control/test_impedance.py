@@ -4,8 +4,14 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from gdmp_ros.control.impedance import (damping_design, left_jacobian_inverse, rotation_error,
-                                        TARGET_SIZE, impedance_torque, ImpedanceGains)
+from gdmp_ros.control.impedance import (
+    damping_design,
+    impedance_torque,
+    ImpedanceGains,
+    left_jacobian_inverse,
+    rotation_error,
+    TARGET_SIZE,
+)
 from gdmp_ros.control.limits import TorqueLimiter
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.sim.panda import Arm, READY

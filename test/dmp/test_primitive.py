@@ -5,9 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from gdmp_ros import (CutLocusError, DataError, Demonstration, Euclidean, GdmpError, ManifoldError,
-                      ParameterError, Product, Rollout, Skill, SpecialOrthogonal, Sphere,
-                      SymmetricPositiveDefinite, UnitQuaternion)
+from gdmp_ros import (
+    CutLocusError,
+    DataError,
+    Demonstration,
+    Euclidean,
+    GdmpError,
+    ManifoldError,
+    ParameterError,
+    Product,
+    Rollout,
+    Skill,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
 
@@ -296,7 +309,7 @@ def test_a_goal_on_the_cut_locus_is_refused_and_nothing_changes(rng):
 def test_tempo_changes_and_stops_never_leave_the_path(demonstration, connection):
     skill = Skill.learn(demonstration, connection=connection)
     path, rollout = Rollout(skill), Rollout(skill)
-    for k, scale in enumerate([1.0, 2.0, 0.3, 0.0, 0.0, 1.5, 0.7] * 2):
+    for scale in [1.0, 2.0, 0.3, 0.0, 0.0, 1.5, 0.7] * 2:
         rollout.set_speed(scale)
         for _ in range(50):
             state = rollout.advance(2e-3)
@@ -509,7 +522,8 @@ def test_lyapunov_function_decreases_in_parallel(rng):
         v = manifold.random_tangent(start, rng)
         goal = manifold.exp(start, 0.8 * v / manifold.norm(start, v))
         t = np.linspace(0.0, 1.0, 50)
-        shown = Demonstration(t, np.array([manifold.geodesic(start, goal, x) for x in t]), manifold)
+        line = np.array([manifold.geodesic(start, goal, x) for x in t])
+        shown = Demonstration(t, line, manifold)
         skill = Skill.learn(shown, alpha_g=2000.0)
         rollout = Rollout(skill)
         rollout.advance(1.2)  # past the end only the spring is left

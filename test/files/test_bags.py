@@ -115,25 +115,25 @@ def test_uncoupled_6x6_stiffness_becomes_spd3_and_coupled_stays(tmp_path):
 def bad_quaternion():
     rows = poses()
     rows[17, 3:] *= 0.93
-    return dict(rows=rows)
+    return {'rows': rows}
 
 
 def not_a_number():
     rows = poses()
     rows[12, 1] = np.nan
-    return dict(rows=rows)
+    return {'rows': rows}
 
 
 def not_definite():
     bad = matrices()
     bad[9] = np.diag([300.0, -1.0, 200.0])
-    return dict(stiffness=bad)
+    return {'stiffness': bad}
 
 
 def backward():
     stamps = START + np.arange(50) * 10_000_000
     stamps[20] = stamps[18]
-    return dict(stamps=stamps)
+    return {'stamps': stamps}
 
 
 @pytest.mark.parametrize('storage', STORAGES)

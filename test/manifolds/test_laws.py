@@ -6,12 +6,20 @@ import pytest
 from scipy.linalg import expm, logm
 
 from gdmp_ros.errors import CutLocusError, ManifoldError
-from gdmp_ros.manifolds import (Euclidean, from_spec, Product, SpecialOrthogonal, Sphere,
-                                SymmetricPositiveDefinite, UnitQuaternion)
+from gdmp_ros.manifolds import (
+    Euclidean,
+    from_spec,
+    Product,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 
 EPS = np.finfo(float).eps
 MANIFOLDS = [Euclidean(1), Euclidean(3), Sphere(1), Sphere(2), Sphere(5), UnitQuaternion(),
-             SpecialOrthogonal(2), SpecialOrthogonal(3), SpecialOrthogonal(4), SpecialOrthogonal(5),
+             SpecialOrthogonal(2), SpecialOrthogonal(3), SpecialOrthogonal(4),
+             SpecialOrthogonal(5),
              SymmetricPositiveDefinite(1), SymmetricPositiveDefinite(2),
              SymmetricPositiveDefinite(3), SymmetricPositiveDefinite(6),
              Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3)),

@@ -98,7 +98,8 @@ class World:
     def transition(self, node, number):
         request = ChangeState.Request()
         request.transition.id = number
-        return self.call(ChangeState, f'{node}/change_state', transition=request.transition).success
+        return self.call(ChangeState, f'{node}/change_state',
+                         transition=request.transition).success
 
     def lifecycle_state(self, node):
         return self.call(GetState, f'{node}/get_state').current_state.label

@@ -111,7 +111,7 @@ def test_domains_are_claimed_once():
 
 
 def test_children_do_not_outlive_their_parent(tmp_path):
-    parent = subprocess.Popen([sys.executable, '-c', f'''
+    parent = subprocess.Popen([sys.executable, '-c', f"""
 import pathlib, time
 from gdmp_ros.realtime.processes import Children
 import os
@@ -119,7 +119,7 @@ children = Children(os.environ, pathlib.Path({str(tmp_path)!r}))
 children.start('child', 'gdmp_ros.demo.bare', [{str(tmp_path / "ticks.npy")!r}])
 print(children.processes['child'].pid, flush=True)
 time.sleep(60)
-'''], stdout=subprocess.PIPE, text=True)
+"""], stdout=subprocess.PIPE, text=True)
     child = int(parent.stdout.readline())
     time.sleep(1.0)
     parent.kill()

@@ -2,8 +2,16 @@
 import numpy as np
 import pytest
 
-from gdmp_ros import (DataError, Demonstration, Euclidean, ManifoldError, ParameterError, Product,
-                      Skill, UnitQuaternion)
+from gdmp_ros import (
+    DataError,
+    Demonstration,
+    Euclidean,
+    ManifoldError,
+    ParameterError,
+    Product,
+    Skill,
+    UnitQuaternion,
+)
 from gdmp_ros.files import lasa
 from gdmp_ros.realtime.player import Player, PlayerSettings
 
