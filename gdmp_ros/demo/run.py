@@ -51,11 +51,12 @@ class Switch:
 
 @dataclass(frozen=True)
 class Timeline:
-    """When what happened, wall time [ns]; the streamed window in monotonic time [ns]."""
+    """When what happened, wall time [ns]; the streamed window in monotonic time [ns]; how."""
 
     switched: int
     finished: int
     window: tuple[int, int]
+    scheduler: str
 
 
 def run_demo(folder: Path, name: str) -> int:
@@ -177,7 +178,7 @@ def _perform(operator: Any, switch: Switch, children: Children
     ended = time.monotonic_ns()
     seconds = (ended - begun) * 1e-9
     cpu = {n: (sum(p.cpu_times()[:2]) - used[n]) / seconds for n, p in processes.items()}
-    return Timeline(switched, finished, (begun, ended)), cpu
+    return Timeline(switched, finished, (begun, ended), operator.state.scheduler), cpu
 
 
 def _sleep(operator: Any, seconds: float) -> None:
@@ -200,14 +201,12 @@ def _report(folder: Path, run: report.Run, timeline: Timeline, switch: Switch,
     from gdmp_ros.sim.panda import Arm
     server = punctuality_of(_window(folder, 'server', timeline), PERIOD_NS)
     bare = punctuality_of(_window(folder, 'bare', timeline), PERIOD_NS)
-    fifo = 'SCHED_FIFO' in (folder / 'logs' / 'trajectory_server.log').read_text().replace(
-        'does not grant SCHED_FIFO', '')
     arm, began = Arm().limits, run.reference_stamps[int(np.argmax(run.moving))]
     return {
         'stream': {'rate_hz': server.rate_hz, 'bare_rate_hz': bare.rate_hz, 'ticks': server.ticks,
                    'missed': server.missed, 'bare_missed': bare.missed, 'lost': report.lost(run),
                    'lateness_us': _micros(server), 'bare_lateness_us': _micros(bare),
-                   'scheduler': 'fifo' if fifo else 'other', 'cpu': cpu},
+                   'scheduler': timeline.scheduler, 'cpu': cpu},
         'tracking': report.tracking(run, timeline.finished),
         'goal_switch': {'at_s': (timeline.switched - began) * 1e-9,
                         'finished_s': (timeline.finished - began) * 1e-9,

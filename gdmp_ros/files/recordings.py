@@ -72,7 +72,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Re
         series = bags.read_series(bag, stiffness_topic, bags.ARRAY)
         matrices, block = _matrices(series, series.values)
         matrices = _at_stamps(matrices, series, poses)
-    demonstration = _trim(_joined(poses, matrices))
+    demonstration = _trim(_joined(poses, matrices), f'{poses.bag}, topic {poses.topic}')
     return Recording(demonstration, str(bag), poses.frame, block)
 
 
@@ -161,12 +161,12 @@ def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
         raise DataError(f'{poses.bag}, topic {poses.topic}: {error}') from None
 
 
-def _trim(demonstration: Demonstration) -> Demonstration:
+def _trim(demonstration: Demonstration, where: str) -> Demonstration:
     """Cut off rest longer than `REST_S` at either end, keeping one sample of it."""
     first = _resting(demonstration)
     last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
     if last - first < 2:
-        raise DataError('nothing moves: every sample is within '
+        raise DataError(f'{where}: nothing moves: every sample is within '
                         f'{REST["position"] * 1e3:g} mm and {2 * REST["orientation"]:g} rad of '
                         'the first')
     if first == 0 and last == len(demonstration.times) - 1:

@@ -154,6 +154,9 @@ class UnitQuaternion(Manifold):
     def _defect(self, point: np.ndarray) -> str | None:
         return self._unit_defect(point, 'quaternion norm')
 
+    def __repr__(self) -> str:
+        return 'UnitQuaternion()'
+
     def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """``point`` or ``-point``, the same orientation, whichever is nearer to ``reference``."""
         return -point if float(point @ reference) < 0.0 else point

@@ -4,6 +4,7 @@ from __future__ import annotations
 from typing import Any, TYPE_CHECKING
 
 from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.msg import ServerState
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
@@ -20,7 +21,7 @@ class ExecuteAction:
     """
     Executes one goal at a time.
 
-    The execute callback is asynchronous: it awaits a future that a timer completes, so goals,
+    The execute callback is asynchronous: it awaits a future that `watch` completes, so goals,
     cancellation and parameters are served meanwhile.
     """
 
@@ -32,11 +33,9 @@ class ExecuteAction:
         self._action = ActionServer(server, ExecuteSkill, '~/execute', self._execute,
                                     goal_callback=self._on_goal,
                                     cancel_callback=lambda _: CancelResponse.ACCEPT)
-        self._timer = server.wall_timer(0.05, self._watch)
 
     def destroy(self) -> None:
         """Take the action down."""
-        self._server.destroy_timer(self._timer)
         self._action.destroy()
 
     def deactivated(self) -> None:
@@ -90,10 +89,11 @@ class ExecuteAction:
         if done is not None:
             done.set_result((code, text))
 
-    def _watch(self) -> None:
+    def watch(self, state: ServerState) -> None:
+        """Give feedback on the goal under way, and end it when it is over."""
         if self._done is None:
             return
-        server, player = self._server, self._server.player
+        player = self._server.player
         rollout = None if player is None else player.rollout
         if self._handle.is_cancel_requested and not self._cancelling and player is not None:
             self._cancelling = True
@@ -104,7 +104,6 @@ class ExecuteAction:
         if player is not None and rollout is None and player.status == 'holding':
             self._finish(ExecuteSkill.Result.CANCELED, 'stopped by service')
             return
-        state = server.state()
         self._handle.publish_feedback(ExecuteSkill.Feedback(
             phase=state.phase, progress=state.progress, factors=state.factors,
             distance_to_goal=state.distance_to_goal))

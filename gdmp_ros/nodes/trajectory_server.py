@@ -37,7 +37,7 @@ from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.server_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.player import Player, PlayerSettings
-from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
 
 NS = 1_000_000_000
 #: With simulated time, a longer step of /clock moves the grid instead of the motion [s].
@@ -384,12 +384,13 @@ class TrajectoryServer(ManagedNode):
 
     # Reports
 
-    def state(self) -> ServerState:
+    def state(self, figures: Punctuality | None = None) -> ServerState:
         """Describe the present state."""
+        figures = figures or self._lateness.punctuality(1000)
         message = ServerState(status='idle', skill=self._skill_name)
         message.header.stamp = self.get_clock().now().to_msg()
         message.header.frame_id = self.parameters.frame_id
-        player, figures = self.player, self._lateness.punctuality(1000)
+        player = self.player
         message.ticks, message.missed = self._lateness.ticks, self._lateness.missed
         message.rate_hz = figures.rate_hz
         message.lateness_p50_us, message.lateness_p99_us = figures.p50_us, figures.p99_us
@@ -410,8 +411,10 @@ class TrajectoryServer(ManagedNode):
         return message
 
     def _report(self) -> None:
-        message = self.state()
+        figures = self._lateness.punctuality(1000)
+        message = self.state(figures)
         self._state.publish(message)
+        self._action.watch(message)
         level, text = DiagnosticStatus.OK, message.status
         thread = self._thread
         if thread is not None and thread.failure is not None:
@@ -422,8 +425,7 @@ class TrajectoryServer(ManagedNode):
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal, 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
-            'trajectory_server', level, text, self._lateness.punctuality(1000), extra,
-            message.header.stamp))
+            'trajectory_server', level, text, figures, extra, message.header.stamp))
 
 
 def main(arguments: list[str] | None = None) -> int:

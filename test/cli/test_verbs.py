@@ -1,0 +1,107 @@
+"""The command ``gdmp`` as a user runs it: as processes."""
+import csv
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+from gdmp_ros.cli.main import VERBS
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def gdmp(*words, cwd=None):
+    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
+                          capture_output=True, text=True, cwd=cwd)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Recordings of a letter and a skill learned from the first."""
+    path = tmp_path_factory.mktemp('letters')
+    assert gdmp('record', 'lasa', 'GShape', '-o', path / 'demos').returncode == 0
+    assert gdmp('learn', path / 'demos' / 'GShape_1', '-o', path / 'skill.json').returncode == 0
+    return path
+
+
+def test_help_teaches():
+    whole = gdmp('--help')
+    assert whole.returncode == 0 and 'gdmp learn demos/GShape_*' in whole.stdout
+    for verb in VERBS:
+        told = gdmp(verb, '--help')
+        assert told.returncode == 0 and 'example' in told.stdout
+
+
+def test_recordings_are_named_by_class_and_not_overwritten(folder):
+    bags = sorted(p.name for p in (folder / 'demos').iterdir())
+    assert bags == [f'GShape_{i}' for i in range(1, 8)]
+    again = gdmp('record', 'lasa', 'GShape', '-o', folder / 'demos')
+    assert again.returncode == 1 and 'exists already' in again.stderr
+    assert gdmp('record', 'lasa', 'GShape', '-o', folder / 'demos', '--force').returncode == 0
+    unknown = gdmp('record', 'lasa', 'Elephant', '-o', folder / 'other')
+    assert unknown.returncode == 1 and 'expected one of Angle' in unknown.stderr
+    assert not (folder / 'other').exists()
+
+
+def test_learn_reports_as_a_table_and_as_json(folder):
+    bags = sorted((folder / 'demos').iterdir())
+    done = gdmp('learn', *bags, '-o', folder / 'all.json', '--json')
+    report = json.loads(done.stdout)
+    assert report['demonstrations'] == 7 and 5.0 < report['duration'] < 7.0
+    assert 0.0 < report['mean_relative_error'] < 0.1
+    table = gdmp('learn', folder / 'demos' / 'GShape_2', '-o', folder / 'two.json')
+    assert 'position × orientation × stiffness' in table.stdout and '[s]' in table.stdout
+
+
+def test_learn_refuses_with_one_line_and_leaves_no_file(folder):
+    bad = gdmp('learn', folder / 'nowhere', '-o', folder / 'bad.json')
+    assert bad.returncode == 1
+    assert bad.stderr.strip() == f'error: {folder / "nowhere"}: no such bag'
+    assert not (folder / 'bad.json').exists()
+
+
+def test_inspect_tells_bags_from_skills(folder):
+    bag = gdmp('inspect', folder / 'demos' / 'GShape_1').stdout
+    assert '/demonstration/pose' in bag and 'panda_link0' in bag and '1000' in bag
+    skill = gdmp('inspect', folder / 'skill.json').stdout
+    assert 'Euclidean(3) × UnitQuaternion() × SymmetricPositiveDefinite(3)' in skill
+    assert 'GShape_1' in skill
+
+
+def test_plot_draws_a_picture(folder):
+    assert gdmp('plot', folder / 'skill.json', '-o', folder / 'skill.png').returncode == 0
+    data = (folder / 'skill.png').read_bytes()
+    assert data.startswith(b'\x89PNG') and len(data) > 20_000
+
+
+def test_rollout_writes_the_path_to_the_new_goal(folder):
+    out = folder / 'path.csv'
+    assert gdmp('rollout', folder / 'skill.json', '--goal-position', 0.5, 0.1, 0.4,
+                '--switch-at', 2.0, '-o', out).returncode == 0
+    with out.open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert float(rows[0]['time']) == 0.0 and float(rows[0]['phase']) == 1.0
+    last = [float(rows[-1][f'position_{i}']) for i in range(3)]
+    assert last == pytest.approx([0.5, 0.1, 0.4], abs=1e-3)
+    bad = gdmp('rollout', folder / 'skill.json', '--goal', 1.0, 2.0)
+    assert bad.returncode == 1 and '--goal has 2 numbers, expected 16' in bad.stderr
+
+
+def test_bench_accuracy_writes_its_rows(folder):
+    out = folder / 'accuracy.json'
+    done = gdmp('bench', 'accuracy', '--class', 'GShape', '--json', out)
+    assert done.returncode == 0 and 'SPD2' in done.stdout
+    rows = json.loads(out.read_text())['rows']
+    assert len(rows) == 5 * 2 * 4
+    assert all(row['mean_relative_error'] <= 8e-5 and row['classes'] == 1 for row in rows)
+    assert {row['dt_ms'] for row in rows} == {1, 2, 5, 10}
+
+
+def test_the_readme_s_example_runs():
+    blocks = re.findall(r'```python\n(.*?)```', (ROOT / 'README.md').read_text(), re.S)
+    assert len(blocks) == 1
+    check = '\nassert abs(state.point @ np.array([0.6, 0.8, 0, 0])) > 0.99999\n'
+    subprocess.run([sys.executable, '-c', blocks[0] + check], check=True)

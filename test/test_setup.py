@@ -1,0 +1,82 @@
+"""What set-up says where it cannot work, and that files beside the code agree with it."""
+import importlib.util
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+BOOTSTRAP = ROOT / '.ci' / 'bootstrap.py'
+
+
+@pytest.fixture
+def bootstrap(monkeypatch):
+    spec = importlib.util.spec_from_file_location('bootstrap', BOOTSTRAP)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run(tmp_path, **changes):
+    import os
+    environment = {**os.environ, **changes}
+    return subprocess.run([sys.executable, str(BOOTSTRAP), '--venv', str(tmp_path / 'venv')],
+                          env=environment, capture_output=True, text=True)
+
+
+def test_a_missing_compiler_is_one_clear_line(tmp_path):
+    done = run(tmp_path, CXX='no-such-compiler')
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        'setup: no C++ compiler ("no-such-compiler") found: install g++ '
+        '(Debian, Ubuntu: apt install g++)')
+    assert not (tmp_path / 'venv').exists()
+
+
+def test_another_ros_distribution_is_refused(tmp_path):
+    done = run(tmp_path, ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
+    assert done.returncode == 1 and 'ROS humble is sourced; gdmp_ros needs Jazzy' in done.stderr
+
+
+def test_an_unsupported_python_is_refused(bootstrap, monkeypatch):
+    monkeypatch.setattr(bootstrap.sys, 'version_info', (3, 10, 0))
+    with pytest.raises(bootstrap.SetupError, match='use one of 3.11, 3.12, 3.13'):
+        bootstrap.check_machine()
+
+
+def test_no_network_is_one_clear_line(bootstrap, tmp_path):
+    log = tmp_path / 'log'
+    with pytest.raises(bootstrap.SetupError, match='is there a network'):
+        bootstrap.run('installing packages', [
+            sys.executable, '-m', 'pip', 'install', '--isolated', '--retries', '0', '--index-url',
+            'http://127.0.0.1:9/simple', 'no-such-package'], log)
+
+
+def test_a_sourced_ros_replaces_the_wheels_and_keeps_its_numpy(bootstrap, tmp_path, monkeypatch):
+    lock = bootstrap.locked('/opt/ros/jazzy', sys.executable, tmp_path / 'lock').read_text()
+    assert 'ros-rclpy' not in lock and 'mujoco==' in lock
+    old = tmp_path / 'python'
+    old.write_text('#!/bin/sh\necho 1.26.4\n')
+    old.chmod(0o755)
+    kept = bootstrap.locked('/opt/ros/jazzy', old, tmp_path / 'lock').read_text()
+    assert 'numpy==1.26.4' in kept
+    assert 'ros-rclpy==' in bootstrap.locked(None, old, tmp_path / 'lock').read_text()
+
+
+@pytest.mark.parametrize('node, module', [('trajectory_server', 'server_parameters'),
+                                          ('panda_sim', 'sim_parameters')])
+def test_the_configuration_files_list_every_parameter_with_its_default(node, module):
+    specs = importlib.import_module(f'gdmp_ros.nodes.{module}').SPECS
+    document = yaml.safe_load((ROOT / 'config' / f'{node}.yaml').read_text())
+    assert document[f'/**/{node}']['ros__parameters'] == {s.name: s.default for s in specs}
+
+
+def test_versions_agree():
+    import gdmp_ros
+    for path, text in (('setup.py', f"version='{gdmp_ros.__version__}'"),
+                       ('package.xml', f'<version>{gdmp_ros.__version__}</version>'),
+                       ('msg_defs/package.xml', f'<version>{gdmp_ros.__version__}</version>'),
+                       ('CHANGELOG.rst', gdmp_ros.__version__)):
+        assert text in (ROOT / path).read_text()
