@@ -181,14 +181,19 @@ def test_the_arm_holds_when_the_server_is_killed_and_goes_on_when_it_returns(wor
     world.operator.state = None
     world.start_server('second_server')
     world.operator.wait_status('holding', 60.0)
+    world.spin(1.0)
+    # The returned server holds the arm where it is.
+    path = np.array([[m.pose.position.x, m.pose.position.y, m.pose.position.z]
+                     for m in world.robot[before:]])
+    assert np.linalg.norm(path - path[0], axis=1).max() < 1e-3
+    stood = len(world.robot)
     world.operator.execute()
     result = world.operator.result(30.0)
     assert result.error_code == result.SUCCESSFUL
-    torques = world.torques()
-    assert np.abs(np.diff(torques, axis=0)).max() <= 1.0 + 1e-9
-    positions = np.array([m.position for m in world.robot[before:]])
-    # The fastest joint of this motion stays below 1 rad/s, before, at and after the return.
-    assert np.abs(np.diff(positions, axis=0)).max() < 2e-3
+    # It sets off from there without a jerk: 0.1 s later no joint is faster than 0.3 rad/s.
+    velocities = np.array([m.velocity for m in world.robot[stood:stood + 100]])
+    assert np.abs(velocities).max() < 0.3
+    assert np.abs(np.diff(world.torques(), axis=0)).max() <= 1.0 + 1e-9
 
 
 def test_bad_references_are_refused_counted_and_the_arm_holds(world):
