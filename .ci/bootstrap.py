@@ -77,7 +77,11 @@ def run(what, command, log, **options):
 
 
 def locked(prefixes, python, target):
-    """Write the lock to use: without ROS wheels, and with its NumPy, where ROS is sourced."""
+    """
+    Write the lock to use: without ROS wheels, and with its NumPy, where ROS is sourced.
+
+    ``python`` is the interpreter ROS runs on: it sees the NumPy that ROS was built with.
+    """
     lines = (ROOT / 'requirements.lock').read_text().splitlines()
     if prefixes:
         lines = [line for line in lines if not line.startswith(ROS_PREFIXES)]
@@ -168,13 +172,13 @@ def make(venv):
     log = venv / 'setup.log'
     python = venv / 'bin' / 'python'
     run('creating the environment', [sys.executable, '-m', 'venv', venv], log)
-    lock = locked(prefixes, python, venv / 'requirements.txt')
+    lock = locked(prefixes, sys.executable, venv / 'requirements.txt')
     run('installing packages (about a minute)',
-        [python, '-m', 'pip', 'install', '--disable-pip-version-check', '-r', lock], log)
+        [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check', '-r', lock], log)
     if not prefixes:
         mend_exports(venv, python)
     build_messages(venv, python, prefixes, log)
-    run('installing gdmp_ros', [python, '-m', 'pip', 'install', '--disable-pip-version-check',
+    run('installing gdmp_ros', [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check',
                                 '--no-deps', '--no-build-isolation', '--use-pep517',
                                 '-e', ROOT], log)
     if prefixes:

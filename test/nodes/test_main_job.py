@@ -190,9 +190,9 @@ def test_the_arm_holds_when_the_server_is_killed_and_goes_on_when_it_returns(wor
     world.operator.execute()
     result = world.operator.result(30.0)
     assert result.error_code == result.SUCCESSFUL
-    # It sets off from there without a jerk: 0.1 s later no joint is faster than 0.3 rad/s.
-    velocities = np.array([m.velocity for m in world.robot[stood:stood + 100]])
-    assert np.abs(velocities).max() < 0.3
+    # It sets off from there without a jerk.
+    velocities = np.array([m.velocity for m in world.robot[stood:stood + 20]])
+    assert np.abs(velocities).max() < 0.05
     assert np.abs(np.diff(world.torques(), axis=0)).max() <= 1.0 + 1e-9
 
 
