@@ -178,9 +178,9 @@ def make(venv):
     if not prefixes:
         mend_exports(venv, python)
     build_messages(venv, python, prefixes, log)
-    run('installing gdmp_ros', [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check',
-                                '--no-deps', '--no-build-isolation', '--use-pep517',
-                                '-e', ROOT], log)
+    run('installing gdmp_ros',
+        [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check', '--no-deps',
+         '--no-build-isolation', '--use-pep517', '-e', ROOT], log)
     if prefixes:
         write_wrappers(venv, prefixes)
     stamp.write_text(wanted)
