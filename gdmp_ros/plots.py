@@ -15,8 +15,8 @@ matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True
                             'grid.alpha': 0.3, 'axes.spines.top': False,
                             'axes.spines.right': False, 'legend.frameon': False})
 #: Distinct in black and white too.
-STYLES = ('-', '--', ':', '-.')
-INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a')
+STYLES: tuple[Any, ...] = ('-', '--', ':', '-.', (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)))
+INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
 #: Ellipsoids are drawn so that the stiffest axis of the picture has this length [m].
 ELLIPSOID_M = 0.035
 
@@ -30,7 +30,7 @@ def save(figure: Figure, path: str | Path) -> None:
 def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:
     """Draw columns over time, told apart by colour and by line style."""
     for i, name in enumerate(names):
-        axes.plot(times, values[:, i], STYLES[i % 4], color=INK[i % 4], label=name, lw=1.3)
+        axes.plot(times, values[:, i], STYLES[i % 6], color=INK[i % 6], label=name, lw=1.3)
     axes.set_xlabel('time [s]')
     axes.set_ylabel(label)
     axes.legend(loc='best', ncols=min(4, len(names)))

@@ -9,7 +9,7 @@ import platform
 import shutil
 import signal
 import time
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import psutil
@@ -118,8 +118,7 @@ def _record(folder: Path, name: str) -> list[Path]:
 
 
 def _switch(skill: Skill) -> Switch:
-    manifold = skill.manifold
-    assert isinstance(manifold, Product)
+    manifold = cast(Product, skill.manifold)
     position, orientation, stiffness = manifold.split(skill.goal)
     turned = UnitQuaternion().exp(orientation, 0.5 * GOAL_TURN_RAD)
     return Switch(np.concatenate([position + GOAL_STEP_M, turned]), GOAL_STIFFNESS,

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
+from typing import cast
 
 import numpy as np
 
@@ -183,8 +184,7 @@ def _reversed(demonstration: Demonstration) -> Demonstration:
 
 def _resting(demonstration: Demonstration) -> int:
     """Index of the last sample of the rest at the beginning, 0 where there is none."""
-    manifold = demonstration.manifold
-    assert isinstance(manifold, Product)
+    manifold = cast(Product, demonstration.manifold)
     origin, last = manifold.split(demonstration.points[0]), 0
     for i, point in enumerate(demonstration.points):
         parts = zip(manifold.names, manifold.factors, origin, manifold.split(point))

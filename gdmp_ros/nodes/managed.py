@@ -73,6 +73,10 @@ class ManagedNode(LifecycleNode):
     failure.
     """
 
+    def __init__(self, name: str):
+        self._held: list[tuple[Callable[[Any], Any], Any]] = []
+        super().__init__(name)
+
     def configure(self) -> None:
         """Acquire everything; on an exception the node stays unconfigured."""
 
@@ -84,6 +88,39 @@ class ManagedNode(LifecycleNode):
 
     def cleanup(self) -> None:
         """Release everything."""
+
+    def add_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+        """Reliable publisher that `release` takes down; its QoS can be overridden."""
+        made = self.create_publisher(kind, topic, reliable(depth),
+                                     qos_overriding_options=OVERRIDABLE())
+        self._held.append((self.destroy_publisher, made))
+        return made
+
+    def add_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None] | None,
+                         depth: int = 1) -> Any:
+        """Reliable subscription; without a callback it is left to `take_latest`."""
+        made = self.create_subscription(
+            kind, topic, callback or (lambda _: None), reliable(depth),
+            callback_group=None if callback else PolledGroup(),
+            qos_overriding_options=OVERRIDABLE())
+        self._held.append((self.destroy_subscription, made))
+        return made
+
+    def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
+                    group: CallbackGroup | None = None) -> None:
+        """Service ``~/name``."""
+        made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
+        self._held.append((self.destroy_service, made))
+
+    def add_report(self, callback: Callable[[], None]) -> None:
+        """Call ``callback`` ten times a second."""
+        self._held.append((self.destroy_timer, self.wall_timer(0.1, callback)))
+
+    def release(self) -> None:
+        """Take down everything that was added."""
+        for destroy, entity in self._held:
+            destroy(entity)
+        self._held.clear()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         result = self._attempt('configure', self.configure)

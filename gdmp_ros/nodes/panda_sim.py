@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import Reference, RobotState
@@ -19,16 +18,7 @@ from gdmp_ros.control.impedance import ImpedanceGains
 from gdmp_ros.control.reference import GuardSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import (
-    DEEP,
-    lateness_diagnostics,
-    ManagedNode,
-    OVERRIDABLE,
-    PolledGroup,
-    reliable,
-    run,
-    take_latest,
-)
+from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take_latest
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -50,7 +40,6 @@ class PandaSim(ManagedNode):
     def __init__(self) -> None:
         super().__init__('panda_sim')
         self.parameters = Parameters(self, SPECS)
-        self._entities: list[tuple[Any, Any]] = []
         self._thread: RealtimeThread | None = None
         self._viewer: Viewer | None = None
         self._active = False
@@ -107,9 +96,7 @@ class PandaSim(ManagedNode):
             self._lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities.clear()
+        self.release()
         self.parameters.locked = False
 
     # The loop
@@ -176,20 +163,14 @@ class PandaSim(ManagedNode):
     # Interfaces
 
     def _make_publishers(self) -> None:
-        def publisher(kind: Any, topic: str, depth: int) -> Any:
-            made = self.create_publisher(kind, topic, reliable(depth),
-                                         qos_overriding_options=OVERRIDABLE())
-            self._entities.append((self.destroy_publisher, made))
-            return made
-
         frame, names = self.parameters.frame_id, self._loop.arm.names
-        self._state = publisher(RobotState, '~/state', DEEP)
-        self._pose = publisher(PoseStamped, '~/measured_pose', 10)
-        self._stiffness = publisher(Float64MultiArray, '~/applied_stiffness', 10)
-        self._joints = publisher(JointState, 'joint_states', 10)
-        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
+        self._state = self.add_publisher(RobotState, '~/state', DEEP)
+        self._pose = self.add_publisher(PoseStamped, '~/measured_pose', 10)
+        self._stiffness = self.add_publisher(Float64MultiArray, '~/applied_stiffness', 10)
+        self._joints = self.add_publisher(JointState, 'joint_states', 10)
+        self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         if self.parameters.pace == 'fast':
-            self._clock_out = publisher(ClockMessage, '/clock', 10)
+            self._clock_out = self.add_publisher(ClockMessage, '/clock', 10)
         state, pose = RobotState(), PoseStamped()
         state.header.frame_id = pose.header.frame_id = frame
         self._state_message = wire.Patched(state, 55 + 3 * len(names), wire.fill_robot_state)
@@ -198,17 +179,11 @@ class PandaSim(ManagedNode):
         self._joint_message = JointState(name=names)
 
     def _make_inputs(self) -> None:
-        self._reference = self.create_subscription(
-            Reference, self.parameters.reference_topic, lambda _: None, reliable(1),
-            callback_group=PolledGroup(), qos_overriding_options=OVERRIDABLE())
-        self._entities.append((self.destroy_subscription, self._reference))
-        for kind, name, callback in ((SetBool, 'set_pause', self._on_pause),
-                                     (Trigger, 'reset_world', self._on_reset),
-                                     (StepSimulation, 'step_simulation', self._on_step)):
-            service = self.create_service(kind, f'~/{name}', callback)
-            self._entities.append((self.destroy_service, service))
-        timer = self.wall_timer(0.1, self._report)
-        self._entities.append((self.destroy_timer, timer))
+        self._reference = self.add_subscription(Reference, self.parameters.reference_topic, None)
+        self.add_service(SetBool, 'set_pause', self._on_pause)
+        self.add_service(Trigger, 'reset_world', self._on_reset)
+        self.add_service(StepSimulation, 'step_simulation', self._on_step)
+        self.add_report(self._report)
 
     def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

@@ -1,12 +1,13 @@
 """Streams a skill as pose and stiffness references at 1 kHz; goals switch while it moves."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import Reference, ServerState
+from gdmp_msgs.msg import ServerState
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -15,29 +16,20 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.dmp import Skill
-from gdmp_ros.errors import DataError, GdmpError, ManifoldError, ParameterError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.files import recordings
-from gdmp_ros.files.bags import QUATERNION_TOLERANCE
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.execute_action import ExecuteAction
 from gdmp_ros.nodes.learning import LearningProcess
-from gdmp_ros.nodes.managed import (
-    DEEP,
-    lateness_diagnostics,
-    ManagedNode,
-    OVERRIDABLE,
-    PolledGroup,
-    reliable,
-    run,
-    take_latest,
-)
+from gdmp_ros.nodes.managed import lateness_diagnostics, ManagedNode, run, take_latest
 from gdmp_ros.nodes.parameters import Parameters
+from gdmp_ros.nodes.reference_publisher import ReferencePublisher
 from gdmp_ros.nodes.server_parameters import SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
-from gdmp_ros.realtime.player import Player, PlayerSettings
+from gdmp_ros.realtime.player import Player
 from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
+from gdmp_ros.realtime.tool_skill import PlayerSettings
 
 NS = 1_000_000_000
 #: With simulated time, a longer step of /clock moves the grid instead of the motion [s].
@@ -53,11 +45,9 @@ class TrajectoryServer(ManagedNode):
         super().__init__('trajectory_server')
         self.parameters = Parameters(self, SPECS)
         self.player: Player | None = None
-        self._entities: list[tuple[Any, Any]] = []
         self._thread: RealtimeThread | None = None
         self._measured: tuple[np.ndarray, float] | None = None
         self._skill_name = ''
-        self._sequence = 0
         self._last_tick = 0
         self._polled = 0
         self._active = False
@@ -106,9 +96,7 @@ class TrajectoryServer(ManagedNode):
             self._lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities.clear()
+        self.release()
         if hasattr(self, '_action'):
             self._action.destroy()
             self._learning.cancel()
@@ -154,12 +142,9 @@ class TrajectoryServer(ManagedNode):
 
         :raises ManifoldError: in a wrong frame, not finite, not unit, outside the workspace
         """
-        numbers = self._checked_pose(message)
-        low, high = self.parameters.workspace_min, self.parameters.workspace_max
-        for axis, value, least, most in zip('xyz', numbers, low, high):
-            if not least <= value <= most:
-                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
-                                    f'{least:g} to {most:g} m')
+        numbers = wire.checked_pose(message, self.parameters.frame_id)
+        wire.check_workspace(numbers, self.parameters.workspace_min,
+                             self.parameters.workspace_max)
         return numbers
 
     def _loaded(self) -> Player:
@@ -247,66 +232,36 @@ class TrajectoryServer(ManagedNode):
         target = player.tick(dt)
         if target is None:
             return
-        self._sequence += 1
-        self._reference.publish(self._atomic.bytes(target, stamp_ns, self._sequence))
-        self._pose.publish(self._pose_only.bytes(target[POSE:POSE + 7], stamp_ns))
-        self._stiffness.publish(self._matrix_only.bytes(target[STIFFNESS:STIFFNESS + 36]))
+        self._stream_out.publish(target, stamp_ns)
 
     # Interfaces
 
     def _make_publishers(self) -> None:
-        frame = self.parameters.frame_id
-
-        def publisher(kind: Any, topic: str, depth: int) -> Any:
-            made = self.create_publisher(kind, topic, reliable(depth),
-                                         qos_overriding_options=OVERRIDABLE())
-            self._entities.append((self.destroy_publisher, made))
-            return made
-
-        self._reference = publisher(Reference, '~/reference', DEEP)
-        self._pose = publisher(PoseStamped, '~/reference_pose', 10)
-        self._stiffness = publisher(Float64MultiArray, '~/reference_stiffness', 10)
-        self._state = publisher(ServerState, '~/state', 10)
-        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
-        reference, pose = Reference(), PoseStamped()
-        reference.header.frame_id = pose.header.frame_id = frame
-        self._atomic = wire.Patched(reference, TARGET_SIZE, wire.fill_reference)
-        self._pose_only = wire.Patched(pose, 7, wire.fill_pose_stamped)
-        self._matrix_only = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
+        self._stream_out = ReferencePublisher(self, self.parameters.frame_id)
+        self._state = self.add_publisher(ServerState, '~/state', 10)
+        self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def _make_inputs(self) -> None:
-        def subscription(kind: Any, topic: str, callback: Any, depth: int = 1) -> None:
-            made = self.create_subscription(kind, topic, callback, reliable(depth),
-                                            qos_overriding_options=OVERRIDABLE())
-            self._entities.append((self.destroy_subscription, made))
-
         # Taken every 20th tick: waking the executor 100 times a second costs 17 % of a core.
-        self._measurements = self.create_subscription(
-            PoseStamped, self.parameters.measured_pose_topic, lambda _: None, reliable(1),
-            callback_group=PolledGroup(), qos_overriding_options=OVERRIDABLE())
-        self._entities.append((self.destroy_subscription, self._measurements))
-        subscription(PoseStamped, '~/goal_pose', self._on_goal_pose)
-        subscription(Float64MultiArray, '~/goal_stiffness', self._on_goal_stiffness)
-        subscription(ClockMessage, '/clock', self._clock_tick, 10)
-        timer = self.wall_timer(0.1, self._report)
-        self._entities.append((self.destroy_timer, timer))
+        self._measurements = self.add_subscription(PoseStamped,
+                                                   self.parameters.measured_pose_topic, None)
+        self.add_subscription(PoseStamped, '~/goal_pose', self._on_goal_pose)
+        self.add_subscription(Float64MultiArray, '~/goal_stiffness', self._on_goal_stiffness)
+        self.add_subscription(ClockMessage, '/clock', self._clock_tick, 10)
+        self.add_report(self._report)
 
     def _make_services(self) -> None:
-        def service(kind: Any, name: str, callback: Any, group: Any = None) -> None:
-            made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
-            self._entities.append((self.destroy_service, made))
+        def service(kind: Any, name: str, action: Callable[[Any], None]) -> None:
+            self.add_service(kind, name, lambda request, reply: self._answer(
+                reply, lambda: action(request)))
 
-        service(Trigger, 'start', lambda _, reply: self._answer(reply, self.begin))
-        service(Trigger, 'stop', lambda _, reply: self._answer(
-            reply, lambda: self._loaded().stop()))
-        service(SetBool, 'pause', lambda request, reply: self._answer(
-            reply, lambda: self._loaded().pause(request.data)))
-        service(SetSpeed, 'set_speed', lambda request, reply: self._answer(
-            reply, lambda: self._set_speed(request.scale)))
-        service(LoadSkill, 'load_skill', lambda request, reply: self._answer(
-            reply, lambda: self.load_skill(request.path)))
+        service(Trigger, 'start', lambda _: self.begin())
+        service(Trigger, 'stop', lambda _: self._loaded().stop())
+        service(SetBool, 'pause', lambda request: self._loaded().pause(request.data))
+        service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
+        service(LoadSkill, 'load_skill', lambda request: self.load_skill(request.path))
         # It awaits: in the group of the others it would keep them all waiting.
-        service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
+        self.add_service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
 
     def _answer(self, reply: Any, action: Any) -> Any:
         try:
@@ -334,21 +289,6 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().warning(str(problem))
         return reply
 
-    def _checked_pose(self, message: PoseStamped) -> np.ndarray:
-        frame = self.parameters.frame_id
-        if message.header.frame_id != frame:
-            raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, '
-                                f'expected {frame!r}')
-        numbers = wire.pose_numbers(message.pose)
-        if not np.isfinite(numbers).all():
-            raise ManifoldError('pose has a NaN or infinite number')
-        norm = float(np.linalg.norm(numbers[3:]))
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            raise ManifoldError(f'quaternion norm is {norm:.6g}, expected 1 within '
-                                f'{QUATERNION_TOLERANCE:g}')
-        numbers[3:] /= norm
-        return numbers
-
     def _guarded(self, topic: str, action: Any) -> None:
         try:
             action()
@@ -363,7 +303,8 @@ class TrajectoryServer(ManagedNode):
             return
 
         def use() -> None:
-            self._measured = self._checked_pose(message), time.monotonic()
+            self._measured = (wire.checked_pose(message, self.parameters.frame_id),
+                              time.monotonic())
         self._guarded('measured_pose', use)
 
     def _on_goal_pose(self, message: PoseStamped) -> None:

@@ -6,7 +6,7 @@ form takes two. Where they lie is found by serialising marked messages, not assu
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import struct
 from typing import Any
 
@@ -18,6 +18,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
+from gdmp_ros.errors import ManifoldError
+from gdmp_ros.files.bags import QUATERNION_TOLERANCE
 
 NS = 1_000_000_000
 _HEADER = 4  # bytes of CDR encapsulation; alignment counts from behind it
@@ -93,6 +95,33 @@ def fill_matrix(message: Float64MultiArray, numbers: np.ndarray) -> None:
 def fill_pose_stamped(message: PoseStamped, numbers: np.ndarray) -> None:
     """Write a pose."""
     set_pose(message.pose, numbers)
+
+
+def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
+    """
+    (x, y, z, qw, qx, qy, qz) of a pose, normalised.
+
+    :raises ManifoldError: in a wrong frame, not finite, or with a quaternion far from unit
+    """
+    if message.header.frame_id != frame:
+        raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
+    numbers = pose_numbers(message.pose)
+    if not np.isfinite(numbers).all():
+        raise ManifoldError('pose has a NaN or infinite number')
+    norm = float(np.linalg.norm(numbers[3:]))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise ManifoldError(f'quaternion norm is {norm:.6g}, expected 1 within '
+                            f'{QUATERNION_TOLERANCE:g}')
+    numbers[3:] /= norm
+    return numbers
+
+
+def check_workspace(numbers: np.ndarray, low: Sequence[float], high: Sequence[float]) -> None:
+    """:raises ManifoldError: if a goal position lies outside the box [m]"""
+    for axis, value, least, most in zip('xyz', numbers, low, high):
+        if not least <= value <= most:
+            raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
+                                f'{least:g} to {most:g} m')
 
 
 class Patched:

@@ -13,7 +13,8 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.files import lasa
-from gdmp_ros.realtime.player import Player, PlayerSettings
+from gdmp_ros.realtime.player import Player
+from gdmp_ros.realtime.tool_skill import PlayerSettings
 
 SETTINGS = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3))
 DT = 1e-3

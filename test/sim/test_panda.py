@@ -6,7 +6,8 @@ from gdmp_ros import Rollout, Skill
 from gdmp_ros.control.impedance import rotation_error
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import lasa
-from gdmp_ros.realtime.player import Player, PlayerSettings
+from gdmp_ros.realtime.player import Player
+from gdmp_ros.realtime.tool_skill import PlayerSettings
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.panda import Arm, READY
 
