@@ -46,6 +46,7 @@ class World:
         self.robot: list[RobotState] = []
         self.references: list[Reference] = []
         self._polled = []
+        self._clients = {}
         self.collect(RobotState, 'panda_sim/state', self.robot)
 
     def collect(self, kind, topic, into):
@@ -88,11 +89,16 @@ class World:
 
     def call(self, kind, name, **fields):
         """Call a service and return its reply."""
-        client = self.node.create_client(kind, name)
-        self.wait(f'service {name}', client.service_is_ready, START_UP_S)
+        if name not in self._clients:
+            client = self.node.create_client(kind, name)
+            self.wait(f'service {name}', client.service_is_ready, START_UP_S)
+            # Ready means that the client has found the server. A reply before the server has found
+            # the client's reader is lost, and nothing tells when it has.
+            self.spin(0.5)
+            self._clients[name] = client
+        client = self._clients[name]
         future = client.call_async(kind.Request(**fields))
         self.wait(f'the reply of {name}', future.done, 30.0)
-        self.node.destroy_client(client)
         return future.result()
 
     def transition(self, node, number):

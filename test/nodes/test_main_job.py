@@ -38,7 +38,7 @@ def test_a_goal_switched_in_mid_motion_is_reached_by_the_arm(world, skill):
     assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
     assert result.factors == ['position', 'orientation', 'stiffness']
     assert max(result.distance_to_goal) < 0.005
-    world.spin(0.5)
+    world.spin(1.5)
     assert np.linalg.norm(world.tool()[:3] - goal[:3]) < 0.002
     assert rotation_angles(world.tool()[None, 3:], goal[None, 3:])[0] < 0.01
     applied = np.array(world.robot[-1].stiffness).reshape(6, 6)[:3, :3]
@@ -126,7 +126,7 @@ def test_unfit_goals_are_refused_with_the_reason_and_the_motion_goes_on(world, s
         world.wait(f'a refusal: {reason}', lambda n=refused: world.refusal()[0] == n)
         assert reason in world.refusal()[1] and 'goal_stiffness' in world.refusal()[1]
     assert world.operator.result(30.0).error_code == ExecuteSkill.Result.SUCCESSFUL
-    world.spin(0.5)
+    world.spin(1.5)
     assert np.linalg.norm(world.tool()[:3] - skill.goal[:3]) < 0.002
 
 
