@@ -30,7 +30,7 @@ def save(figure: Figure, path: str | Path) -> None:
 def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:
     """Draw columns over time, told apart by colour and by line style."""
     for i, name in enumerate(names):
-        axes.plot(times, values[:, i], STYLES[i % 6], color=INK[i % 6], label=name, lw=1.3)
+        axes.plot(times, values[:, i], ls=STYLES[i % 6], color=INK[i % 6], label=name, lw=1.3)
     axes.set_xlabel('time [s]')
     axes.set_ylabel(label)
     axes.legend(loc='best', ncols=min(4, len(names)))

@@ -93,7 +93,7 @@ def _lateness(lateness: Mapping[str, np.ndarray]) -> Figure:
     for i, (name, values) in enumerate(lateness.items()):
         ordered = np.sort(np.maximum(values, 1.0))
         share = 1.0 - np.arange(len(ordered)) / len(ordered)
-        axes.plot(ordered, share, plots.STYLES[i], color=plots.INK[i], lw=1.4, label=name)
+        axes.plot(ordered, share, ls=plots.STYLES[i], color=plots.INK[i], lw=1.4, label=name)
     axes.set(xscale='log', yscale='log', xlabel='lateness of a tick [µs]',
              ylabel='share of ticks at least this late')
     axes.legend()

@@ -94,7 +94,7 @@ def test_the_action_gives_feedback_is_preempted_and_cancels_to_a_smooth_stop(wor
     world.operator.wait_status('holding', 5.0)
     speeds = np.array([[m.twist.linear.x, m.twist.linear.y, m.twist.linear.z]
                        for m in world.robot])
-    world.spin(1.0)
+    world.spin(3.0)
     assert np.linalg.norm(speeds[-1]) < 0.6
     end = world.robot[-1].twist.linear
     assert np.linalg.norm([end.x, end.y, end.z]) < 1e-3
