@@ -16,6 +16,7 @@ from gdmp_ros.control.impedance import (
 from gdmp_ros.manifolds import UnitQuaternion
 
 _S3 = UnitQuaternion()
+#: A message's quaternion may deviate this much from unit norm; it is then normalised.
 QUATERNION_TOLERANCE = 1e-3
 
 

@@ -20,6 +20,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from gdmp_ros.control.reference import QUATERNION_TOLERANCE
 from gdmp_ros.errors import DataError
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -28,8 +29,6 @@ REFERENCE = 'gdmp_msgs/msg/Reference'
 JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-#: A message's quaternion may deviate this much from unit norm; it is then normalised.
-QUATERNION_TOLERANCE = 1e-3
 NS = 1_000_000_000
 
 

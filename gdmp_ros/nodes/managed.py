@@ -129,7 +129,10 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._attempt('activate', self.activate)
+        result = self._attempt('activate', self.activate)
+        if result != TransitionCallbackReturn.SUCCESS:
+            self._attempt('deactivate', self.deactivate)
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._attempt('deactivate', self.deactivate)

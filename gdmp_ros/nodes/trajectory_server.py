@@ -47,6 +47,8 @@ class TrajectoryServer(ManagedNode):
         self.player: Player | None = None
         self._thread: RealtimeThread | None = None
         self._measured: tuple[np.ndarray, float] | None = None
+        self._action: ExecuteAction | None = None
+        self._learning = LearningProcess(self)
         self._skill_name = ''
         self._last_tick = 0
         self._polled = 0
@@ -63,7 +65,6 @@ class TrajectoryServer(ManagedNode):
         self._make_inputs()
         self._make_services()
         self._action = ExecuteAction(self)
-        self._learning = LearningProcess(self)
         self.parameters.locked = True
 
     def activate(self) -> None:
@@ -91,15 +92,17 @@ class TrajectoryServer(ManagedNode):
         if self._thread is not None:
             self._thread.join()
             self._thread = None
-        self._action.deactivated()
+        if self._action is not None:
+            self._action.deactivated()
         if self.parameters.lateness_file:
             self._lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
         self.release()
-        if hasattr(self, '_action'):
+        if self._action is not None:
             self._action.destroy()
             self._learning.cancel()
+            self._action = None
         self.player = None
         self._measured = None
         self.parameters.locked = False
@@ -355,7 +358,8 @@ class TrajectoryServer(ManagedNode):
         figures = self._lateness.punctuality(1000)
         message = self.state(figures)
         self._state.publish(message)
-        self._action.watch(message)
+        if self._action is not None:
+            self._action.watch(message)
         level, text = DiagnosticStatus.OK, message.status
         thread = self._thread
         if thread is not None and thread.failure is not None:

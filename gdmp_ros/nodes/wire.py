@@ -18,8 +18,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
+from gdmp_ros.control.reference import QUATERNION_TOLERANCE
 from gdmp_ros.errors import ManifoldError
-from gdmp_ros.files.bags import QUATERNION_TOLERANCE
 
 NS = 1_000_000_000
 _HEADER = 4  # bytes of CDR encapsulation; alignment counts from behind it

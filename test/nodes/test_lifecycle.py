@@ -63,6 +63,19 @@ def test_a_failed_configuration_says_why_and_leaves_the_node_unconfigured(world,
         assert word in world.log(node)
 
 
+def test_a_failed_activation_leaves_nothing_running(world):
+    world.listen()
+    world.start_server(autostart=False, execute_on_activate=True)
+    assert world.transition(SERVER, Transition.TRANSITION_CONFIGURE)
+    assert not world.transition(SERVER, Transition.TRANSITION_ACTIVATE)
+    assert world.lifecycle_state(SERVER) == 'inactive'
+    assert 'no measured pose has arrived' in world.log(SERVER)
+    reply = world.call(Trigger, f'{SERVER}/start')
+    assert not reply.success and world.references == []
+    assert world.transition(SERVER, Transition.TRANSITION_CLEANUP)
+    assert world.children.stop(SERVER) == 0
+
+
 def test_starting_without_a_measured_pose_is_refused_with_the_topic(world):
     world.start_server()
     reply = world.call(Trigger, f'{SERVER}/start')
