@@ -15,7 +15,9 @@ import tempfile
 from typing import Any, cast, TypeVar
 
 import numba
-from numba.core import config
+from numba.core import cgutils, config, types
+from numba.extending import intrinsic, overload
+from numba.np import arrayobj
 
 Function = TypeVar('Function', bound=Callable[..., object])
 
@@ -55,16 +57,26 @@ def cache_folder() -> Path:
 _CACHE = str(cache_folder())
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Function, **options: bool) -> Function:
     """Compile ``function`` on first call, without the GIL, and keep the machine code on disk."""
     settings = vars(config)
     previous = settings['CACHE_DIR']
     settings['CACHE_DIR'] = _CACHE
     try:
-        kernel: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+        kernel: Any = numba.njit(cache=True, nogil=True, error_model='numpy', **options)(function)
     finally:
         settings['CACHE_DIR'] = previous
     return cast(Function, kernel)
+
+
+def merged(function: Function) -> Function:
+    """
+    Compile ``function`` as `compiled` does, and merge its machine code into that of its callers.
+
+    For functions that choose between short tasks: where the choice is known when the caller is
+    compiled only the one task is left, and the call, 20 ns with its arrays, is saved.
+    """
+    return compiled(function, forceinline=True)
 
 
 def inlined(function: Function) -> Function:
@@ -76,3 +88,60 @@ def inlined(function: Function) -> Function:
     """
     part: Any = numba.njit(inline='always', error_model='numpy')(function)
     return cast(Function, part)
+
+
+def matrix_of(array, at, rows, columns):  # type: ignore[no-untyped-def]
+    """
+    View ``rows × columns`` numbers of a flat array from ``at`` on as a matrix.
+
+    In kernels the view has no checks and no reference count (`borrowed`).
+    """
+    return array[at:at + rows * columns].reshape(rows, columns)
+
+
+def borrowed(array):  # type: ignore[no-untyped-def]
+    """
+    Give the same array without its reference count, for kernels that cut it into many pieces.
+
+    Counting costs two locked instructions for every piece, more than a 3×3 product. The caller of
+    the kernel holds the array for as long as the kernel runs.
+    """
+    return array
+
+
+@intrinsic
+def _matrix_of(typing_context, array, at, rows, columns):  # type: ignore[no-untyped-def]
+    made_type = types.Array(array.dtype, 2, 'C')
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        flat = context.make_array(array)(context, builder, arguments[0])
+        made = context.make_array(made_type)(context, builder)
+        _, at, rows, columns = arguments
+        arrayobj.populate_array(
+            made, data=builder.gep(flat.data, [at]), shape=[rows, columns],
+            strides=[builder.mul(columns, flat.itemsize), flat.itemsize],
+            itemsize=flat.itemsize, meminfo=None)
+        return made._getvalue()
+
+    return made_type(array, types.intp, types.intp, types.intp), build
+
+
+@intrinsic
+def _borrowed(typing_context, array):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        made = context.make_array(array)(context, builder, arguments[0])
+        made.meminfo = cgutils.get_null_value(made.meminfo.type)
+        made.parent = cgutils.get_null_value(made.parent.type)
+        return made._getvalue()
+
+    return array(array), build
+
+
+@overload(matrix_of, inline='always')
+def _overload_matrix_of(array, at, rows, columns):  # type: ignore[no-untyped-def]
+    return lambda array, at, rows, columns: _matrix_of(array, at, rows, columns)
+
+
+@overload(borrowed, inline='always')
+def _overload_borrowed(array):  # type: ignore[no-untyped-def]
+    return lambda array: _borrowed(array)

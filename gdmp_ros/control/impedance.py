@@ -16,9 +16,9 @@ from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
     multiply,
-    symmetric_eigen,
     transposed_multiply,
 )
+from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 
 @dataclass(frozen=True)
@@ -61,21 +61,21 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved):
     ``A = J M⁻¹ Jᵀ + ε² I`` (6×6), and ``M⁻¹ Jᵀ`` into ``solved`` (n×6).
     """
     n = inertia.shape[0]
-    lower, inverse = np.empty((n, n)), np.empty((n, n))
-    cholesky(inertia, lower)
-    invert_lower(lower, inverse)
+    lower, inverse = np.empty(n * n), np.empty(n * n)
+    cholesky(n, inertia.reshape(n * n), lower)
+    invert_lower(n, lower, inverse)
     half = np.empty((n, 6))
     for i in range(n):
         for j in range(6):
             total = 0.0
             for k in range(i + 1):
-                total += inverse[i, k] * jacobian[j, k]
+                total += inverse[i * n + k] * jacobian[j, k]
             half[i, j] = total
     for i in range(n):
         for j in range(6):
             total = 0.0
             for k in range(i, n):
-                total += inverse[k, i] * half[k, j]
+                total += inverse[k * n + i] * half[k, j]
             solved[i, j] = total
     result = np.empty((6, 6))
     for i in range(6):
@@ -101,21 +101,22 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
     :returns: D and Λ, shape (m, m) each
     """
     m = stiffness.shape[0]
-    lower, inverse, work, turned = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
-                                    np.empty((m, m)))
-    cholesky(inertia_inverse, lower)
-    invert_lower(lower, inverse)
-    multiply(stiffness, lower, work)
-    transposed_multiply(lower, work, turned)
-    values, vectors = np.empty(m), np.empty((m, m))
-    symmetric_eigen(turned, values, vectors)
-    transposed_multiply(inverse, vectors, work)
+    lower, inverse, work, turned = (np.empty(m * m), np.empty(m * m), np.empty(m * m),
+                                    np.empty(m * m))
+    cholesky(m, inertia_inverse.reshape(m * m), lower)
+    invert_lower(m, lower, inverse)
+    multiply(m, stiffness.reshape(m * m), lower, work)
+    transposed_multiply(m, lower, work, turned)
+    values, vectors = np.empty(m), np.empty(m * m)
+    symmetric_eigen(m, turned, values, vectors, work)
+    # Rows of V L⁻¹ are the columns of Q.
+    multiply(m, vectors, inverse, work)
     damping, inertia = np.empty((m, m)), np.empty((m, m))
     for i in range(m):
         for j in range(i + 1):
             d, inert = 0.0, 0.0
             for k in range(m):
-                weight = work[i, k] * work[j, k]
+                weight = work[k * m + i] * work[k * m + j]
                 d += weight * math.sqrt(max(values[k], 0.0))
                 inert += weight
             damping[i, j] = 2.0 * damping_ratio * d

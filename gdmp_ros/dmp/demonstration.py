@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.development import Development, distances
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds import Manifold
 
@@ -14,6 +14,8 @@ from gdmp_ros.manifolds import Manifold
 UNIFORM = 1e-4
 #: Fewest samples a second derivative can be taken from.
 LEAST_SAMPLES = 3
+#: Demonstrations with fewer samples are interpolated to so many before they are learned from.
+LEAST_RESAMPLED = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +89,37 @@ class Demonstration:
 
         :param times: within the first and last stamp [s]
         """
-        development = Development(self.manifold, self.flat_points,
-                                  self.manifold.frame(self.points[0]))
         wanted = np.clip(times, self.times[0], self.times[-1])
-        flat = development.interpolate(self.times, wanted)
+        flat = self._development().interpolate(self.times, wanted)
         return flat.reshape(len(wanted), *self.manifold.point_shape)
 
     def uniform(self) -> Demonstration:
-        """Give the same curve with as many equally spaced stamps; itself if they are."""
-        if self.is_uniform:
+        """
+        Give the same curve with equally spaced stamps; itself if they are, and are many enough.
+
+        A gap in the stamps is bridged by the spline of `at`.
+        """
+        if self.is_uniform and len(self.times) >= LEAST_RESAMPLED:
             return self
-        times = np.linspace(self.times[0], self.times[-1], len(self.times))
+        times = np.linspace(self.times[0], self.times[-1], max(len(self.times), LEAST_RESAMPLED))
         return Demonstration(times, self.at(times), self.manifold)
+
+    def smoothed(self, cutoff: float) -> Demonstration:
+        """
+        Give the motion without what is faster than ``cutoff`` [Hz].
+
+        A cubic smoothing spline on the manifold (`gdmp_ros.dmp.development.Development.smooth`):
+        half the amplitude is left at the cut-off, 94 % at half of it, 6 % at twice, without delay,
+        at the same stamps. Start and end move too where they are noisy.
+
+        :raises DataError: with fewer than 5 samples
+        """
+        if not 0.0 < cutoff < np.inf:
+            raise DataError(f'cutoff is {cutoff!r} Hz, expected a number > 0')
+        if len(self.times) < 5:
+            raise DataError(f'smoothing needs at least 5 samples, got {len(self.times)}')
+        flat = self._development().smooth(self.times, cutoff)
+        return Demonstration(self.times, flat.reshape(self.points.shape), self.manifold)
 
     def aligned(self, reference: np.ndarray) -> Demonstration:
         """Give the same motion, beginning in the representative nearest ``reference``."""
@@ -110,4 +131,9 @@ class Demonstration:
 
     def span(self) -> float:
         """Largest geodesic distance from the first point."""
-        return max(self.manifold.distance(self.points[0], point) for point in self.points)
+        first = np.broadcast_to(self.flat_points[0], self.flat_points.shape)
+        away = distances(self.manifold, first, self.flat_points)
+        return float(np.linalg.norm(away, axis=1).max())
+
+    def _development(self) -> Development:
+        return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 
@@ -26,16 +27,29 @@ def reproduction_error(skill: Skill, demonstrations: Demonstration | Sequence[De
 
 
 def _error(skill: Skill, demonstration: Demonstration, dt: float) -> float:
-    manifold, whole = skill.manifold, demonstration.duration
+    whole = demonstration.duration
     times = np.append(np.arange(0.0, whole - 1e-9, dt), whole)
+    away = deviation(skill, demonstration, times)
+    return float(np.linalg.norm(away, axis=1).mean()) / demonstration.span()
+
+
+def deviation(skill: Skill, demonstration: Demonstration, times: np.ndarray) -> np.ndarray:
+    """
+    Geodesic distance in each factor between a demonstration and its reproduction.
+
+    :param times: since the start [s]
+    :returns: shape ``(len(times), factors)``
+    """
+    manifold = skill.manifold
     # The skill's own start and goal need not be carried anywhere.
     own = np.array_equal(demonstration.points[0], skill.start)
     start, goal = (None, None) if own else (demonstration.points[0], demonstration.points[-1])
-    path = Rollout(skill, start=start, goal=goal, duration=whole).sample(times)
+    path = Rollout(skill, start=start, goal=goal, duration=demonstration.duration).sample(times)
     shown = demonstration.at(demonstration.times[0] + times)
-    # The roll-out may be in the other representative of the same motion.
-    shown[0] = manifold.align(shown[0], path.points[0])
-    for i in range(1, len(shown)):
-        shown[i] = manifold.align(shown[i], shown[i - 1])
-    distances = [manifold.distance(a, b) for a, b in zip(path.points, shown)]
-    return float(np.mean(distances)) / demonstration.span()
+    # The roll-out may be in the other representative of the same motion, from the start on.
+    other = manifold.align(shown[0], path.points[0])
+    if not np.array_equal(other, shown[0]):
+        shown[0] = other
+        for i in range(1, len(shown)):
+            shown[i] = manifold.align(shown[i], shown[i - 1])
+    return distances(manifold, path.points.reshape(len(times), -1), shown.reshape(len(times), -1))

@@ -87,8 +87,23 @@ def design_matrix(functions, alpha_x, s, out):
             out[row, i] *= x / total
 
 
-def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray,
-            target: np.ndarray) -> np.ndarray:
+def scaled_design(functions: np.ndarray, alpha_x: float,
+                  s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Design matrix with columns of unit length, and the lengths they had.
+
+    (The phase spans two decades, and so would the pivots of the normal equations.)
+    """
+    matrix = np.empty((s.size, functions.shape[1]))
+    design_matrix(functions, alpha_x, s, matrix)
+    lengths = np.sqrt(np.einsum('ij,ij->j', matrix, matrix))
+    lengths[lengths == 0.0] = 1.0
+    matrix /= lengths
+    return matrix, lengths
+
+
+def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray, target: np.ndarray,
+            ridge: float = 0.0) -> np.ndarray:
     """
     Least-squares weights of all outputs at once, shape ``(functions, outputs)``.
 
@@ -97,18 +112,18 @@ def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray,
 
     :param s: sample times in durations, shape ``(samples,)``
     :param target: forcing to reproduce, shape ``(samples, outputs)``
+    :param ridge: added to the diagonal of the normal equations, which is 1
     """
-    matrix = np.empty((s.size, functions.shape[1]))
-    design_matrix(functions, alpha_x, s, matrix)
-    # A sequence of unit columns: the phase spans two decades, and so would the pivots.
-    lengths = np.linalg.norm(matrix, axis=0)
-    scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)
+    matrix, lengths = scaled_design(functions, alpha_x, s)
+    normal = matrix.T @ matrix
+    normal[np.diag_indices_from(normal)] += ridge
     try:
-        factor = cho_factor(scaled.T @ scaled, check_finite=False)
+        factor = cho_factor(normal, check_finite=False)
         pivots = np.diag(factor[0])
         if pivots.min() > 1e-5 * pivots.max():
-            solved = cho_solve(factor, scaled.T @ target, check_finite=False)
+            solved = cho_solve(factor, matrix.T @ target, check_finite=False)
             return np.ascontiguousarray(solved / lengths[:, None])
     except LinAlgError:
         pass
-    return np.ascontiguousarray(lstsq(matrix, target, check_finite=False)[0])
+    solved = lstsq(matrix, target, check_finite=False)[0]
+    return np.ascontiguousarray(solved / lengths[:, None])

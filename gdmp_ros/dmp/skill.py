@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 import math
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -10,9 +10,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import Development, differentiate, published_derivatives
-from gdmp_ros.dmp.forcing import basis, regress
-from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.dmp.segments import Segments
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds import operations as ops
 
@@ -79,6 +78,7 @@ class Skill:
     :ivar velocity: ``τ ẏ(0)`` in the frame, shape ``(tangent_size,)``
     :ivar weights: shape ``(n_basis, tangent_size)``
     :ivar steps: grid steps per duration
+    :ivar segments: where the motion is cut at the cut locus, if it is
     :ivar provenance: where it came from, for people
     """
 
@@ -92,6 +92,7 @@ class Skill:
     velocity: np.ndarray
     weights: np.ndarray
     steps: int
+    segments: Segments = field(default_factory=Segments)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -107,36 +108,48 @@ class Skill:
         return len(self.weights)
 
     @classmethod
-    def learn(cls, demonstrations: Demonstration | Sequence[Demonstration], n_basis: int = 60,
-              alpha_z: float = 60.0, alpha_x: float = 4.6052, connection: str = 'parallel', *,
-              alpha_g: float = 8.0, provenance: Mapping[str, Any] | None = None) -> Skill:
+    def learn(cls, demonstrations: Demonstration | Sequence[Demonstration],
+              n_basis: int | str = 60, alpha_z: float = 60.0, alpha_x: float = 4.6052,
+              connection: str = 'parallel', *, alpha_g: float = 8.0, tolerance: float = 1e-4,
+              smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
+              provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
 
-        :param n_basis: number of basis functions, at least 2
+        Stamps may be irregular and have gaps. Where a demonstration meets the cut locus of its
+        goal, the motion is cut into segments by itself (`gdmp_ros.dmp.segments`).
+
+        :param n_basis: number of basis functions, at least 2; ``'auto'`` for the smallest that
+            meets ``tolerance``
         :param connection: ``parallel`` or ``published``
+        :param tolerance: for ``'auto'``: mean geodesic error / span of the reproduction; with
+            several demonstrations, between it and that of very many basis functions
+        :param smoothing: cut-off [Hz] of `Demonstration.smoothed`; None leaves noise alone
+        :param regularization: ridge added to the normal equations, as a share of their diagonal:
+            1e-3 to 1e-1 for noisy or few samples
+        :param split: False refuses a demonstration through the cut locus instead
         :raises DataError: without demonstrations, or if their manifolds differ
-        :raises CutLocusError: if a demonstration meets the cut locus of its goal
+        :raises CutLocusError: if samples are so coarse that neighbours are opposite each other
 
         Source: [GDMP] eqs. (20), (21).
         """
-        check_connection(connection)
-        gains = Gains(alpha_z, alpha_x, alpha_g)
-        shown = _prepared(demonstrations)
-        manifold = shown[0].manifold
-        functions = basis(n_basis, gains.alpha_x)
-        start = _mean(manifold, [d.points[0] for d in shown])
-        goal = _mean(manifold, [d.points[-1] for d in shown])
-        frame = manifold.frame(start)
-        parts = [_invert(d, frame, gains, connection) for d in shown]
-        weights = regress(functions, gains.alpha_x, np.concatenate([p.s for p in parts]),
-                          np.vstack([p.forcing for p in parts]))
-        duration = float(np.mean([d.duration for d in shown]))
-        return cls(manifold=manifold, connection=connection, gains=gains, start=start, goal=goal,
-                   frame=frame, duration=duration,
-                   velocity=np.mean([p.velocity for p in parts], axis=0), weights=weights,
-                   steps=max(LEAST_STEPS, math.ceil(duration / 1e-3 - 1e-6)),
-                   provenance=dict(provenance or {}))
+        from gdmp_ros.dmp.learning import learn, Settings
+        settings = Settings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
+                            regularization, split)
+        skill = learn(demonstrations, n_basis, settings, tolerance)
+        return replace(skill, provenance=dict(provenance or {}))
+
+    def through(self, points: Sequence[tuple[float, np.ndarray]],
+                factors: Sequence[str] | None = None) -> Skill:
+        """
+        Give the skill that also passes through points on the way.
+
+        :param points: progress s (0 to 1; s = 0.5 is half of the duration) and point of each
+        :param factors: names of the factors that have to pass; all by default
+        :raises ParameterError: see `gdmp_ros.dmp.via.through`
+        """
+        from gdmp_ros.dmp.via import through
+        return through(self, points, factors)
 
     def rollout(self, **options: Any) -> Rollout:
         """Begin a motion: `gdmp_ros.dmp.Rollout` with this skill."""
@@ -172,14 +185,6 @@ class Skill:
         return read(Path(path))
 
 
-class _Inverted(NamedTuple):
-    """A demonstration turned into regression targets."""
-
-    s: np.ndarray
-    forcing: np.ndarray
-    velocity: np.ndarray
-
-
 def check_connection(connection: str) -> None:
     """Refuse an unknown connection by naming the known ones."""
     if connection not in CONNECTIONS:
@@ -187,14 +192,18 @@ def check_connection(connection: str) -> None:
                              f'{", ".join(CONNECTIONS)}')
 
 
-def carry_frame(manifold: Manifold, frame: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Frame carried parallel along the geodesic to ``point``."""
+def carry_frame(manifold: Manifold, frame: np.ndarray,
+                point: np.ndarray) -> tuple[np.ndarray, bool]:
+    """
+    Carry a frame parallel along the geodesic to ``point``; and whether it is opposite.
+
+    To an opposite point there is no one shortest geodesic; one of them is taken.
+    """
     step, none = np.empty(manifold.tangent_size), np.empty(0)
     carried = frame.copy()
     gap = manifold._apply(ops.FRAME_LOG, carried, manifold._flat(point), step)
-    manifold._check_gap(gap)
     manifold._apply(ops.MOVE, carried, step, none)
-    return carried
+    return carried, gap < ops.CUT_LOCUS_LIMIT
 
 
 def in_frame(manifold: Manifold, frame: np.ndarray, tangent: np.ndarray) -> np.ndarray:
@@ -202,42 +211,3 @@ def in_frame(manifold: Manifold, frame: np.ndarray, tangent: np.ndarray) -> np.n
     out = np.empty(manifold.tangent_size)
     manifold._apply(ops.COORDS, frame, manifold._vector(tangent), out)
     return out
-
-
-def _prepared(demonstrations: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
-    shown = ([demonstrations] if isinstance(demonstrations, Demonstration)
-             else list(demonstrations))
-    if not shown:
-        raise DataError('learning needs at least one demonstration, got none')
-    for number, demonstration in enumerate(shown):
-        if demonstration.manifold != shown[0].manifold:
-            raise DataError(f'demonstration {number} is on {demonstration.manifold!r}, '
-                            f'the first on {shown[0].manifold!r}')
-    return [d.uniform().aligned(shown[0].points[0]) for d in shown]
-
-
-def _mean(manifold: Manifold, points: list[np.ndarray]) -> np.ndarray:
-    aligned = [manifold.align(p, points[0]) for p in points]
-    return aligned[0] if len(aligned) == 1 else manifold.mean(aligned)
-
-
-def _invert(demonstration: Demonstration, frame: np.ndarray, gains: Gains,
-            connection: str) -> _Inverted:
-    """Solve [GDMP] eq. (17) for the forcing term along a uniform demonstration."""
-    manifold, points = demonstration.manifold, demonstration.flat_points
-    duration = demonstration.duration
-    dt = duration / (len(points) - 1)
-    carried = carry_frame(manifold, frame, demonstration.points[0])
-    if connection == 'parallel':
-        development = Development(manifold, points, carried, goal=demonstration.points[-1])
-        velocity, acceleration = differentiate(development.steps, dt)
-        to_goal, start_velocity = development.to_goal, velocity[0]
-    else:
-        velocity, acceleration, to_goal = published_derivatives(
-            manifold, points, demonstration.points[-1], dt)
-        start_velocity = in_frame(manifold, carried, velocity[0])
-    s = np.linspace(0.0, 1.0, len(points))
-    x = np.exp(-gains.alpha_x * s)
-    forcing = ((duration ** 2 * acceleration + gains.alpha_z * duration * velocity)
-               / (gains.alpha_z * gains.beta_z) - to_goal + to_goal[0] * x[:, None])
-    return _Inverted(s, forcing, duration * start_velocity)

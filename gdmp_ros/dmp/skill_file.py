@@ -11,12 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.skill import Gains, Skill
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
 
 FORMAT = 'gdmp skill'
-VERSION = 1
+#: Version 2 has segments; files of version 1 are read as well.
+VERSION = 2
+READABLE = (1, 2)
 _UNITS = {'duration': 's', 'euclidean': 'm', 'sphere': 'rad', 'rotation': 'rad',
           'quaternion': 'wxyz, tangents half-angle rad', 'spd': 'of the matrix (N/m, Nm/rad)',
           'velocity': 'per duration, in the frame at the start'}
@@ -30,6 +33,9 @@ def write(skill: Skill, path: Path) -> None:
         'steps': skill.steps, 'start': skill.start.reshape(-1).tolist(),
         'goal': skill.goal.reshape(-1).tolist(), 'frame': skill.frame.tolist(),
         'velocity': skill.velocity.tolist(), 'weights': skill.weights.tolist(),
+        'segments': {'ends': skill.segments.ends.tolist(),
+                     'split': list(skill.segments.split),
+                     'waypoints': skill.segments.waypoints.tolist()},
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         text = json.dumps(document, indent=1, allow_nan=False)
@@ -63,9 +69,9 @@ def read(path: Path) -> Skill:
 def _parse(document: Any) -> Skill:
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
-    if document.get('version') != VERSION:
+    if document.get('version') not in READABLE:
         raise DataError(f'format version is {document.get("version")!r}, this release reads '
-                        f'{VERSION}')
+                        f'{" and ".join(map(str, READABLE))}')
     manifold = from_spec(document.get('manifold'))
     gains = document.get('gains')
     if not isinstance(gains, dict) or set(gains) != {'alpha_z', 'alpha_x', 'alpha_g'}:
@@ -87,7 +93,8 @@ def _parse(document: Any) -> Skill:
                  goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
                  duration=float(duration),
                  velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
-                 weights=weights, steps=steps, provenance=provenance)
+                 weights=weights, steps=steps, segments=_segments(document, manifold),
+                 provenance=provenance)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -110,6 +117,25 @@ def _point(document: dict[str, Any], name: str, manifold: Manifold) -> np.ndarra
         return manifold.check_point(flat.reshape(manifold.point_shape))
     except GdmpError as error:
         raise DataError(f'{name}: {error}') from None
+
+
+def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:
+    given = document.get('segments')
+    if given is None or (isinstance(given, dict) and given.get('ends') == []):
+        return Segments()
+    if not isinstance(given, dict):
+        raise DataError(f'segments: expected an object, got {given!r}')
+    ends = _numbers(given, 'ends', (None,))
+    waypoints = _numbers(given, 'waypoints', (len(ends), manifold.point_size))
+    split = given.get('split')
+    if not (np.diff(ends, prepend=0.0, append=1.0) > 0.0).all():
+        raise DataError(f'segments: ends must increase between 0 and 1, got {ends.tolist()}')
+    if (not isinstance(split, list) or len(split) != len(manifold.factors)
+            or not all(isinstance(one, bool) for one in split)):
+        raise DataError(f'segments: split needs {len(manifold.factors)} booleans, got {split!r}')
+    for row in waypoints:
+        manifold.check_point(row.reshape(manifold.point_shape))
+    return Segments(ends, waypoints, tuple(split))
 
 
 def _frame(document: dict[str, Any], manifold: Manifold) -> np.ndarray:

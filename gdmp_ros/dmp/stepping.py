@@ -8,38 +8,88 @@ the velocity is interpolated in the frame at mid-step (``parallel``: linearly, w
 half drifts exactly; ``published``: by a cubic Hermite in the frame of the earlier node). The path
 is then the same for any sequence of `advance` and has a continuous velocity.
 
-Rows and entries of the roll-out's arrays are named here, once.
+All that a roll-out knows and changes lies in one flat array, cut by `gdmp_ros.dmp.memory`.
 """
 from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled, inlined
+import numpy as np
+
+from gdmp_ros.compilation import borrowed, compiled, inlined
 from gdmp_ros.dmp.forcing import forcing
+from gdmp_ros.dmp.memory import (
+    ACCELERATION_BOUND,
+    ALPHA_G,
+    ALPHA_X,
+    CURVE,
+    CUT_LOCUS,
+    DECAY,
+    DIRECTION,
+    DURATION,
+    END_AT,
+    FINISHED,
+    FIRST,
+    FORCE,
+    GOAL,
+    GOAL_FROM,
+    GOAL_NEW,
+    GOAL_RATE,
+    HELD,
+    INTERVAL,
+    MID,
+    MOVING,
+    NODE,
+    NOT_SETTLED,
+    OBSTACLE_GAIN,
+    OBSTACLE_RANGE,
+    OBSTACLES,
+    OFFSET,
+    OUT_SIZE,
+    PARALLEL,
+    PREVIOUS,
+    PULL,
+    PUSH,
+    PUSH_END,
+    RAMP,
+    RATE,
+    S,
+    SETTLE_BY,
+    SLOWDOWN,
+    SPARE,
+    SPEED,
+    SPEED_GOAL,
+    SPEED_RATE,
+    SPEED_SLOPE,
+    START,
+    START_TO_GOAL,
+    STEERED,
+    STEPS,
+    STIFFNESS,
+    SWITCHED,
+    TARGET,
+    TIME,
+    TO_GOAL,
+    views,
+    WORK,
+    Z,
+    Z_PREVIOUS,
+)
+from gdmp_ros.dmp.segments import target_at
+from gdmp_ros.dmp.steering import steer
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.registry import apply_factor, apply_factors
-
-# Rows of `frames` and of `points`: START, the interval's nodes PREVIOUS and NODE, its middle MID.
-START, PREVIOUS, MID, NODE, WORK = range(5)
-FRAME_ROWS = 5
-# Further rows of `points`.
-GOAL, GOAL_FROM, GOAL_NEW = 5, 6, 7
-POINT_ROWS = 8
-# Rows of `vectors`: Z at PREVIOUS and at NODE, logarithms, the goal's direction, F, scratch.
-Z_PREVIOUS, Z, TO_GOAL, START_TO_GOAL, DIRECTION, FORCE, OFFSET, RATE, CURVE, SPARE = range(10)
-VECTOR_ROWS = 10
-# Entries of `numbers`.
-(S, INTERVAL, SPEED, SPEED_GOAL, SPEED_RATE, DURATION, STEPS, ALPHA_X, ALPHA_G, SWITCHED, MOVING,
- HELD, CUT_LOCUS, FINISHED, NOT_SETTLED, TIME, PARALLEL, SPEED_SLOPE) = range(18)
-NUMBERS = 18
-# Rows of `gains`: e^(-alpha_z h) and (1 - e^(-alpha_z h)) beta_z for every coordinate.
-DECAY, PULL = range(2)
+from gdmp_ros.manifolds.registry import FRAME as FRAME_COLUMN
+from gdmp_ros.manifolds.registry import POINT as POINT_COLUMN
+from gdmp_ros.manifolds.registry import VECTOR as VECTOR_COLUMN
 
 _MEND_EVERY = 32
-#: e^-40 of the way is left: less than rounding.
-_ARRIVED = 40.0
 #: Forcing ends within this part of a duration after the nominal end.
 _FADE = 0.05
+#: Time constant with which the tempo follows its ramp, so that it has no kink [s].
+TEMPO_LAG = 0.02
+#: The tempo has arrived when this near: with the lag a step of 0.05 % of nominal speed per second.
+_TEMPO_ARRIVED = 1e-5
 
 
 @compiled
@@ -49,75 +99,93 @@ def _copy(source, out):
 
 
 @inlined
-def _move_goal(table, numbers, points, vectors, s):
-    """Goal at ``s`` after a switch, in closed form, [GDMP] eq. (28)."""
-    elapsed = numbers[ALPHA_G] * (s - numbers[SWITCHED])
-    fraction = -math.expm1(-elapsed)
+def goal_fraction(alpha_g, rate, elapsed):
+    """
+    How far a goal has moved ``elapsed`` after its switch: ``1 - e^(-α_g e)``, [GDMP] eq. (28).
+
+    Where that would be faster than ``rate`` it moves at ``rate`` until it is not: the same closed
+    form from there on.
+    """
+    if alpha_g <= rate:
+        return -math.expm1(-alpha_g * elapsed)
+    slow = (1.0 - rate / alpha_g) / rate
+    if elapsed <= slow:
+        return rate * elapsed
+    return 1.0 - rate / alpha_g * math.exp(-alpha_g * (elapsed - slow))
+
+
+@inlined
+def _move_goal(table, numbers, points, vectors, s, work):
+    """Goal at ``s`` after a switch, in closed form."""
+    fraction = goal_fraction(numbers[ALPHA_G], numbers[GOAL_RATE], s - numbers[SWITCHED])
     for i in range(vectors.shape[1]):
         vectors[SPARE, i] = fraction * vectors[DIRECTION, i]
-    apply_factors(table, ops.EXP, points[GOAL_FROM], vectors[SPARE], points[GOAL])
-    if elapsed > _ARRIVED:
+    apply_factors(table, ops.EXP, points[GOAL_FROM], vectors[SPARE], points[GOAL], work)
+    if fraction == 1.0:
         numbers[MOVING] = 0.0
 
 
 @inlined
-def _start_to_goal(table, numbers, frames, points, vectors):
+def _start_to_goal(table, numbers, frames, points, vectors, goal, work):
     """Refresh ``Log_{Y0}(G)``, in the start's frame (parallel) or representation (published)."""
     if numbers[PARALLEL] > 0.0:
-        gap = apply_factors(table, ops.FRAME_LOG, frames[START], points[GOAL],
-                            vectors[START_TO_GOAL])
+        gap = apply_factors(table, ops.FRAME_LOG, frames[START], goal, vectors[START_TO_GOAL],
+                            work)
     else:
-        gap = apply_factors(table, ops.LOG, points[START], points[GOAL], vectors[START_TO_GOAL])
+        gap = apply_factors(table, ops.LOG, points[START], goal, vectors[START_TO_GOAL], work)
     if gap < ops.CUT_LOCUS_LIMIT:
         numbers[CUT_LOCUS] = 1.0
 
 
 @inlined
-def _drift_to_mid(table, numbers, frames, points, vectors, half):
-    """Half a drift from NODE to MID; where the goal is, seen from there."""
+def _drift_to_mid(table, numbers, frames, points, vectors, target, half, work):
+    """Half a drift from NODE to MID; where the target is, seen from there."""
     offset = vectors[OFFSET]
     for i in range(offset.size):
         offset[i] = half * vectors[Z, i]
     _copy(vectors[TO_GOAL], vectors[SPARE])
     if numbers[PARALLEL] > 0.0:
         _copy(frames[NODE], frames[MID])
-        apply_factors(table, ops.MOVE, frames[MID], offset, vectors[SPARE])
-        op, seen_from = ops.FRAME_LOG, frames[MID]
+        apply_factors(table, ops.MOVE, frames[MID], offset, vectors[RATE], work)
     else:
-        apply_factors(table, ops.TANGENT, points[NODE], offset, vectors[RATE])
-        apply_factors(table, ops.EXP, points[NODE], vectors[RATE], points[MID])
-        op, seen_from = ops.LOG, points[MID]
-    gap = apply_factors(table, op, seen_from, points[GOAL], vectors[TO_GOAL])
-    if gap < ops.CUT_LOCUS_LIMIT:
-        # Undefined there: go on along the last direction.
-        numbers[CUT_LOCUS] = 1.0
-        for factor in range(table.shape[0]):
-            part = apply_factor(table, factor, op, seen_from, points[GOAL], vectors[RATE])
-            if part < ops.CUT_LOCUS_LIMIT:
-                for i in range(table[factor, 4], table[factor, 5]):
-                    vectors[TO_GOAL, i] = vectors[SPARE, i]
+        apply_factors(table, ops.TANGENT, points[NODE], offset, vectors[RATE], work)
+        apply_factors(table, ops.EXP, points[NODE], vectors[RATE], points[MID], work)
+    for factor in range(table.shape[0]):
+        if numbers[PARALLEL] > 0.0:
+            gap = apply_factor(table, factor, ops.FRAME_LOG, frames[MID], target,
+                               vectors[TO_GOAL], work)
+        else:
+            gap = apply_factor(table, factor, ops.LOG, points[MID], target, vectors[TO_GOAL],
+                               work)
+        if gap < ops.CUT_LOCUS_LIMIT:
+            # Undefined there: go on along the last direction.
+            numbers[CUT_LOCUS] = 1.0
+            for i in range(table[factor, VECTOR_COLUMN], table[factor, VECTOR_COLUMN + 1]):
+                vectors[TO_GOAL, i] = vectors[SPARE, i]
 
 
 @inlined
-def _drift_to_node(table, numbers, frames, points, vectors, half):
+def _drift_to_node(table, numbers, frames, points, vectors, half, work):
     offset = vectors[OFFSET]
     if numbers[PARALLEL] > 0.0:
         for i in range(offset.size):
             offset[i] = half * vectors[Z, i]
         _copy(frames[MID], frames[NODE])
-        apply_factors(table, ops.MOVE, frames[NODE], offset, vectors[SPARE])
+        apply_factors(table, ops.MOVE, frames[NODE], offset, vectors[SPARE], work)
         if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
-            apply_factors(table, ops.MEND, frames[NODE], vectors[SPARE], vectors[SPARE])
+            apply_factors(table, ops.MEND, frames[NODE], vectors[SPARE], vectors[SPARE],
+                          work)
         return frames[NODE].sum()
     _copy(vectors[Z], vectors[RATE])
-    apply_factors(table, ops.TANGENT, points[MID], vectors[RATE], vectors[Z])
+    apply_factors(table, ops.TANGENT, points[MID], vectors[RATE], vectors[Z], work)
     for i in range(offset.size):
         offset[i] = half * vectors[Z, i]
-    apply_factors(table, ops.EXP, points[MID], offset, points[NODE])
+    apply_factors(table, ops.EXP, points[MID], offset, points[NODE], work)
     if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
-        apply_factors(table, ops.MEND_POINT, points[NODE], vectors[SPARE], vectors[SPARE])
+        apply_factors(table, ops.MEND_POINT, points[NODE], vectors[SPARE], vectors[SPARE],
+                      work)
     # A matrix that has left the cone has no frame; its NaN tells.
-    apply_factors(table, ops.FRAME, points[NODE], vectors[SPARE], frames[WORK])
+    apply_factors(table, ops.FRAME, points[NODE], vectors[SPARE], frames[WORK], work)
     return frames[WORK].sum()
 
 
@@ -135,7 +203,31 @@ def _fade(s):
 
 
 @inlined
-def _step(table, gains, functions, weights, numbers, frames, points, vectors):
+def _gentle_end(u):
+    """From 1 at ``u`` = 0 to 0 at 1 and beyond, with a continuous slope."""
+    u = min(u, 1.0)
+    return (1.0 - u) * (1.0 - u) * (1.0 + 2.0 * u)
+
+
+@inlined
+def _steer(layout, table, numbers, obstacles, frames, points, vectors):
+    """Add the steering away from obstacles to the target's pull on the position factor."""
+    row = table[layout[STEERED]]
+    first, size = row[VECTOR_COLUMN], row[VECTOR_COLUMN + 1] - row[VECTOR_COLUMN]
+    if numbers[PARALLEL] > 0.0:
+        position = frames[MID, row[FRAME_COLUMN]:row[FRAME_COLUMN] + size]
+    else:
+        position = points[MID, row[POINT_COLUMN]:row[POINT_COLUMN] + size]
+    push = vectors[SPARE, first:first + size]
+    steer(position, vectors[Z, first:first + size], obstacles[:int(numbers[OBSTACLES]) * size],
+          numbers[OBSTACLE_GAIN], numbers[OBSTACLE_RANGE], numbers[ACCELERATION_BOUND], push)
+    for i in range(size):
+        vectors[TO_GOAL, first + i] += push[i] / numbers[STIFFNESS]
+
+
+@inlined
+def _step(layout, table, numbers, gains, functions, weights, split, ends, waypoints, obstacles,
+          frames, points, vectors, work):
     """
     Compute the next interval; False, with everything as before, where the result is not finite.
 
@@ -144,21 +236,36 @@ def _step(table, gains, functions, weights, numbers, frames, points, vectors):
     h = 1.0 / numbers[STEPS]
     s = (numbers[INTERVAL] + 1.5) * h
     x = math.exp(-numbers[ALPHA_X] * s)
-    if numbers[MOVING] > 0.0:
-        _move_goal(table, numbers, points, vectors, s)
-    if numbers[MOVING] > 0.0 or numbers[INTERVAL] < 0.0:
-        _start_to_goal(table, numbers, frames, points, vectors)
+    moved = numbers[MOVING] > 0.0
+    if moved:
+        _move_goal(table, numbers, points, vectors, s, work)
+    target, first = points[GOAL], points[GOAL]
+    if ends.size > 0:
+        target, first = points[TARGET], points[FIRST]
+        target_at(table, split, ends, waypoints, points[GOAL], s, target, vectors[SPARE], work)
+        if moved or numbers[INTERVAL] < 0.0:
+            target_at(table, split, ends, waypoints, points[GOAL], -1.0, first, vectors[SPARE],
+                      work)
+    if moved or numbers[INTERVAL] < 0.0:
+        _start_to_goal(table, numbers, frames, points, vectors, first, work)
     forcing(functions, weights, s, x, vectors[FORCE])
     shaping = _fade(s)
     _copy(frames[NODE], frames[PREVIOUS])
     _copy(points[NODE], points[PREVIOUS])
     _copy(vectors[Z], vectors[Z_PREVIOUS])
-    _drift_to_mid(table, numbers, frames, points, vectors, 0.5 * h)
+    _drift_to_mid(table, numbers, frames, points, vectors, target, 0.5 * h, work)
+    if numbers[OBSTACLES] > 0.0:
+        _steer(layout, table, numbers, obstacles, frames, points, vectors)
+    if s < numbers[PUSH_END]:
+        push = _gentle_end(s / numbers[PUSH_END])
+        for i in range(vectors.shape[1]):
+            vectors[FORCE, i] += push * vectors[PUSH, i]
     for i in range(vectors.shape[1]):
         shape = vectors[FORCE, i] - vectors[START_TO_GOAL, i] * x
         pull = vectors[TO_GOAL, i] + shaping * shape
         vectors[Z, i] = gains[DECAY, i] * vectors[Z, i] + gains[PULL, i] * pull
-    total = _drift_to_node(table, numbers, frames, points, vectors, 0.5 * h) + vectors[Z].sum()
+    total = (_drift_to_node(table, numbers, frames, points, vectors, 0.5 * h, work)
+             + vectors[Z].sum())
     if not math.isfinite(total):
         _copy(frames[PREVIOUS], frames[NODE])
         _copy(points[PREVIOUS], points[NODE])
@@ -169,7 +276,7 @@ def _step(table, gains, functions, weights, numbers, frames, points, vectors):
 
 
 @inlined
-def _interpolate(table, numbers, frames, points, vectors, u):
+def _interpolate(table, numbers, frames, points, vectors, u, work):
     """Frame WORK at fraction ``u`` of the interval; RATE and CURVE, derivatives by s, in it."""
     h = 1.0 / numbers[STEPS]
     offset, rate, curve = vectors[OFFSET], vectors[RATE], vectors[CURVE]
@@ -181,33 +288,35 @@ def _interpolate(table, numbers, frames, points, vectors, u):
             curve[i] = change / h
         _copy(frames[MID], frames[WORK])
     else:
-        apply_factors(table, ops.FRAME, points[PREVIOUS], vectors[SPARE], frames[WORK])
+        apply_factors(table, ops.FRAME, points[PREVIOUS], vectors[SPARE], frames[WORK], work)
         _copy(frames[WORK], frames[MID])
-        apply_factors(table, ops.FRAME_LOG, frames[MID], points[NODE], offset)
-        apply_factors(table, ops.MOVE, frames[MID], offset, vectors[SPARE])
-        apply_factors(table, ops.COORDS, frames[WORK], vectors[Z_PREVIOUS], rate)
-        apply_factors(table, ops.COORDS, frames[MID], vectors[Z], curve)
+        apply_factors(table, ops.FRAME_LOG, frames[MID], points[NODE], offset, work)
+        apply_factors(table, ops.MOVE, frames[MID], offset, vectors[SPARE], work)
+        apply_factors(table, ops.COORDS, frames[WORK], vectors[Z_PREVIOUS], rate, work)
+        apply_factors(table, ops.COORDS, frames[MID], vectors[Z], curve, work)
         for i in range(offset.size):
             whole, first, last = offset[i], h * rate[i], h * curve[i]
             square, cube = 3.0 * whole - 2.0 * first - last, first + last - 2.0 * whole
             offset[i] = u * (first + u * (square + u * cube))
             rate[i] = (first + u * (2.0 * square + 3.0 * u * cube)) / h
             curve[i] = (2.0 * square + 6.0 * u * cube) / (h * h)
-    apply_factors(table, ops.MOVE, frames[WORK], offset, vectors[SPARE])
+    apply_factors(table, ops.MOVE, frames[WORK], offset, vectors[SPARE], work)
 
 
 @inlined
-def _evaluate(table, numbers, frames, points, vectors, out):
+def _evaluate(table, numbers, frames, points, vectors, out, work):
     """
-    Write point, velocity and acceleration of the present moment to ``out``.
+    Write time, phase, point, velocity and acceleration of the present moment to ``out``.
 
     Derivatives are by time [1/s, 1/s²], in the representation at the point.
     """
     p, n = points.shape[1], vectors.shape[1]
-    point, velocity, acceleration = out[:p], out[p:p + n], out[p + n:p + 2 * n]
+    out[0], out[1] = numbers[TIME], math.exp(-numbers[ALPHA_X] * numbers[S])
+    point, velocity, acceleration = (out[2:2 + p], out[2 + p:2 + p + n],
+                                     out[2 + p + n:2 + p + 2 * n])
     if numbers[HELD] > 0.0:
         if numbers[PARALLEL] > 0.0:
-            apply_factors(table, ops.POINT, frames[NODE], vectors[SPARE], point)
+            apply_factors(table, ops.POINT, frames[NODE], vectors[SPARE], point, work)
         else:
             _copy(points[NODE], point)
         for i in range(n):
@@ -215,79 +324,114 @@ def _evaluate(table, numbers, frames, points, vectors, out):
             acceleration[i] = 0.0
         return
     u = numbers[S] * numbers[STEPS] - numbers[INTERVAL]
-    _interpolate(table, numbers, frames, points, vectors, min(max(u, 0.0), 1.0))
+    _interpolate(table, numbers, frames, points, vectors, min(max(u, 0.0), 1.0),
+                 work)
     tempo = numbers[SPEED] / numbers[DURATION]
     change = numbers[SPEED_SLOPE] / numbers[DURATION]
     for i in range(n):
         vectors[SPARE, i] = tempo * tempo * vectors[CURVE, i] + change * vectors[RATE, i]
         vectors[RATE, i] *= tempo
-    apply_factors(table, ops.POINT, frames[WORK], vectors[SPARE], point)
-    apply_factors(table, ops.VECTOR, frames[WORK], vectors[RATE], velocity)
-    apply_factors(table, ops.VECTOR, frames[WORK], vectors[SPARE], acceleration)
+    apply_factors(table, ops.POINT, frames[WORK], vectors[SPARE], point, work)
+    apply_factors(table, ops.VECTOR, frames[WORK], vectors[RATE], velocity, work)
+    apply_factors(table, ops.VECTOR, frames[WORK], vectors[SPARE], acceleration, work)
+
+
+@inlined
+def _follow(numbers, rate, dt):
+    """
+    Let the tempo follow its ramp, which changes by ``rate``, for ``dt``; return the time passed.
+
+    The ramp is continuous and of bounded rate; behind a first-order lag the tempo has a bounded
+    and continuous rate, and never leaves the range of the ramp. In closed form, so that the result
+    does not depend on how time is cut into steps.
+    """
+    ramp, speed = numbers[RAMP], numbers[SPEED]
+    numbers[RAMP] += rate * dt
+    if rate == 0.0 and abs(speed - ramp) < _TEMPO_ARRIVED:
+        numbers[SPEED], numbers[SPEED_SLOPE] = ramp, 0.0
+        return ramp * dt
+    gap = speed - ramp + rate * TEMPO_LAG
+    decay = math.exp(-dt / TEMPO_LAG)
+    numbers[SPEED] = numbers[RAMP] - rate * TEMPO_LAG + gap * decay
+    numbers[SPEED_SLOPE] = rate - gap * decay / TEMPO_LAG
+    return ((ramp + 0.5 * rate * dt - rate * TEMPO_LAG) * dt
+            - gap * TEMPO_LAG * math.expm1(-dt / TEMPO_LAG))
 
 
 @inlined
 def _pass_time(numbers, dt):
-    """Advance ``s`` by ``dt`` of time while the speed moves to its goal at a bounded rate."""
-    left = numbers[SPEED_GOAL] - numbers[SPEED]
-    rate = math.copysign(numbers[SPEED_RATE], left)
+    """Advance ``s`` by ``dt`` of time while the tempo moves to its goal at a bounded rate."""
+    goal = numbers[SPEED_GOAL] * numbers[SLOWDOWN]
+    left = goal - numbers[RAMP]
     ramp = min(dt, abs(left) / numbers[SPEED_RATE])
-    travelled = ramp * (numbers[SPEED] + 0.5 * rate * ramp)
+    travelled = 0.0
+    if ramp > 0.0:
+        travelled += _follow(numbers, math.copysign(numbers[SPEED_RATE], left), ramp)
     if ramp < dt or left == 0.0:
-        numbers[SPEED] = numbers[SPEED_GOAL]
-        numbers[SPEED_SLOPE] = 0.0
-    else:
-        numbers[SPEED] += rate * ramp
-        numbers[SPEED_SLOPE] = rate
-    travelled += (dt - ramp) * numbers[SPEED]
+        numbers[RAMP] = goal
+        travelled += _follow(numbers, 0.0, dt - ramp)
     numbers[S] += travelled / numbers[DURATION]
     numbers[TIME] += dt
 
 
 @inlined
-def _settle(table, tolerances, numbers, frames, points, vectors, point):
+def _settle(table, tolerances, numbers, frames, points, vectors, point, work):
     """Decide whether the motion is over (only once s has reached 1)."""
-    apply_factors(table, ops.FRAME, point, vectors[SPARE], frames[WORK])
-    apply_factors(table, ops.FRAME_LOG, frames[WORK], points[GOAL_NEW], vectors[SPARE])
+    apply_factors(table, ops.FRAME, point, vectors[SPARE], frames[WORK], work)
+    apply_factors(table, ops.FRAME_LOG, frames[WORK], points[GOAL_NEW], vectors[SPARE], work)
     arrived = True
     for factor in range(table.shape[0]):
         total = 0.0
-        for i in range(table[factor, 4], table[factor, 5]):
+        for i in range(table[factor, VECTOR_COLUMN], table[factor, VECTOR_COLUMN + 1]):
             total += vectors[SPARE, i] * vectors[SPARE, i]
         arrived = arrived and total <= tolerances[factor] ** 2
     if arrived:
         numbers[FINISHED], numbers[NOT_SETTLED] = 1.0, 0.0
-    elif numbers[S] >= max(2.0, numbers[SWITCHED] + 1.0):
+    elif numbers[S] >= numbers[SETTLE_BY]:
         numbers[FINISHED], numbers[NOT_SETTLED] = 1.0, 1.0
 
 
-@inlined
-def _advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors, out,
-            dt):
-    """Let ``dt`` seconds pass: the nodes on the way, then the present moment into ``out``."""
-    if numbers[HELD] > 0.0:
-        numbers[TIME] += dt
-    else:
-        _pass_time(numbers, dt)
-    # The small number keeps rounding in s from deciding whether a node has been passed.
-    while (numbers[HELD] == 0.0 and (numbers[S] * numbers[STEPS] > numbers[INTERVAL] + 1.0 + 1e-9
-                                     or numbers[INTERVAL] < 0.0)):
-        if not _step(table, gains, functions, weights, numbers, frames, points, vectors):
-            numbers[HELD] = 1.0
-            numbers[SPEED], numbers[SPEED_SLOPE] = 0.0, 0.0
-    _evaluate(table, numbers, frames, points, vectors, out)
-    if numbers[S] >= 1.0 and numbers[FINISHED] == 0.0:
-        _settle(table, tolerances, numbers, frames, points, vectors, out[:points.shape[1]])
-
-
 @compiled
-def advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors, out,
-            durations):
+def advance(memory, out):
     """
-    Let each of ``durations`` [s] pass in turn and write the moment after it to a row of ``out``.
+    Let time pass for every roll-out in ``memory``, and write the moment after it to ``out``.
 
-    The first call computes the first interval too, so a duration of 0 evaluates the start.
+    Where the time of a moment will be, ``out`` brings the time to pass until then [s]. Moments
+    follow one another, each with all roll-outs in turn. The first call computes the first interval
+    too, so no time to pass evaluates the start.
+
+    :param memory: one or more of `gdmp_ros.dmp.memory`, one after another
+    :param out: flat
     """
-    for i in range(durations.size):
-        _advance(table, gains, functions, weights, tolerances, numbers, frames, points, vectors,
-                out[i], durations[i])
+    memory, out = borrowed(memory), borrowed(out)
+    integers = memory.view(np.int64)
+    at, width = 0, 0
+    while at < memory.size:
+        width += integers[at + OUT_SIZE]
+        at += integers[at + END_AT]
+    at, start = 0, 0
+    while at < memory.size:
+        block = integers[at:at + integers[at + END_AT]]
+        (table, split, numbers, gains, functions, weights, tolerances, ends, waypoints, obstacles,
+         frames, points, vectors, work) = views(block, memory[at:at + block.size])
+        for first in range(start, out.size, width):
+            row = out[first:first + block[OUT_SIZE]]
+            dt = row[0]
+            if numbers[HELD] > 0.0:
+                numbers[TIME] += dt
+            else:
+                _pass_time(numbers, dt)
+            # The small number keeps rounding in s from deciding whether a node has been passed.
+            while (numbers[HELD] == 0.0
+                   and (numbers[S] * numbers[STEPS] > numbers[INTERVAL] + 1.0 + 1e-9
+                        or numbers[INTERVAL] < 0.0)):
+                if not _step(block, table, numbers, gains, functions, weights, split, ends,
+                             waypoints, obstacles, frames, points, vectors, work):
+                    numbers[HELD] = 1.0
+                    numbers[SPEED], numbers[SPEED_SLOPE] = 0.0, 0.0
+            _evaluate(table, numbers, frames, points, vectors, row, work)
+            if numbers[S] >= 1.0 and numbers[FINISHED] == 0.0:
+                _settle(table, tolerances, numbers, frames, points, vectors,
+                        row[2:2 + points.shape[1]], work)
+        at += block.size
+        start += block[OUT_SIZE]

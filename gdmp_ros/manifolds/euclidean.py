@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import merged
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.manifold import Manifold
 
 
-@compiled
-def apply(op, m, a, b, out):
+@merged
+def apply(op, m, a, b, out, work):
     """Answer one of the operations of `gdmp_ros.manifolds.operations`."""
     if op == ops.LOG or op == ops.FRAME_LOG:
         for i in range(m):

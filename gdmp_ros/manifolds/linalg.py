@@ -1,252 +1,199 @@
 """
 Small dense linear algebra for the kernels.
 
-For the sizes a manipulation skill meets (2 to 6) plain loops beat LAPACK by 5 to 10 times.
-Matrices are contiguous float64 arrays of shape (m, m).
+For the sizes a manipulation skill meets (2 to 6) plain loops beat LAPACK by 5 to 10 times; 3×3
+products run in registers. An (m, m) matrix is a flat float64 array of m² numbers, row by row: a
+reshape inside a kernel costs as much as a 3×3 product. Nothing here allocates: scratch is cut from
+a flat array that the caller brings (`scratch`).
 """
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, inlined
 
 EPS = 2.0 ** -52
 SQRT2 = math.sqrt(2.0)
 
 
+@inlined
+def row_of(a, i, m):
+    """Row ``i``: a loop along it is known to stay inside, and runs several numbers at a time."""
+    return a[i * m:(i + 1) * m]
+
+
+@inlined
+def scratch(work, index, m):
+    """Matrix number ``index`` in the flat array ``work``."""
+    size = m * m
+    return work[index * size:(index + 1) * size]
+
+
+@inlined
+def _multiply3(a, b, out):
+    b0, b1, b2, b3, b4, b5, b6, b7, b8 = b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8]
+    for i in range(0, 9, 3):
+        x, y, z = a[i], a[i + 1], a[i + 2]
+        out[i] = x * b0 + y * b3 + z * b6
+        out[i + 1] = x * b1 + y * b4 + z * b7
+        out[i + 2] = x * b2 + y * b5 + z * b8
+
+
 @compiled
-def multiply(a, b, out):
+def _multiply_rows(m, a, b, out):
+    for i in range(m):
+        left, result = row_of(a, i, m), row_of(out, i, m)
+        for j in range(m):
+            result[j] = left[0] * b[j]
+        for k in range(1, m):
+            share, right = left[k], row_of(b, k, m)
+            for j in range(m):
+                result[j] += share * right[j]
+
+
+@inlined
+def multiply(m, a, b, out):
     """``out = a b``; ``out`` must be neither ``a`` nor ``b``."""
-    m = a.shape[0]
-    for i in range(m):
-        for j in range(m):
-            total = 0.0
-            for k in range(m):
-                total += a[i, k] * b[k, j]
-            out[i, j] = total
+    if m == 3:
+        _multiply3(a, b, out)
+    else:
+        _multiply_rows(m, a, b, out)
 
 
 @compiled
-def multiply_transposed(a, b, out):
+def multiply_transposed(m, a, b, out):
     """``out = a bᵀ``; ``out`` must be neither ``a`` nor ``b``."""
-    m = a.shape[0]
     for i in range(m):
+        left, result = row_of(a, i, m), row_of(out, i, m)
         for j in range(m):
-            total = 0.0
+            right, total = row_of(b, j, m), 0.0
             for k in range(m):
-                total += a[i, k] * b[j, k]
-            out[i, j] = total
+                total += left[k] * right[k]
+            result[j] = total
 
 
 @compiled
-def transposed_multiply(a, b, out):
+def transposed_multiply(m, a, b, out):
     """``out = aᵀ b``; ``out`` must be neither ``a`` nor ``b``."""
-    m = a.shape[0]
     for i in range(m):
+        result = row_of(out, i, m)
         for j in range(m):
-            total = 0.0
+            result[j] = a[i] * b[j]
+        for k in range(1, m):
+            share, right = a[k * m + i], row_of(b, k, m)
+            for j in range(m):
+                result[j] += share * right[j]
+
+
+@inlined
+def _half_product(m, a, b, out):
+    """``out = a bᵀ`` where that is symmetric: to the last bit."""
+    if m == 3:
+        b0, b1, b2, b3, b4, b5, b6, b7, b8 = (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7],
+                                              b[8])
+        a3, a4, a5, a6, a7, a8 = a[3], a[4], a[5], a[6], a[7], a[8]
+        out[0] = a[0] * b0 + a[1] * b1 + a[2] * b2
+        out[1] = out[3] = a3 * b0 + a4 * b1 + a5 * b2
+        out[2] = out[6] = a6 * b0 + a7 * b1 + a8 * b2
+        out[4] = a3 * b3 + a4 * b4 + a5 * b5
+        out[5] = out[7] = a6 * b3 + a7 * b4 + a8 * b5
+        out[8] = a6 * b6 + a7 * b7 + a8 * b8
+        return
+    for i in range(m):
+        left, result = row_of(a, i, m), row_of(out, i, m)
+        for j in range(i + 1):
+            right, total = row_of(b, j, m), 0.0
             for k in range(m):
-                total += a[k, i] * b[k, j]
-            out[i, j] = total
+                total += left[k] * right[k]
+            result[j] = total
+            out[j * m + i] = total
 
 
 @compiled
-def congruence(a, s, out):
-    """``out = a s aᵀ`` for symmetric ``s``, symmetric to the last bit."""
-    m = a.shape[0]
-    half = np.empty((m, m))
-    multiply(a, s, half)
-    for i in range(m):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(m):
-                total += half[i, k] * a[j, k]
-            out[i, j] = total
-            out[j, i] = total
+def congruence(m, a, s, out, half):
+    """``out = a s aᵀ`` for symmetric ``s``, symmetric to the last bit; ``half`` is scratch."""
+    multiply(m, a, s, half)
+    _half_product(m, half, a, out)
+
+
+@compiled
+def gram(m, a, out):
+    """``out = a aᵀ``, symmetric to the last bit."""
+    _half_product(m, a, a, out)
 
 
 @compiled
 def copy_into(source, out):
-    """``out[:] = source`` for flat arrays, as a loop the compiler inlines."""
+    """``out[:] = source``, as a loop the compiler inlines."""
     for i in range(out.size):
         out[i] = source[i]
 
 
 @compiled
-def set_identity(out):
+def set_identity(m, out):
     """``out = I``."""
-    m = out.shape[0]
+    for i in range(m * m):
+        out[i] = 0.0
     for i in range(m):
-        for j in range(m):
-            out[i, j] = 1.0 if i == j else 0.0
+        out[i * m + i] = 1.0
 
 
 @compiled
-def cholesky(a, lower):
+def cholesky(m, a, lower):
     """Lower factor of ``a``; False where ``a`` is not positive definite."""
-    m = a.shape[0]
     for j in range(m):
         for i in range(j):
-            lower[i, j] = 0.0
-        pivot = a[j, j]
+            lower[i * m + j] = 0.0
+        pivot = a[j * m + j]
         for k in range(j):
-            pivot -= lower[j, k] * lower[j, k]
+            pivot -= lower[j * m + k] * lower[j * m + k]
         if not pivot > 0.0:
             return False
         root = math.sqrt(pivot)
-        lower[j, j] = root
+        lower[j * m + j] = root
         for i in range(j + 1, m):
-            total = a[i, j]
+            total = a[i * m + j]
             for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            lower[i, j] = total / root
+                total -= lower[i * m + k] * lower[j * m + k]
+            lower[i * m + j] = total / root
     return True
 
 
 @compiled
-def invert_lower(lower, out):
+def invert_lower(m, lower, out):
     """Inverse of a lower triangular matrix."""
-    m = lower.shape[0]
     for j in range(m):
         for i in range(j):
-            out[i, j] = 0.0
-        out[j, j] = 1.0 / lower[j, j]
+            out[i * m + j] = 0.0
+        out[j * m + j] = 1.0 / lower[j * m + j]
         for i in range(j + 1, m):
             total = 0.0
             for k in range(j, i):
-                total -= lower[i, k] * out[k, j]
-            out[i, j] = total / lower[i, i]
+                total -= lower[i * m + k] * out[k * m + j]
+            out[i * m + j] = total / lower[i * m + i]
 
 
 @compiled
-def symmetric_eigen(a, values, vectors):
-    """
-    Eigenvalues and eigenvectors (columns) of symmetric ``a``, which is overwritten.
-
-    Cyclic Jacobi: accurate to the last digits also for graded matrices, and quick where ``a`` is
-    nearly diagonal already, as it is along a smooth roll-out.
-    """
-    m = a.shape[0]
-    set_identity(vectors)
-    for _ in range(60):
-        off, scale = 0.0, 0.0
-        for i in range(m):
-            scale += a[i, i] * a[i, i]
-            for j in range(i):
-                off += a[i, j] * a[i, j]
-        if off <= 1e-34 * scale or off == 0.0:
-            break
-        for p in range(m - 1):
-            for q in range(p + 1, m):
-                apq = a[p, q]
-                if apq == 0.0:
-                    continue
-                theta = 0.5 * (a[q, q] - a[p, p]) / apq
-                t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
-                if theta < 0.0:
-                    t = -t
-                c = 1.0 / math.sqrt(t * t + 1.0)
-                s = t * c
-                a[p, p] -= t * apq
-                a[q, q] += t * apq
-                a[p, q] = 0.0
-                a[q, p] = 0.0
-                for k in range(m):
-                    if k != p and k != q:
-                        akp, akq = a[k, p], a[k, q]
-                        a[k, p] = c * akp - s * akq
-                        a[p, k] = a[k, p]
-                        a[k, q] = s * akp + c * akq
-                        a[q, k] = a[k, q]
-                for k in range(m):
-                    vkp, vkq = vectors[k, p], vectors[k, q]
-                    vectors[k, p] = c * vkp - s * vkq
-                    vectors[k, q] = s * vkp + c * vkq
-    for i in range(m):
-        values[i] = a[i, i]
-
-
-@compiled
-def compose_eigen(values, vectors, out):
-    """``out = V diag(values) Vᵀ``, symmetric to the last bit."""
-    m = values.size
-    for i in range(m):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(m):
-                total += vectors[i, k] * values[k] * vectors[j, k]
-            out[i, j] = total
-            out[j, i] = total
-
-
-@compiled
-def symmetric_expm(s, out):
-    """``out = exp(s)`` for symmetric ``s``: a short Taylor series for a small one."""
-    m = s.shape[0]
-    norm2 = 0.0
-    for i in range(m):
-        for j in range(m):
-            norm2 += s[i, j] * s[i, j]
-    if norm2 > 0.01:
-        work, values, vectors = s.copy(), np.empty(m), np.empty((m, m))
-        symmetric_eigen(work, values, vectors)
-        for i in range(m):
-            values[i] = math.exp(values[i])
-        compose_eigen(values, vectors, out)
-        return
-    norm = math.sqrt(norm2)
-    degree, term = 1, norm
-    while term > 0.25 * EPS:  # the remainder is below the next term for norm <= 0.1
-        degree += 1
-        term *= norm / degree
-    # Horner: exp(s) = I + s (I + s/2 (I + s/3 (...)))
-    work = np.empty((m, m))
-    set_identity(out)
-    for k in range(degree, 0, -1):
-        multiply(s, out, work)
-        for i in range(m):
-            for j in range(m):
-                out[i, j] = work[i, j] / k
-            out[i, i] += 1.0
-
-
-@compiled
-def symmetric_logm(s, out):
-    """``out = log(s)`` for positive definite ``s``, which is overwritten."""
-    m = s.shape[0]
-    values, vectors = np.empty(m), np.empty((m, m))
-    symmetric_eigen(s, values, vectors)
-    for i in range(m):
-        values[i] = math.log(values[i])
-    compose_eigen(values, vectors, out)
-
-
-@compiled
-def from_mandel(coordinates, out):
-    """Symmetric matrix of Mandel coordinates (upper triangle by rows, off-diagonals × √2)."""
-    m = out.shape[0]
+def from_mandel(m, coordinates, scale, out):
+    """``scale`` times the symmetric matrix of Mandel coordinates (upper triangle by rows)."""
     k = 0
     for i in range(m):
-        out[i, i] = coordinates[k]
+        out[i * m + i] = scale * coordinates[k]
         k += 1
         for j in range(i + 1, m):
-            out[i, j] = coordinates[k] / SQRT2
-            out[j, i] = out[i, j]
+            out[i * m + j] = out[j * m + i] = coordinates[k] * (scale / SQRT2)
             k += 1
 
 
 @compiled
-def to_mandel(s, out):
-    """Mandel coordinates of a symmetric matrix (the inverse of `from_mandel`)."""
-    m = s.shape[0]
+def to_mandel(m, s, out):
+    """Mandel coordinates of a symmetric matrix (off-diagonals × √2)."""
     k = 0
     for i in range(m):
-        out[k] = s[i, i]
+        out[k] = s[i * m + i]
         k += 1
         for j in range(i + 1, m):
-            out[k] = (s[i, j] + s[j, i]) * (0.5 * SQRT2)
+            out[k] = (s[i * m + j] + s[j * m + i]) * (0.5 * SQRT2)
             k += 1
 
 

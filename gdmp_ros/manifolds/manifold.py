@@ -93,7 +93,8 @@ class Manifold(ABC):
         return {'kind': self.kind, 'm': self.m}
 
     def _apply(self, op: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> float:
-        return type(self).kernel(op, self.m, a, b, out)
+        work = np.empty(ops.work_size(self.m))
+        return type(self).kernel(op, self.m, a, b, out, work)
 
     @final
     def exp(self, base: np.ndarray, tangent: np.ndarray) -> np.ndarray:

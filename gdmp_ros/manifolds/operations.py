@@ -1,8 +1,9 @@
 """
 The operations every manifold's kernel answers to.
 
-Each manifold file has one kernel ``apply(op, m, a, b, out) -> float`` over flat float64 arrays;
-``m`` is the manifold's size parameter. A *frame* is an isometry from coordinates in Rⁿ to the
+Each manifold file has one kernel ``apply(op, m, a, b, out, work) -> float`` over flat float64
+arrays; ``m`` is the manifold's size parameter, ``work`` scratch of `work_size` numbers: kernels do
+not allocate. A *frame* is an isometry from coordinates in Rⁿ to the
 tangent space at a point, together with that point: moving it carries it parallel along the motion,
 so vectors stored in its coordinates need no transport of their own.
 
@@ -29,3 +30,8 @@ EXP, LOG, FRAME, POINT, MOVE, FRAME_LOG, VECTOR, COORDS, MEND, MEND_POINT, TANGE
 
 #: Within this distance [rad] of the cut locus the public logarithm raises.
 CUT_LOCUS_LIMIT = 1e-6
+
+
+def work_size(m: int) -> int:
+    """Numbers of scratch that any kernel is content with at size ``m``."""
+    return 8 * (m + 1) ** 2

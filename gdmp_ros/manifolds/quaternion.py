@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, merged
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.linalg import sinc
 from gdmp_ros.manifolds.manifold import Manifold
@@ -83,16 +83,16 @@ def rotate(q, v, out):
     out[0], out[1], out[2] = x, y, z
 
 
-@compiled
-def apply(op, m, a, b, out):
+@merged
+def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (A, C) with the point at A * C."""
     if op == ops.FRAME_LOG:
-        relative = np.empty(4)
+        relative = work[:4]
         _conjugate_product(a[:4], b, relative)
         _product_conjugate(relative, a[4:8], relative)
         return _log_identity(relative, out)
     if op == ops.MOVE:
-        half = np.empty(4)
+        half = work[:4]
         _exp_identity(b, 0.5, half)
         _product(a[:4], half, a[:4])
         _product(half, a[4:8], a[4:8])
@@ -101,17 +101,17 @@ def apply(op, m, a, b, out):
     elif op == ops.POINT:
         _product(a[:4], a[4:8], out)
     elif op == ops.COORDS:
-        inverse = np.empty(4)
+        inverse = work[:4]
         inverse[0] = a[0]
         for i in range(1, 4):
             inverse[i] = -a[i]
         rotate(inverse, b, out)
     elif op == ops.LOG:
-        relative = np.empty(4)
+        relative = work[:4]
         _product_conjugate(b, a, relative)
         return _log_identity(relative, out)
     elif op == ops.EXP:
-        step = np.empty(4)
+        step = work[:4]
         _exp_identity(b, 1.0, step)
         _product(step, a, out)
         _normalise(out)

@@ -11,12 +11,13 @@ from gdmp_ros.manifolds.linalg import (
     copy_into,
     multiply,
     multiply_transposed,
+    scratch,
     set_identity,
     sinc,
-    symmetric_eigen,
     transposed_multiply,
 )
 from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.spectral import symmetric_eigen
 from gdmp_ros.manifolds.sphere import orthonormalise
 
 #: Below this sine a plane counts as turned by exactly pi (far inside `ops.CUT_LOCUS_LIMIT`).
@@ -24,39 +25,37 @@ _HALF_TURN = 1e-9
 
 
 @compiled
-def _skew(v, out):
+def _skew(m, v, out):
     """Skew matrix of coordinates: rotation vector for m = 3, else upper triangle by rows."""
-    m = out.shape[0]
     for i in range(m):
-        out[i, i] = 0.0
+        out[i * m + i] = 0.0
     if m == 3:
-        out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
+        out[1], out[2], out[5] = -v[2], v[1], -v[0]
     else:
         k = 0
         for i in range(m):
             for j in range(i + 1, m):
                 # SO(2): the coordinate is the angle, counter-clockwise.
-                out[i, j] = -v[k] if m == 2 else v[k]
+                out[i * m + j] = -v[k] if m == 2 else v[k]
                 k += 1
     for i in range(m):
         for j in range(i):
-            out[i, j] = -out[j, i]
+            out[i * m + j] = -out[j * m + i]
 
 
 @compiled
-def _vee(s, out):
+def _vee(m, s, out):
     """Coordinates of the skew part of ``s`` (the inverse of `_skew`)."""
-    m = s.shape[0]
     if m == 3:
-        out[0] = 0.5 * (s[2, 1] - s[1, 2])
-        out[1] = 0.5 * (s[0, 2] - s[2, 0])
-        out[2] = 0.5 * (s[1, 0] - s[0, 1])
+        out[0] = 0.5 * (s[7] - s[5])
+        out[1] = 0.5 * (s[2] - s[6])
+        out[2] = 0.5 * (s[3] - s[1])
         return
     sign = -0.5 if m == 2 else 0.5
     k = 0
     for i in range(m):
         for j in range(i + 1, m):
-            out[k] = sign * (s[i, j] - s[j, i])
+            out[k] = sign * (s[i * m + j] - s[j * m + i])
             k += 1
 
 
@@ -68,33 +67,32 @@ def _exp3(v, scale, out):
     s = sinc(angle)
     half = sinc(0.5 * angle)
     c = 0.5 * half * half
-    out[0, 0], out[1, 1], out[2, 2] = (1.0 - c * (y * y + z * z), 1.0 - c * (x * x + z * z),
-                                       1.0 - c * (x * x + y * y))
-    out[0, 1], out[1, 0] = c * x * y - s * z, c * x * y + s * z
-    out[0, 2], out[2, 0] = c * x * z + s * y, c * x * z - s * y
-    out[1, 2], out[2, 1] = c * y * z - s * x, c * y * z + s * x
+    out[0], out[4], out[8] = (1.0 - c * (y * y + z * z), 1.0 - c * (x * x + z * z),
+                              1.0 - c * (x * x + y * y))
+    out[1], out[3] = c * x * y - s * z, c * x * y + s * z
+    out[2], out[6] = c * x * z + s * y, c * x * z - s * y
+    out[5], out[7] = c * y * z - s * x, c * y * z + s * x
 
 
 @compiled
-def _log3(r, out):
+def _log3(r, out, q):
     """[GDMP] eq. (A.9), through the quaternion's largest component: right also near pi."""
-    q = np.empty(4)
-    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    trace = r[0] + r[4] + r[8]
     largest = 0
     best = trace
     for i in range(3):
-        if r[i, i] > best:
-            best, largest = r[i, i], i + 1
+        if r[i * 3 + i] > best:
+            best, largest = r[i * 3 + i], i + 1
     if largest == 0:
         q[0] = 1.0 + trace
-        q[1], q[2], q[3] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+        q[1], q[2], q[3] = r[7] - r[5], r[2] - r[6], r[3] - r[1]
     else:
         i = largest - 1
         j, k = (i + 1) % 3, (i + 2) % 3
-        q[i + 1] = 1.0 + r[i, i] - r[j, j] - r[k, k]
-        q[j + 1] = r[i, j] + r[j, i]
-        q[k + 1] = r[i, k] + r[k, i]
-        q[0] = r[k, j] - r[j, k]
+        q[i + 1] = 1.0 + r[i * 3 + i] - r[j * 3 + j] - r[k * 3 + k]
+        q[j + 1] = r[i * 3 + j] + r[j * 3 + i]
+        q[k + 1] = r[i * 3 + k] + r[k * 3 + i]
+        q[0] = r[k * 3 + j] - r[j * 3 + k]
         if q[0] < 0.0:
             for n in range(4):
                 q[n] = -q[n]
@@ -107,59 +105,58 @@ def _log3(r, out):
 
 
 @compiled
-def _exp_general(v, scale, out):
+def _exp_general(m, v, scale, out, work):
     """``exp(V) = cos(Ω) + sinc(Ω) V`` with Ω² = -V²: one symmetric eigenproblem."""
-    m = out.shape[0]
-    skew, square, vectors, values = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
-                                     np.empty(m))
-    _skew(v, skew)
+    skew, square, vectors, factor = (scratch(work, 0, m), scratch(work, 1, m),
+                                     scratch(work, 2, m), scratch(work, 3, m))
+    values = work[4 * m * m:4 * m * m + m]
+    _skew(m, v, skew)
     for i in range(m):
         for j in range(m):
-            skew[i, j] *= scale
-    transposed_multiply(skew, skew, square)
-    symmetric_eigen(square, values, vectors)
-    factor = np.empty((m, m))
+            skew[i * m + j] *= scale
+    transposed_multiply(m, skew, skew, square)
+    symmetric_eigen(m, square, values, vectors, work[4 * m * m + m:])
     for i in range(m):
         for j in range(m):
             cosine, sine = 0.0, 0.0
             for k in range(m):
                 angle = math.sqrt(max(values[k], 0.0))
-                weight = vectors[i, k] * vectors[j, k]
+                weight = vectors[k * m + i] * vectors[k * m + j]
                 half = math.sin(0.5 * angle)
                 cosine -= 2.0 * half * half * weight
                 sine += sinc(angle) * weight
-            out[i, j] = cosine + (1.0 if i == j else 0.0)
-            factor[i, j] = sine
-    multiply(factor, skew, square)
+            out[i * m + j] = cosine + (1.0 if i == j else 0.0)
+            factor[i * m + j] = sine
+    multiply(m, factor, skew, square)
     for i in range(m):
         for j in range(m):
-            out[i, j] += square[i, j]
+            out[i * m + j] += square[i * m + j]
 
 
 @compiled
-def _log_general(r, out):
+def _log_general(m, r, out, work):
     """
     ``log R = f(S) A`` with S, A the symmetric and skew parts of R and f = angle / sine.
 
     The sine of each plane is read off A, not off S, which keeps the error near pi at eps / gap.
     """
-    m = r.shape[0]
-    skew, work, vectors, cosines = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
-                                    np.empty(m))
+    skew, even, vectors, result = (scratch(work, 0, m), scratch(work, 1, m),
+                                   scratch(work, 2, m), scratch(work, 3, m))
+    cosines, rest = work[4 * m * m:4 * m * m + m], work[4 * m * m + m:]
     for i in range(m):
         for j in range(m):
-            skew[i, j] = 0.5 * (r[i, j] - r[j, i])
-            work[i, j] = 0.5 * (r[i, j] + r[j, i])
-    symmetric_eigen(work, cosines, vectors)
+            skew[i * m + j] = 0.5 * (r[i * m + j] - r[j * m + i])
+            even[i * m + j] = 0.5 * (r[i * m + j] + r[j * m + i])
+            result[i * m + j] = 0.0
+    symmetric_eigen(m, even, cosines, vectors, rest)
+    image = rest[:m]
     largest, open_plane = 0.0, -1
-    result = np.zeros((m, m))
     for k in range(m):
         total = 0.0
-        image = np.empty(m)
         for i in range(m):
             image[i] = 0.0
             for j in range(m):
-                image[i] += skew[i, j] * vectors[j, k]
+                image[i] += skew[i * m + j] * vectors[k * m + j]
             total += image[i] * image[i]
         sine = math.sqrt(total)
         angle = math.atan2(sine, cosines[k])
@@ -170,107 +167,102 @@ def _log_general(r, out):
                 continue
             for i in range(m):
                 for j in range(m):
-                    result[i, j] += math.pi * (vectors[i, k] * vectors[j, open_plane]
-                                               - vectors[i, open_plane] * vectors[j, k])
+                    turned = (vectors[k * m + i] * vectors[open_plane * m + j]
+                              - vectors[open_plane * m + i] * vectors[k * m + j])
+                    result[i * m + j] += math.pi * turned
             open_plane = -1
             continue
         ratio = angle / sine if sine > 1e-300 else 1.0
         for i in range(m):
             for j in range(m):
-                result[i, j] += ratio * image[i] * vectors[j, k]
-    _vee(result, out)
+                result[i * m + j] += ratio * image[i] * vectors[k * m + j]
+    _vee(m, result, out)
     return math.pi - largest
 
 
 @compiled
-def _exp_identity(v, scale, out):
-    m = out.shape[0]
+def _exp_identity(m, v, scale, out, work):
     if m == 2:
         angle = scale * v[0]
-        out[0, 0], out[0, 1] = math.cos(angle), -math.sin(angle)
-        out[1, 0], out[1, 1] = math.sin(angle), math.cos(angle)
+        out[0], out[1] = math.cos(angle), -math.sin(angle)
+        out[2], out[3] = math.sin(angle), math.cos(angle)
     elif m == 3:
         _exp3(v, scale, out)
     else:
-        _exp_general(v, scale, out)
+        _exp_general(m, v, scale, out, work)
 
 
 @compiled
-def _log_identity(r, out):
-    m = r.shape[0]
+def _log_identity(m, r, out, work):
     if m == 2:
-        out[0] = math.atan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1])
+        out[0] = math.atan2(r[2] - r[1], r[0] + r[3])
         return math.pi - abs(out[0])
     if m == 3:
-        return _log3(r, out)
-    return _log_general(r, out)
+        return _log3(r, out, work)
+    return _log_general(m, r, out, work)
 
 
 @compiled
-def _conjugate(turn, v, forward, out):
+def _conjugate(m, turn, v, forward, out, work):
     """Coordinates of ``T V Tᵀ`` (forward) or ``Tᵀ V T``."""
-    m = turn.shape[0]
-    skew, work = np.empty((m, m)), np.empty((m, m))
-    _skew(v, skew)
+    skew, half = scratch(work, 0, m), scratch(work, 1, m)
+    _skew(m, v, skew)
     if forward:
-        multiply(turn, skew, work)
-        multiply_transposed(work, turn, skew)
+        multiply(m, turn, skew, half)
+        multiply_transposed(m, half, turn, skew)
     else:
-        transposed_multiply(turn, skew, work)
-        multiply(work, turn, skew)
-    _vee(skew, out)
+        transposed_multiply(m, turn, skew, half)
+        multiply(m, half, turn, skew)
+    _vee(m, skew, out)
 
 
 @compiled
-def apply(op, m, a, b, out):
+def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (A, C) with the point at A C."""
     size = m * m
-    first = a[:size].reshape(m, m)
     if op == ops.TANGENT:
         copy_into(b, out)
         return 0.0
     if op == ops.MEND_POINT:
-        orthonormalise(first)
+        orthonormalise(m, a, work)
         return 0.0
     if op == ops.FRAME:
-        set_identity(out[:size].reshape(m, m))
-        copy_into(a, out[size:2 * size])
+        set_identity(m, out[:size])
+        copy_into(a, out[size:])
         return 0.0
-    work = np.empty((m, m))
+    part, other, rest = scratch(work, 0, m), scratch(work, 1, m), work[2 * size:]
     if op == ops.LOG:
-        multiply_transposed(b.reshape(m, m), first, work)
-        return _log_identity(work, out)
+        multiply_transposed(m, b, a, part)
+        return _log_identity(m, part, out, rest)
     if op == ops.EXP:
-        _exp_identity(b, 1.0, work)
-        multiply(work, first, out.reshape(m, m))
+        _exp_identity(m, b, 1.0, part, rest)
+        multiply(m, part, a, out)
         return 0.0
-    second = a[size:2 * size].reshape(m, m)
+    first, second = a[:size], a[size:]
     if op == ops.FRAME_LOG:
-        relative = np.empty((m, m))
-        transposed_multiply(first, b.reshape(m, m), work)
-        multiply_transposed(work, second, relative)
-        return _log_identity(relative, out)
+        transposed_multiply(m, first, b, part)
+        multiply_transposed(m, part, second, other)
+        return _log_identity(m, other, out, rest)
     if op == ops.MOVE:
-        half = np.empty((m, m))
-        _exp_identity(b, 0.5, half)
-        multiply(first, half, work)
-        copy_into(work.reshape(size), a[:size])
-        multiply(half, second, work)
-        copy_into(work.reshape(size), a[size:2 * size])
+        _exp_identity(m, b, 0.5, part, rest)
+        multiply(m, first, part, other)
+        copy_into(other, first)
+        multiply(m, part, second, other)
+        copy_into(other, second)
     elif op == ops.POINT:
-        multiply(first, second, out.reshape(m, m))
+        multiply(m, first, second, out)
     elif op == ops.VECTOR:
         if m == 3:
             for i in range(3):
-                work[0, i] = first[i, 0] * b[0] + first[i, 1] * b[1] + first[i, 2] * b[2]
-            copy_into(work[0], out)
+                rest[i] = first[3 * i] * b[0] + first[3 * i + 1] * b[1] + first[3 * i + 2] * b[2]
+            copy_into(rest[:3], out)
         else:
-            _conjugate(first, b, True, out)
+            _conjugate(m, first, b, True, out, rest)
     elif op == ops.COORDS:
-        _conjugate(first, b, False, out)
+        _conjugate(m, first, b, False, out, rest)
     elif op == ops.MEND:
-        orthonormalise(first)
-        orthonormalise(second)
+        orthonormalise(m, first, work)
+        orthonormalise(m, second, work)
     return 0.0
 
 

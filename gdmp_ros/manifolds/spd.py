@@ -13,131 +13,125 @@ from gdmp_ros.manifolds.linalg import (
     copy_into,
     EPS,
     from_mandel,
+    gram,
     invert_lower,
     multiply,
-    symmetric_expm,
-    symmetric_logm,
+    scratch,
     to_mandel,
 )
 from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.spectral import symmetric_expm, symmetric_logm
 
 
 @compiled
-def _exp(base, v, out):
+def _exp(m, base, v, out, work):
     """``Exp_U(v) = L expm(L⁻¹ v L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.2) by Cholesky."""
-    m = base.shape[0]
-    lower, inverse, tangent, work = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
-                                     np.empty((m, m)))
-    if not cholesky(base, lower):
+    lower, inverse, tangent, white = (scratch(work, 0, m), scratch(work, 1, m),
+                                      scratch(work, 2, m), scratch(work, 3, m))
+    if not cholesky(m, base, lower):
         out[:] = math.nan
         return
-    invert_lower(lower, inverse)
-    from_mandel(v, tangent)
-    congruence(inverse, tangent, work)
-    symmetric_expm(work, tangent)
-    congruence(lower, tangent, out)
+    invert_lower(m, lower, inverse)
+    from_mandel(m, v, 1.0, tangent)
+    congruence(m, inverse, tangent, white, out)
+    # Of the pair exp(w), exp(-w) the first is wanted.
+    symmetric_expm(m, white, tangent, inverse, work[4 * m * m:])
+    congruence(m, lower, tangent, out, white)
 
 
 @compiled
-def _log(base, point, out):
+def _log(m, base, point, out, work):
     """``Log_U(Q) = L logm(L⁻¹ Q L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.1) by Cholesky."""
-    m = base.shape[0]
-    lower, inverse, work, result = (np.empty((m, m)), np.empty((m, m)), np.empty((m, m)),
-                                    np.empty((m, m)))
-    if not cholesky(base, lower):
+    lower, inverse, white, result = (scratch(work, 0, m), scratch(work, 1, m),
+                                     scratch(work, 2, m), scratch(work, 3, m))
+    if not cholesky(m, base, lower):
         out[:] = math.nan
         return
-    invert_lower(lower, inverse)
-    congruence(inverse, point, work)
-    symmetric_logm(work, result)
-    congruence(lower, result, work)
-    to_mandel(work, out)
+    invert_lower(m, lower, inverse)
+    congruence(m, inverse, point, white, result)
+    symmetric_logm(m, white, result, work[4 * m * m:])
+    congruence(m, lower, result, white, inverse)
+    to_mandel(m, white, out)
 
 
 @compiled
-def _move(factor, inverse, coordinates):
+def _move(m, factor, inverse, coordinates, work):
     """``L ← L expm(ĉ/2)``, ``L⁻¹ ← expm(-ĉ/2) L⁻¹``."""
-    m = factor.shape[0]
-    half, step, work = np.empty((m, m)), np.empty((m, m)), np.empty((m, m))
-    from_mandel(coordinates, half)
-    for i in range(m):
-        for j in range(m):
-            half[i, j] *= 0.5
-    symmetric_expm(half, step)
-    multiply(factor, step, work)
-    factor[:, :] = work
-    for i in range(m):
-        for j in range(m):
-            half[i, j] = -half[i, j]
-    symmetric_expm(half, step)
-    multiply(step, inverse, work)
-    inverse[:, :] = work
+    half, forth, back = scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m)
+    from_mandel(m, coordinates, 0.5, half)
+    symmetric_expm(m, half, forth, back, work[3 * m * m:])
+    multiply(m, factor, forth, half)
+    copy_into(half, factor)
+    multiply(m, back, inverse, half)
+    copy_into(half, inverse)
 
 
 @compiled
-def _mend(factor, inverse):
+def _mend(m, factor, inverse, work):
     """One Newton step: ``L⁻¹ ← L⁻¹ (2 I - L L⁻¹)``."""
-    m = factor.shape[0]
-    residue, work = np.empty((m, m)), np.empty((m, m))
-    multiply(factor, inverse, residue)
+    residue, result = scratch(work, 0, m), scratch(work, 1, m)
+    multiply(m, factor, inverse, residue)
+    for i in range(m * m):
+        residue[i] = -residue[i]
     for i in range(m):
-        for j in range(m):
-            residue[i, j] = (2.0 if i == j else 0.0) - residue[i, j]
-    multiply(inverse, residue, work)
-    inverse[:, :] = work
+        residue[i * m + i] += 2.0
+    multiply(m, inverse, residue, result)
+    copy_into(result, inverse)
 
 
 @compiled
-def apply(op, m, a, b, out):
+def _frame(m, point, lower, inverse):
+    if cholesky(m, point, lower):
+        invert_lower(m, lower, inverse)
+    else:
+        lower[:] = math.nan
+        inverse[:] = math.nan
+
+
+@compiled
+def _log_in_frame(m, inverse, point, out, work):
+    """``logm(L⁻¹ Q L⁻ᵀ)`` *is* the logarithm in the frame."""
+    white, result = scratch(work, 0, m), scratch(work, 1, m)
+    congruence(m, inverse, point, white, result)
+    symmetric_logm(m, white, result, work[2 * m * m:])
+    to_mandel(m, result, out)
+
+
+@compiled
+def _carry(m, factor, tangent, out, work):
+    """Mandel coordinates of ``A v Aᵀ``."""
+    matrix, image = scratch(work, 0, m), scratch(work, 1, m)
+    from_mandel(m, tangent, 1.0, matrix)
+    congruence(m, factor, matrix, image, work[2 * m * m:])
+    to_mandel(m, image, out)
+
+
+@compiled
+def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (L, L⁻¹) with the point at L Lᵀ."""
     size = m * m
-    first = a[:size].reshape(m, m)
     if op == ops.FRAME:
-        lower = out[:size].reshape(m, m)
-        if cholesky(first, lower):
-            invert_lower(lower, out[size:2 * size].reshape(m, m))
-        else:
-            out[:] = math.nan
-        return 0.0
-    if op == ops.EXP:
-        _exp(first, b, out.reshape(m, m))
-        return 0.0
-    if op == ops.LOG:
-        _log(first, b.reshape(m, m), out)
+        _frame(m, a, out[:size], out[size:])
+    elif op == ops.EXP:
+        _exp(m, a, b, out, work)
+    elif op == ops.LOG:
+        _log(m, a, b, out, work)
         return math.inf
-    if op == ops.TANGENT:
+    elif op == ops.TANGENT:
         copy_into(b, out)
-        return 0.0
-    if op == ops.MEND_POINT:
-        return 0.0
-    inverse = a[size:2 * size].reshape(m, m)
-    if op == ops.MOVE:
-        _move(first, inverse, b)
-        return 0.0
-    if op == ops.MEND:
-        _mend(first, inverse)
-        return 0.0
-    work = np.empty((m, m))
-    if op == ops.FRAME_LOG:
-        result = np.empty((m, m))
-        congruence(inverse, b.reshape(m, m), work)
-        symmetric_logm(work, result)
-        to_mandel(result, out)
+    elif op == ops.MOVE:
+        _move(m, a[:size], a[size:], b, work)
+    elif op == ops.MEND:
+        _mend(m, a[:size], a[size:], work)
+    elif op == ops.FRAME_LOG:
+        _log_in_frame(m, a[size:], b, out, work)
         return math.inf
-    if op == ops.POINT:
-        point = out.reshape(m, m)
-        for i in range(m):
-            for j in range(i + 1):
-                total = 0.0
-                for k in range(m):
-                    total += first[i, k] * first[j, k]
-                point[i, j] = total
-                point[j, i] = total
-    elif op == ops.VECTOR or op == ops.COORDS:
-        tangent = np.empty((m, m))
-        from_mandel(b, tangent)
-        congruence(first if op == ops.VECTOR else inverse, tangent, work)
-        to_mandel(work, out)
+    elif op == ops.POINT:
+        gram(m, a, out)
+    elif op == ops.VECTOR:
+        _carry(m, a, b, out, work)
+    elif op == ops.COORDS:
+        _carry(m, a[size:], b, out, work)
     return 0.0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.linalg import set_identity, sinc
+from gdmp_ros.manifolds.linalg import scratch, set_identity, sinc
 from gdmp_ros.manifolds.manifold import Manifold
 
 
@@ -88,41 +88,39 @@ def _rotate(turn, origin, coordinates):
     if angle < 1e-300:
         return
     sine, cosine1 = math.sin(angle), -2.0 * math.sin(0.5 * angle) ** 2
-    for row in range(size):
+    for row in range(0, size * size, size):
         along, across = 0.0, 0.0
         for i in range(size):
-            along += turn[row, i] * origin[i]
-            across += turn[row, i] * coordinates[i] / angle
+            along += turn[row + i] * origin[i]
+            across += turn[row + i] * coordinates[i] / angle
         for i in range(size):
             unit = coordinates[i] / angle
-            turn[row, i] += (sine * (across * origin[i] - along * unit)
-                             + cosine1 * (across * unit + along * origin[i]))
+            turn[row + i] += (sine * (across * origin[i] - along * unit)
+                              + cosine1 * (across * unit + along * origin[i]))
 
 
 @compiled
-def orthonormalise(turn):
+def orthonormalise(size, turn, work):
     """One Newton-Schulz step towards the nearest orthogonal matrix."""
-    size = turn.shape[0]
-    gram = np.empty((size, size))
+    correction, row = scratch(work, 0, size), work[size * size:size * size + size]
     for i in range(size):
         for j in range(size):
             total = 0.0
             for k in range(size):
-                total += turn[k, i] * turn[k, j]
-            gram[i, j] = (1.5 if i == j else 0.0) - 0.5 * total
-    row = np.empty(size)
+                total += turn[k * size + i] * turn[k * size + j]
+            correction[i * size + j] = (1.5 if i == j else 0.0) - 0.5 * total
     for i in range(size):
         for j in range(size):
             total = 0.0
             for k in range(size):
-                total += turn[i, k] * gram[k, j]
+                total += turn[i * size + k] * correction[k * size + j]
             row[j] = total
         for j in range(size):
-            turn[i, j] = row[j]
+            turn[i * size + j] = row[j]
 
 
 @compiled
-def apply(op, m, a, b, out):
+def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (origin, P) with the point at P origin."""
     size = m + 1
     if op == ops.LOG:
@@ -139,26 +137,26 @@ def apply(op, m, a, b, out):
     if op == ops.FRAME:
         for i in range(size):
             out[i] = a[i]
-        set_identity(out[size:].reshape(size, size))
+        set_identity(size, out[size:])
         return 0.0
-    origin, turn = a[:size], a[size:size + size * size].reshape(size, size)
+    origin, turn = a[:size], a[size:]
     if op == ops.MOVE:
         _rotate(turn, origin, b)
     elif op == ops.MEND:
-        orthonormalise(turn)
+        orthonormalise(size, turn, work)
     elif op == ops.POINT or op == ops.VECTOR:
         vector = origin if op == ops.POINT else b
         for i in range(size):
             total = 0.0
             for k in range(size):
-                total += turn[i, k] * vector[k]
+                total += turn[i * size + k] * vector[k]
             out[i] = total
     elif op == ops.FRAME_LOG or op == ops.COORDS:
-        image = np.empty(size)
+        image = work[:size]
         for i in range(size):
             total = 0.0
             for k in range(size):
-                total += turn[k, i] * b[k]
+                total += turn[k * size + i] * b[k]
             image[i] = total
         if op == ops.FRAME_LOG:
             return _log(origin, image, out)
