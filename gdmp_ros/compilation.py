@@ -22,7 +22,7 @@ from numba.np import arrayobj
 Function = TypeVar('Function', bound=Callable[..., object])
 
 #: Folders of the package that hold kernels.
-KERNEL_FOLDERS = ('manifolds', 'dmp', 'control')
+KERNEL_FOLDERS = ('manifolds', 'dmp', 'control', 'bench')
 
 
 def _fingerprint() -> str:
@@ -88,6 +88,22 @@ def inlined(function: Function) -> Function:
     """
     part: Any = numba.njit(inline='always', error_model='numpy')(function)
     return cast(Function, part)
+
+
+@intrinsic
+def kept_apart(typing_context):  # type: ignore[no-untyped-def]
+    """
+    Said at the beginning of a large kernel: keep it out of its callers' machine code.
+
+    Otherwise it may be copied into, and optimised anew in, every kernel above it, the more as
+    `merged` passes on to what is first compiled for it: minutes instead of half a minute.
+    """
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        builder.function.attributes.discard('alwaysinline')
+        builder.function.attributes.add('noinline')
+        return context.get_dummy_value()
+
+    return types.none(), build
 
 
 def matrix_of(array, at, rows, columns):  # type: ignore[no-untyped-def]

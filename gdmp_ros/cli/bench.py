@@ -1,82 +1,122 @@
-"""Measure accuracy.
+"""Measure speed, accuracy and calm, beside the peers.
 
-accuracy: the first demonstration of a LASA class on R², S², S³, SO(3) and SPD(2), both
-connections, sampled at 1, 2, 5 and 10 ms: mean geodesic error / span (largest distance from the
-start).
+step         a step of a roll-out from Python, beside movement_primitives
+learn        learning, beside movement_primitives
+accuracy     reproduction of all LASA classes on five manifolds, for 1 to 10 ms
+goal-switch  accelerations when the goal jumps, beside movement_primitives
+tempo        the path when the tempo changes, beside movement_primitives
+spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
+stream       the nodes' punctuality beside a bare loop (needs ROS)
+loop         the closed-loop simulation against real time, without ROS
+all          everything, with pictures
 
-example:
-  gdmp bench accuracy --class GShape --json accuracy.json
+examples:
+  gdmp bench step --json step.json
+  gdmp bench accuracy --jobs 2 --resume accuracy.jsonl --json accuracy.json
+  gdmp bench all --out out/bench
+
+The peers come with: pip install 'gdmp_ros[bench]'
 """
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from gdmp_ros.cli.terminal import progress, table
-from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.dmp.skill import CONNECTIONS
-from gdmp_ros.files import lasa
+from gdmp_ros.errors import DataError
+from gdmp_ros.terminal import table
 
-HELP = 'measure accuracy'
-STEPS_MS = (1, 2, 5, 10)
-
-
-class Row(NamedTuple):
-    """Accuracy of one manifold, connection and sampling over the classes."""
-
-    manifold: str
-    connection: str
-    dt_ms: int
-    classes: int
-    mean_relative_error: float
-    max_relative_error: float
+HELP = 'measure speed, accuracy and calm beside the peers'
+SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('what', choices=['accuracy'])
-    parser.add_argument('--class', dest='classes', action='append', choices=lasa.CLASSES,
-                        metavar='CLASS', help='LASA class, may be repeated (default: all 30)')
-    parser.add_argument('--n-basis', type=int, default=60, metavar='N')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the rows')
+    parser.add_argument('what', choices=[*SUBJECTS, 'all'], metavar='WHAT',
+                        help=', '.join([*SUBJECTS, 'all']))
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
+    parser.add_argument('--out', type=Path, default=Path('out/bench'), metavar='DIR',
+                        help='for all: where figures and pictures go (default %(default)s)')
+    parser.add_argument('--repetitions', type=int, default=9, metavar='N',
+                        help='of every timing, at least 7; the median counts (default '
+                             '%(default)s)')
+    parser.add_argument('--seconds', type=float, default=60.0, metavar='S',
+                        help='how long stream streams (default %(default)s)')
+    parser.add_argument('--class', dest='classes', action='append', metavar='CLASS',
+                        help='LASA class for accuracy, may be repeated (default: all 30)')
+    parser.add_argument('--n-basis', type=int, default=60, metavar='N',
+                        help='basis functions for accuracy (default %(default)s)')
+    add_parallel_arguments(parser)
+
+
+def add_parallel_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare where many tasks are done."""
+    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+                        help='processes; -1: one per core (default %(default)s)')
+    parser.add_argument('--backend', nargs=2, default=(), metavar=('dask', 'ADDRESS'),
+                        help='work on a Dask cluster instead')
+    parser.add_argument('--resume', type=Path, metavar='FILE',
+                        help='keep finished parts here and go on where they stopped')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure, print a table, write the file."""
-    classes = options.classes or list(lasa.CLASSES)
-    rows = accuracy(classes, options.n_basis)
-    table(f'mean error / span, N = {options.n_basis}, {len(classes)} class(es)',
-          ['manifold', 'connection', *(f'{ms} ms' for ms in STEPS_MS)],
-          [[m, c, *(f'{r.mean_relative_error:.2e}' for r in rows
-                    if (r.manifold, r.connection) == (m, c))]
-           for m in lasa.MAPPINGS for c in CONNECTIONS])
+    """Measure, print a table, write the files."""
+    from gdmp_ros.bench.measure import environment, Settings
+    from gdmp_ros.files import lasa
+    from gdmp_ros.parallel import chosen
+    classes = tuple(options.classes or lasa.CLASSES)
+    for name in classes:
+        if name not in lasa.CLASSES:
+            raise DataError(f'LASA class {name!r} is unknown, expected one of '
+                            f'{", ".join(lasa.CLASSES)}')
+    if options.repetitions < 7:
+        raise DataError(f'--repetitions is {options.repetitions}, expected at least 7')
+    if not 0.0 < options.seconds <= 86400.0:
+        raise DataError(f'--seconds is {options.seconds:g}, expected more than 0 to 86400')
+    settings = Settings(options.repetitions, options.seconds, options.jobs,
+                        chosen(options.backend), options.resume, classes, options.n_basis)
+    if options.what != 'all':
+        document = _measure(options.what, settings)
+        if options.json:
+            _write(options.json, {**document, 'environment': environment()})
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    documents = {}
+    for what in SUBJECTS:
+        documents[what] = _measure(what, settings)
+        _write(options.out / f'{what}.json', {**documents[what], 'environment': environment()})
     if options.json:
-        document = {'n_basis': options.n_basis, 'rows': [row._asdict() for row in rows]}
-        options.json.write_text(json.dumps(document, indent=1) + '\n')
+        _write(options.json, {**documents, 'environment': environment()})
+    _draw(documents, options.out)
+    print(f'figures and pictures: {options.out}')
 
 
-def accuracy(classes: list[str], n_basis: int = 60) -> list[Row]:
-    """Rows for every manifold, connection and sampling."""
-    shown = {mapping: [lasa.riemannian(lasa.strokes(name)[0], mapping) for name in classes]
-             for mapping in lasa.MAPPINGS}
-    rows = []
-    with progress('accuracy', len(lasa.MAPPINGS) * len(CONNECTIONS)) as step:
-        for mapping in lasa.MAPPINGS:
-            for connection in CONNECTIONS:
-                rows += _rows(mapping, connection, shown[mapping], n_basis)
-                step()
-    return rows
+def _module(what: str) -> Any:
+    return importlib.import_module(f'gdmp_ros.bench.{what.replace("-", "_")}')
 
 
-def _rows(mapping: str, connection: str, shown: list[Demonstration], n_basis: int) -> list[Row]:
-    skills = [Skill.learn(d, n_basis, connection=connection) for d in shown]
-    rows = []
-    for ms in STEPS_MS:
-        errors = [float(reproduction_error(skill, d, ms * 1e-3)[0])
-                  for skill, d in zip(skills, shown)]
-        rows.append(Row(mapping, connection, ms, len(shown), sum(errors) / len(errors),
-                        max(errors)))
-    return rows
+def _measure(what: str, settings: Any) -> dict[str, Any]:
+    module = _module(what)
+    document: dict[str, Any] = module.run(settings)
+    heads, *lines = module.rows(document)
+    table(module.TITLE, heads, lines)
+    return document
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    try:
+        path.write_text(json.dumps(document, indent=1) + '\n')
+    except OSError as error:
+        raise DataError(f'{path}: cannot write the figures: {error.strerror}') from None
+
+
+def _draw(documents: dict[str, dict[str, Any]], folder: Path) -> None:
+    from gdmp_ros import plots
+    for what, document in documents.items():
+        draw = getattr(_module(what), 'draw', None)
+        if draw is not None:
+            figure = plots.Figure(figsize=(6.4, 4.0))
+            draw(document, figure.subplots())
+            plots.save(figure, folder / f'{what}.png')

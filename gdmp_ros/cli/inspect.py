@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.cli.terminal import table
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import bags, recordings
+from gdmp_ros.terminal import table
 
 HELP = 'say what is in a bag or a skill file'
 

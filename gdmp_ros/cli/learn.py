@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.cli.terminal import progress, table
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import recordings
+from gdmp_ros.terminal import progress, table
 
 HELP = 'learn a skill from rosbag2 demonstrations'
 

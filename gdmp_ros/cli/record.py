@@ -12,10 +12,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.terminal import progress
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import lasa, recordings
 from gdmp_ros.files.bags import NS, STORAGES
+from gdmp_ros.terminal import progress
 
 HELP = 'write rosbag2 demonstrations from a data set'
 #: First stamp of the recordings, one minute apart: fixed, so that recordings are reproducible.

@@ -16,7 +16,6 @@ import psutil
 
 from gdmp_ros import __version__
 from gdmp_ros.cli.record import EPOCH_NS
-from gdmp_ros.cli.terminal import table
 from gdmp_ros.demo import pictures, report
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
@@ -27,6 +26,7 @@ from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternio
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
+from gdmp_ros.terminal import table
 
 FRAME = 'panda_link0'
 PERIOD_NS = 1_000_000

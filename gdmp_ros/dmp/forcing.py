@@ -6,7 +6,7 @@ import math
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, LinAlgError, lstsq
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart
 from gdmp_ros.errors import ParameterError
 
 #: Basis functions below e^-40 of the largest are left out of the sums: less than rounding.
@@ -44,6 +44,7 @@ def forcing(functions, weights, s, x, out):
 
     :param weights: shape (functions, outputs)
     """
+    kept_apart()
     count = functions.shape[1]
     nearest = _nearest(functions, s)
     d = x - functions[0, nearest]

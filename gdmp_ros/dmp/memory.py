@@ -22,7 +22,8 @@ from gdmp_ros.manifolds.registry import FRAME, POINT, SIZE, TABLE_COLUMNS, VECTO
  OBSTACLES_AT, FRAMES_AT, POINTS_AT, VECTORS_AT, WORK_AT) = range(21)
 TABLE_AT = 21
 
-# Rows of `frames`, and the first rows of `points`: the start, an interval's nodes and its middle.
+# Rows of `frames`, and the first rows of `points`: the start, an interval's nodes and its middle
+# (`parallel` keeps frames at middles, PREVIOUS that of the interval before; `published` points).
 START, PREVIOUS, MID, NODE, WORK = range(5)
 FRAME_ROWS = 5
 # Further rows of `points`: the goal on its way from one to the other, what draws the motion now

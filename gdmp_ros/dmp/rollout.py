@@ -47,6 +47,13 @@ class State:
     _numbers: np.ndarray
     _manifold: Manifold
 
+    @classmethod
+    def of(cls, numbers: np.ndarray, manifold: Manifold) -> State:
+        """Make a state of its numbers, without copying them."""
+        state = _new(cls)
+        state._numbers, state._manifold = numbers, manifold
+        return state
+
     @property
     def time(self) -> float:
         return float(self._numbers[0])
@@ -398,7 +405,7 @@ class Rollout:
 
     def _place(self, start: np.ndarray, goal: np.ndarray, frame: np.ndarray) -> None:
         manifold, vectors = self.skill.manifold, self._vectors
-        self._views.frames[[mem.START, mem.NODE]] = frame
+        self._views.frames[mem.START] = frame
         self._points[[mem.START, mem.NODE]] = start.reshape(-1)
         self._points[[mem.GOAL, mem.GOAL_FROM, mem.GOAL_NEW]] = goal.reshape(-1)
         vectors[mem.Z] = self.skill.velocity

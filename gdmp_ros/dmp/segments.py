@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.registry import (
@@ -31,8 +31,9 @@ from gdmp_ros.manifolds.registry import (
     work_array,
 )
 
-#: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor.
-MARGIN = 0.1
+#: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor:
+#: the logarithm turns π / gap times as fast as the point moves there, too fast to be learned.
+MARGIN = 0.5
 #: Longest way within a segment [rad]: point and target stay well inside each other's region.
 LONGEST = 0.45 * math.pi
 
@@ -59,6 +60,7 @@ class Segments:
 @compiled
 def target_at(table, split, ends, waypoints, goal, s, out, vector, work):
     """Write what draws the motion at ``s`` to ``out``: for factors not split, the goal."""
+    kept_apart()
     for i in range(goal.size):
         out[i] = goal[i]
     index = 0

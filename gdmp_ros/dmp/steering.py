@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart
 
 #: How quickly the steering fades with the angle between motion and obstacle [1/rad].
 _ANGLE_DECAY = 20.0 / math.pi
@@ -24,6 +24,7 @@ def steer(position, velocity, obstacles, gain, reach, bound, out):
 
     Source: after Hoffmann, Pastor, Park, Schaal 2009 (ICRA), eqs. (9), (10), with a finite reach.
     """
+    kept_apart()
     size = position.size
     speed2 = 0.0
     for i in range(size):

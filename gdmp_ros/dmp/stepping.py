@@ -138,18 +138,37 @@ def _start_to_goal(table, numbers, frames, points, vectors, goal, work):
 
 
 @inlined
-def _drift_to_mid(table, numbers, frames, points, vectors, target, half, work):
-    """Half a drift from NODE to MID; where the target is, seen from there."""
+def _drift_to_mid(table, numbers, frames, points, vectors, h, work):
+    """
+    On to the middle of the next interval.
+
+    In the frame, the last interval's second half drift and the next one's first are one: the same
+    geodesic with the same velocity.
+    """
     offset = vectors[OFFSET]
-    for i in range(offset.size):
-        offset[i] = half * vectors[Z, i]
-    _copy(vectors[TO_GOAL], vectors[SPARE])
     if numbers[PARALLEL] > 0.0:
-        _copy(frames[NODE], frames[MID])
+        share = h
+        if numbers[INTERVAL] < 0.0:
+            share = 0.5 * h
+            _copy(frames[START], frames[MID])
+        for i in range(offset.size):
+            offset[i] = share * vectors[Z, i]
+        _copy(frames[MID], frames[PREVIOUS])
         apply_factors(table, ops.MOVE, frames[MID], offset, vectors[RATE], work)
-    else:
-        apply_factors(table, ops.TANGENT, points[NODE], offset, vectors[RATE], work)
-        apply_factors(table, ops.EXP, points[NODE], vectors[RATE], points[MID], work)
+        if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
+            apply_factors(table, ops.MEND, frames[MID], vectors[SPARE], vectors[SPARE], work)
+        return
+    for i in range(offset.size):
+        offset[i] = 0.5 * h * vectors[Z, i]
+    _copy(points[NODE], points[PREVIOUS])
+    apply_factors(table, ops.TANGENT, points[NODE], offset, vectors[RATE], work)
+    apply_factors(table, ops.EXP, points[NODE], vectors[RATE], points[MID], work)
+
+
+@inlined
+def _look_at_target(table, numbers, frames, points, vectors, target, work):
+    """Where the target is, seen from the middle of the interval."""
+    _copy(vectors[TO_GOAL], vectors[SPARE])
     for factor in range(table.shape[0]):
         if numbers[PARALLEL] > 0.0:
             gap = apply_factor(table, factor, ops.FRAME_LOG, frames[MID], target,
@@ -166,16 +185,10 @@ def _drift_to_mid(table, numbers, frames, points, vectors, target, half, work):
 
 @inlined
 def _drift_to_node(table, numbers, frames, points, vectors, half, work):
+    """The second half drift, `published` only; a sum that is finite if the result is."""
     offset = vectors[OFFSET]
     if numbers[PARALLEL] > 0.0:
-        for i in range(offset.size):
-            offset[i] = half * vectors[Z, i]
-        _copy(frames[MID], frames[NODE])
-        apply_factors(table, ops.MOVE, frames[NODE], offset, vectors[SPARE], work)
-        if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
-            apply_factors(table, ops.MEND, frames[NODE], vectors[SPARE], vectors[SPARE],
-                          work)
-        return frames[NODE].sum()
+        return frames[MID].sum()
     _copy(vectors[Z], vectors[RATE])
     apply_factors(table, ops.TANGENT, points[MID], vectors[RATE], vectors[Z], work)
     for i in range(offset.size):
@@ -250,10 +263,9 @@ def _step(layout, table, numbers, gains, functions, weights, split, ends, waypoi
         _start_to_goal(table, numbers, frames, points, vectors, first, work)
     forcing(functions, weights, s, x, vectors[FORCE])
     shaping = _fade(s)
-    _copy(frames[NODE], frames[PREVIOUS])
-    _copy(points[NODE], points[PREVIOUS])
+    _drift_to_mid(table, numbers, frames, points, vectors, h, work)
+    _look_at_target(table, numbers, frames, points, vectors, target, work)
     _copy(vectors[Z], vectors[Z_PREVIOUS])
-    _drift_to_mid(table, numbers, frames, points, vectors, target, 0.5 * h, work)
     if numbers[OBSTACLES] > 0.0:
         _steer(layout, table, numbers, obstacles, frames, points, vectors)
     if s < numbers[PUSH_END]:
@@ -267,7 +279,7 @@ def _step(layout, table, numbers, gains, functions, weights, split, ends, waypoi
     total = (_drift_to_node(table, numbers, frames, points, vectors, 0.5 * h, work)
              + vectors[Z].sum())
     if not math.isfinite(total):
-        _copy(frames[PREVIOUS], frames[NODE])
+        _copy(frames[PREVIOUS], frames[MID])
         _copy(points[PREVIOUS], points[NODE])
         _copy(vectors[Z_PREVIOUS], vectors[Z])
         return False
@@ -304,6 +316,22 @@ def _interpolate(table, numbers, frames, points, vectors, u, work):
 
 
 @inlined
+def _hold(table, numbers, frames, points, vectors, point, work):
+    """The last node that could be computed, to ``point``."""
+    if numbers[PARALLEL] == 0.0:
+        _copy(points[NODE], point)
+        return
+    place = START
+    if numbers[INTERVAL] >= 0.0:
+        place = WORK
+        _copy(frames[MID], frames[WORK])
+        for i in range(vectors.shape[1]):
+            vectors[OFFSET, i] = 0.5 / numbers[STEPS] * vectors[Z, i]
+        apply_factors(table, ops.MOVE, frames[WORK], vectors[OFFSET], vectors[SPARE], work)
+    apply_factors(table, ops.POINT, frames[place], vectors[SPARE], point, work)
+
+
+@inlined
 def _evaluate(table, numbers, frames, points, vectors, out, work):
     """
     Write time, phase, point, velocity and acceleration of the present moment to ``out``.
@@ -315,10 +343,7 @@ def _evaluate(table, numbers, frames, points, vectors, out, work):
     point, velocity, acceleration = (out[2:2 + p], out[2 + p:2 + p + n],
                                      out[2 + p + n:2 + p + 2 * n])
     if numbers[HELD] > 0.0:
-        if numbers[PARALLEL] > 0.0:
-            apply_factors(table, ops.POINT, frames[NODE], vectors[SPARE], point, work)
-        else:
-            _copy(points[NODE], point)
+        _hold(table, numbers, frames, points, vectors, point, work)
         for i in range(n):
             velocity[i] = 0.0
             acceleration[i] = 0.0

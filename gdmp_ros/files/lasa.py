@@ -20,6 +20,7 @@ from gdmp_ros.manifolds import (
     UnitQuaternion,
 )
 from gdmp_ros.stiffness import variance_stiffness
+from gdmp_ros.stiffness.variance import Mixture
 
 CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
            'JShape_2', 'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape',
@@ -86,6 +87,19 @@ def riemannian(stroke: Stroke, mapping: str) -> Demonstration:
         raise DataError(f'mapping {mapping!r} is unknown, expected one of {", ".join(MAPPINGS)}')
     return Demonstration(stroke.times, np.array([manifold.exp(base, v) for v in tangents]),
                          manifold)
+
+
+def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) -> Demonstration:
+    """
+    Covariance of a class's strokes over time by Gaussian mixture regression, on SPD(2).
+
+    In units of (50 mm)², over the first stroke's duration. Source: [GDMP] section 5.1.
+    """
+    shown = strokes(name)
+    mixture = Mixture([stroke.positions / SCALE_MM for stroke in shown], n_components)
+    at = np.linspace(0.0, 1.0, samples)
+    duration = shown[0].times[-1] - shown[0].times[0]
+    return Demonstration(duration * at, mixture.covariances(at), SymmetricPositiveDefinite(2))
 
 
 #: Pose and translational stiffness of a robot's tool.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled, inlined
+from gdmp_ros.compilation import compiled, inlined, kept_apart
 
 EPS = 2.0 ** -52
 SQRT2 = math.sqrt(2.0)
@@ -41,6 +41,7 @@ def _multiply3(a, b, out):
 
 @compiled
 def _multiply_rows(m, a, b, out):
+    kept_apart()
     for i in range(m):
         left, result = row_of(a, i, m), row_of(out, i, m)
         for j in range(m):
@@ -63,6 +64,7 @@ def multiply(m, a, b, out):
 @compiled
 def multiply_transposed(m, a, b, out):
     """``out = a bᵀ``; ``out`` must be neither ``a`` nor ``b``."""
+    kept_apart()
     for i in range(m):
         left, result = row_of(a, i, m), row_of(out, i, m)
         for j in range(m):
@@ -75,6 +77,7 @@ def multiply_transposed(m, a, b, out):
 @compiled
 def transposed_multiply(m, a, b, out):
     """``out = aᵀ b``; ``out`` must be neither ``a`` nor ``b``."""
+    kept_apart()
     for i in range(m):
         result = row_of(out, i, m)
         for j in range(m):
@@ -141,6 +144,7 @@ def set_identity(m, out):
 @compiled
 def cholesky(m, a, lower):
     """Lower factor of ``a``; False where ``a`` is not positive definite."""
+    kept_apart()
     for j in range(m):
         for i in range(j):
             lower[i * m + j] = 0.0
@@ -162,6 +166,7 @@ def cholesky(m, a, lower):
 @compiled
 def invert_lower(m, lower, out):
     """Inverse of a lower triangular matrix."""
+    kept_apart()
     for j in range(m):
         for i in range(j):
             out[i * m + j] = 0.0

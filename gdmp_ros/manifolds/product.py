@@ -7,7 +7,7 @@ import numpy as np
 
 from gdmp_ros.errors import CutLocusError, ManifoldError
 from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.registry import apply_product, factor_table, POINT, VECTOR, work_array
+from gdmp_ros.manifolds.registry import factor_table, map_factors, POINT, VECTOR, work_array
 
 
 class Product(Manifold):
@@ -76,7 +76,9 @@ class Product(Manifold):
         return self.join(*(f.random_point(rng) for f in self._factors))
 
     def _apply(self, op: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> float:
-        return float(apply_product(self._table, op, a, b, out, work_array(self._table)))
+        answer = np.empty(1)
+        map_factors(self._table, op, a[None], b[None], out[None], answer, work_array(self._table))
+        return float(answer[0])
 
     def _project(self, array: np.ndarray) -> np.ndarray:
         return self.join(*(f._project(p) for f, p in zip(self._factors, self.split(array))))

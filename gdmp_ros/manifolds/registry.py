@@ -79,12 +79,6 @@ def apply_factors(table, op, a, b, out, work):
 
 
 @compiled
-def apply_product(table, op, a, b, out, work):
-    """`apply_factors` for callers that are not kernels."""
-    return apply_factors(table, op, a, b, out, work)
-
-
-@compiled
 def map_factors(table, op, a, b, out, answers, work):
     """Answer ``op`` for each row of ``a``, ``b`` and ``out``; `apply_factors`' answers by row."""
     for i in range(answers.size):

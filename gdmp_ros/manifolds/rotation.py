@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.linalg import (
     copy_into,
@@ -62,6 +62,7 @@ def _vee(m, s, out):
 @compiled
 def _exp3(v, scale, out):
     """Rodrigues' formula, [GDMP] eq. (A.10), with 1 - cos from the half angle."""
+    kept_apart()
     x, y, z = scale * v[0], scale * v[1], scale * v[2]
     angle = math.sqrt(x * x + y * y + z * z)
     s = sinc(angle)
@@ -77,6 +78,7 @@ def _exp3(v, scale, out):
 @compiled
 def _log3(r, out, q):
     """[GDMP] eq. (A.9), through the quaternion's largest component: right also near pi."""
+    kept_apart()
     trace = r[0] + r[4] + r[8]
     largest = 0
     best = trace
@@ -107,6 +109,7 @@ def _log3(r, out, q):
 @compiled
 def _exp_general(m, v, scale, out, work):
     """``exp(V) = cos(Ω) + sinc(Ω) V`` with Ω² = -V²: one symmetric eigenproblem."""
+    kept_apart()
     skew, square, vectors, factor = (scratch(work, 0, m), scratch(work, 1, m),
                                      scratch(work, 2, m), scratch(work, 3, m))
     values = work[4 * m * m:4 * m * m + m]
@@ -140,6 +143,7 @@ def _log_general(m, r, out, work):
 
     The sine of each plane is read off A, not off S, which keeps the error near pi at eps / gap.
     """
+    kept_apart()
     skew, even, vectors, result = (scratch(work, 0, m), scratch(work, 1, m),
                                    scratch(work, 2, m), scratch(work, 3, m))
     cosines, rest = work[4 * m * m:4 * m * m + m], work[4 * m * m + m:]
@@ -205,6 +209,7 @@ def _log_identity(m, r, out, work):
 @compiled
 def _conjugate(m, turn, v, forward, out, work):
     """Coordinates of ``T V Tᵀ`` (forward) or ``Tᵀ V T``."""
+    kept_apart()
     skew, half = scratch(work, 0, m), scratch(work, 1, m)
     _skew(m, v, skew)
     if forward:
@@ -219,6 +224,7 @@ def _conjugate(m, turn, v, forward, out, work):
 @compiled
 def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (A, C) with the point at A C."""
+    kept_apart()
     size = m * m
     if op == ops.TANGENT:
         copy_into(b, out)

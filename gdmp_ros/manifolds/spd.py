@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart, merged
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.linalg import (
     cholesky,
@@ -26,6 +26,7 @@ from gdmp_ros.manifolds.spectral import symmetric_expm, symmetric_logm
 @compiled
 def _exp(m, base, v, out, work):
     """``Exp_U(v) = L expm(L⁻¹ v L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.2) by Cholesky."""
+    kept_apart()
     lower, inverse, tangent, white = (scratch(work, 0, m), scratch(work, 1, m),
                                       scratch(work, 2, m), scratch(work, 3, m))
     if not cholesky(m, base, lower):
@@ -42,6 +43,7 @@ def _exp(m, base, v, out, work):
 @compiled
 def _log(m, base, point, out, work):
     """``Log_U(Q) = L logm(L⁻¹ Q L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.1) by Cholesky."""
+    kept_apart()
     lower, inverse, white, result = (scratch(work, 0, m), scratch(work, 1, m),
                                      scratch(work, 2, m), scratch(work, 3, m))
     if not cholesky(m, base, lower):
@@ -69,6 +71,7 @@ def _move(m, factor, inverse, coordinates, work):
 @compiled
 def _mend(m, factor, inverse, work):
     """One Newton step: ``L⁻¹ ← L⁻¹ (2 I - L L⁻¹)``."""
+    kept_apart()
     residue, result = scratch(work, 0, m), scratch(work, 1, m)
     multiply(m, factor, inverse, residue)
     for i in range(m * m):
@@ -81,6 +84,7 @@ def _mend(m, factor, inverse, work):
 
 @compiled
 def _frame(m, point, lower, inverse):
+    kept_apart()
     if cholesky(m, point, lower):
         invert_lower(m, lower, inverse)
     else:
@@ -106,7 +110,7 @@ def _carry(m, factor, tangent, out, work):
     to_mandel(m, image, out)
 
 
-@compiled
+@merged
 def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (L, L⁻¹) with the point at L Lᵀ."""
     size = m * m

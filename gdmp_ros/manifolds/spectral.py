@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled, inlined
+from gdmp_ros.compilation import compiled, inlined, kept_apart
 from gdmp_ros.manifolds.linalg import (
     copy_into,
     EPS,
@@ -39,6 +39,7 @@ def _rotation(app, aqq, apq):
 @compiled
 def _jacobi(m, a, vectors):
     """Diagonalise ``a`` in place by plane rotations; accurate for graded matrices too."""
+    kept_apart()
     set_identity(m, vectors)
     for _ in range(60):
         off, scale = 0.0, 0.0
@@ -74,6 +75,7 @@ def _jacobi(m, a, vectors):
 @compiled
 def _jacobi3(a, values, v):
     """`_jacobi` for a 3×3 matrix, in registers."""
+    kept_apart()
     x, y, z, xy, xz, yz = a[0], a[4], a[8], a[1], a[2], a[5]
     v0, v1, v2, v3, v4, v5, v6, v7, v8 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for _ in range(60):
@@ -107,6 +109,7 @@ def _tridiagonalise(m, a, diagonal, beside, vectors, product):
     The reflections stay in the rows of ``a`` beyond the diagonal, scaled to length √2, until
     they are gathered in ``vectors``.
     """
+    kept_apart()
     for k in range(m - 2):
         mirror, size = a[k * m + k + 1:(k + 1) * m], m - k - 1
         total = 0.0
@@ -152,6 +155,7 @@ def _tridiagonalise(m, a, diagonal, beside, vectors, product):
 @compiled
 def _ql(m, diagonal, beside, vectors):
     """Diagonalise a tridiagonal matrix by implicit QL steps, turning the rows of ``vectors``."""
+    kept_apart()
     for first in range(m):
         for _ in range(60):
             last = first
@@ -217,6 +221,7 @@ def symmetric_eigen(m, a, values, vectors, work):
 @compiled
 def compose_eigen(m, values, vectors, out):
     """``out = Vᵀ diag(values) V``, symmetric to the last bit."""
+    kept_apart()
     for i in range(m * m):
         out[i] = 0.0
     for k in range(m):
@@ -237,6 +242,7 @@ def symmetric_logm(m, s, out, work):
 
     :param work: scratch of at least ``m² + 3 m`` numbers
     """
+    kept_apart()
     vectors, values = scratch(work, 0, m), work[m * m:m * m + m]
     symmetric_eigen(m, s, values, vectors, work[m * m + m:])
     for i in range(m):
@@ -253,6 +259,7 @@ def symmetric_expm(m, s, out, inverse, work):
 
     :param work: scratch of at least ``4 m²`` numbers, and of ``m² + 3 m``
     """
+    kept_apart()
     norm2 = 0.0
     for i in range(m * m):
         norm2 += s[i] * s[i]
@@ -294,6 +301,7 @@ def symmetric_expm(m, s, out, inverse, work):
 
 @compiled
 def _expm_by_eigenvalues(m, s, out, inverse, work):
+    kept_apart()
     vectors = scratch(work, 0, m)
     values, rest = work[m * m:m * m + m], work[m * m + m:]
     copy_into(s, out)

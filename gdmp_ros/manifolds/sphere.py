@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.compilation import compiled, kept_apart
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.linalg import scratch, set_identity, sinc
 from gdmp_ros.manifolds.manifold import Manifold
@@ -80,6 +80,7 @@ def _any_tangent(base, out):
 @compiled
 def _rotate(turn, origin, coordinates):
     """Turn ``turn`` on the right in the plane (origin, coordinates)."""
+    kept_apart()
     size = origin.size
     total = 0.0
     for i in range(size):
@@ -102,6 +103,7 @@ def _rotate(turn, origin, coordinates):
 @compiled
 def orthonormalise(size, turn, work):
     """One Newton-Schulz step towards the nearest orthogonal matrix."""
+    kept_apart()
     correction, row = scratch(work, 0, size), work[size * size:size * size + size]
     for i in range(size):
         for j in range(size):
@@ -122,6 +124,7 @@ def orthonormalise(size, turn, work):
 @compiled
 def apply(op, m, a, b, out, work):
     """Answer one of the operations; a frame is (origin, P) with the point at P origin."""
+    kept_apart()
     size = m + 1
     if op == ops.LOG:
         return _log(a, b, out)

@@ -1,0 +1,116 @@
+"""
+The older way on SPD(m): vectors carried to the start by matrix square roots in every cycle.
+
+Source: Abu-Dakka, Kyrki 2020 (ICRA), as [GDMP] section 5.3 compares with it. Compiled like
+ours, so that the methods are compared and not the languages.
+"""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gdmp_ros.compilation import compiled
+from gdmp_ros.dmp import Skill
+from gdmp_ros.dmp.forcing import basis, forcing
+from gdmp_ros.manifolds.linalg import (
+    cholesky,
+    congruence,
+    from_mandel,
+    invert_lower,
+    multiply,
+    scratch,
+    to_mandel,
+)
+from gdmp_ros.manifolds.operations import work_size
+from gdmp_ros.manifolds.spectral import (
+    compose_eigen,
+    symmetric_eigen,
+    symmetric_expm,
+    symmetric_logm,
+)
+
+
+@compiled
+def _root(m, a, root, inverse, work):
+    """Symmetric square root of ``a`` and its inverse."""
+    vectors, values, left = scratch(work, 0, m), work[m * m:m * m + m], work[m * m + m:]
+    for i in range(m * m):
+        root[i] = a[i]
+    symmetric_eigen(m, root, values, vectors, left)
+    for i in range(m):
+        values[i] = math.sqrt(values[i])
+    compose_eigen(m, values, vectors, root)
+    for i in range(m):
+        values[i] = 1.0 / values[i]
+    compose_eigen(m, values, vectors, inverse)
+
+
+@compiled
+def _transporter(m, source, target, out, work):
+    """``E = (T S⁻¹)^½`` with ``v ↦ E v Eᵀ``, through the square roots of S and of S^-½ T S^-½."""
+    root, inverse, white, half = (scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m),
+                                  scratch(work, 3, m))
+    rest = work[4 * m * m:]
+    _root(m, source, root, inverse, rest)
+    congruence(m, inverse, target, white, half)
+    _root(m, white, half, out, rest)
+    multiply(m, root, half, white)
+    multiply(m, white, inverse, out)
+
+
+@compiled
+def _explicit_step(m, functions, weights, numbers, point, start, goal, velocity, offset, work):
+    """One cycle of eqs. (17), (18) with all vectors at the start."""
+    s, h, alpha_z, alpha_x = numbers[0], numbers[1], numbers[2], numbers[3]
+    x, size = math.exp(-alpha_x * s), m * m
+    to_start, lower, inverse, a, b = (scratch(work, 0, m), scratch(work, 1, m),
+                                      scratch(work, 2, m), scratch(work, 3, m),
+                                      scratch(work, 4, m))
+    rest = work[5 * size:]
+    # Where the goal is, as a vector at the point, carried to the start.
+    cholesky(m, point, lower)
+    invert_lower(m, lower, inverse)
+    congruence(m, inverse, goal, a, b)
+    symmetric_logm(m, a, b, rest)
+    congruence(m, lower, b, a, to_start)
+    _transporter(m, point, start, to_start, rest)
+    congruence(m, to_start, a, b, lower)
+    force, seen = rest[:velocity.size], rest[velocity.size:2 * velocity.size]
+    forcing(functions, weights, s, x, force)
+    to_mandel(m, b, seen)
+    for i in range(velocity.size):
+        pull = seen[i] - offset[i] * x + force[i]
+        velocity[i] += h * alpha_z * (0.25 * alpha_z * pull - velocity[i])
+    # The step, carried back to the point.
+    from_mandel(m, velocity, h, a)
+    _transporter(m, start, point, to_start, rest)
+    congruence(m, to_start, a, b, lower)
+    cholesky(m, point, lower)
+    invert_lower(m, lower, inverse)
+    congruence(m, inverse, b, a, to_start)
+    symmetric_expm(m, a, b, inverse, rest)
+    congruence(m, lower, b, point, a)
+    numbers[0] = s + h
+
+
+class ExplicitTransport:
+    """Steps a skill on SPD(m) this way."""
+
+    def __init__(self, skill: Skill, dt: float = 1e-3):
+        """:param skill: on SPD(m)"""
+        manifold, size = skill.manifold, skill.manifold.tangent_size
+        self._functions = basis(skill.n_basis, skill.gains.alpha_x)
+        self._weights = np.array(skill.weights)
+        self._numbers = np.array([0.0, dt / skill.duration, skill.gains.alpha_z,
+                                  skill.gains.alpha_x])
+        self._point, self._start = (np.array(skill.start).reshape(-1) for _ in range(2))
+        self._goal, self._velocity = np.array(skill.goal).reshape(-1), np.zeros(size)
+        self._offset = manifold.log(skill.start, skill.goal)
+        self._work = np.empty(3 * work_size(skill.manifold.m))
+
+    def step(self) -> None:
+        """Advance by dt."""
+        _explicit_step(math.isqrt(self._point.size), self._functions, self._weights,
+                       self._numbers, self._point, self._start, self._goal, self._velocity,
+                       self._offset, self._work)

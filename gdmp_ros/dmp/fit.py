@@ -1,0 +1,124 @@
+"""How well a skill fits its demonstrations, and what in them looks wrong."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.evaluation import deviation
+from gdmp_ros.dmp.forcing import basis, scaled_design
+from gdmp_ros.dmp.learning import prepared
+from gdmp_ros.dmp.skill import Skill
+
+#: A sample this many times further off its neighbours than is usual around it is suspicious.
+_OUTLIER = 12.0
+#: Samples around one that say what is usual.
+_AROUND = 31
+#: A pause between samples this many times the median is a gap.
+_GAP = 5.0
+#: Suspicious samples listed for one demonstration at most.
+MOST_LISTED = 20
+
+
+class Suspicion(NamedTuple):
+    """A sample that looks wrong, at ``time`` [s] after the first, and why."""
+
+    sample: int
+    time: float
+    reason: str
+
+
+class DemonstrationFit(NamedTuple):
+    """
+    How one demonstration is reproduced.
+
+    :ivar mean_error: by factor, geodesic
+    :ivar largest_error: by factor
+    :ivar relative_error: mean geodesic error / span
+    """
+
+    duration: float
+    samples: int
+    mean_error: tuple[float, ...]
+    largest_error: tuple[float, ...]
+    relative_error: float
+    suspicions: tuple[Suspicion, ...]
+
+
+class Fit(NamedTuple):
+    """
+    What learning came to.
+
+    :ivar condition: of the normal equations, columns scaled to unit length
+    :ivar segments: progress s at which the motion is cut at the cut locus, if it is
+    """
+
+    factors: tuple[str, ...]
+    n_basis: int
+    condition: float
+    segments: tuple[float, ...]
+    demonstrations: tuple[DemonstrationFit, ...]
+
+
+def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstration]) -> Fit:
+    """
+    Examine a skill against what it was learned from.
+
+    Each demonstration is reproduced from its own start to its own goal in its own time.
+    """
+    shown = ([demonstrations] if isinstance(demonstrations, Demonstration)
+             else list(demonstrations))
+    alpha_x = skill.gains.alpha_x
+    s = np.concatenate([np.linspace(0.0, 1.0, len(d.times)) for d in prepared(shown)])
+    matrix, _ = scaled_design(basis(skill.n_basis, alpha_x), alpha_x, s)
+    return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
+               tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
+
+
+def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
+    times = demonstration.times - demonstration.times[0]
+    away = deviation(skill, demonstration, times)
+    relative = float(np.linalg.norm(away, axis=1).mean()) / demonstration.span()
+    return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
+                            tuple(away.max(axis=0).tolist()), relative,
+                            tuple(suspicious(demonstration)))
+
+
+def suspicious(demonstration: Demonstration) -> list[Suspicion]:
+    """Gaps in the stamps, jumps and repeated samples; `MOST_LISTED` at most."""
+    times = demonstration.times - demonstration.times[0]
+    spacing = np.diff(times)
+    usual = float(np.median(spacing))
+    found = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
+                       f'{spacing[i] / usual:.0f} times the usual spacing')
+             for i in np.flatnonzero(spacing > _GAP * usual)]
+    manifold, points = demonstration.manifold, demonstration.flat_points
+    curve = Development(manifold, points, manifold.frame(demonstration.points[0])).unrolled
+    scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
+    found += _jumps(times, curve, scale) + _repeats(times, curve, scale)
+    return sorted(found)[:MOST_LISTED]
+
+
+def _jumps(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspicion]:
+    """Samples far off the line between their neighbours, compared with those around them."""
+    share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+    off = np.linalg.norm(curve[1:-1] - (1.0 - share) * curve[:-2] - share * curve[2:], axis=1)
+    usual = median_filter(off, size=min(_AROUND, len(off)), mode='nearest')
+    ratio = off / np.maximum(usual, 1e-6 * scale)
+    peak = (off >= np.roll(off, 1)) & (off > np.roll(off, -1))
+    return [Suspicion(int(i) + 1, float(times[i + 1]),
+                      f'is {ratio[i]:.0f} times further off its neighbours than those around it')
+            for i in np.flatnonzero(peak & (ratio > _OUTLIER))]
+
+
+def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspicion]:
+    """Samples equal to the one before although the motion is under way."""
+    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    around = median_filter(steps, size=min(_AROUND, len(steps)), mode='nearest')
+    frozen = np.flatnonzero((steps < 1e-3 * around) & (around > 1e-5 * scale))
+    return [Suspicion(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
+            for i in frozen]
