@@ -57,13 +57,14 @@ def cache_folder() -> Path:
 _CACHE = str(cache_folder())
 
 
-def compiled(function: Function, **options: bool) -> Function:
+def compiled(function: Function, forceinline: bool = False) -> Function:
     """Compile ``function`` on first call, without the GIL, and keep the machine code on disk."""
     settings = vars(config)
     previous = settings['CACHE_DIR']
     settings['CACHE_DIR'] = _CACHE
     try:
-        kernel: Any = numba.njit(cache=True, nogil=True, error_model='numpy', **options)(function)
+        kernel: Any = numba.njit(cache=True, nogil=True, error_model='numpy',
+                                 forceinline=forceinline)(function)
     finally:
         settings['CACHE_DIR'] = previous
     return cast(Function, kernel)

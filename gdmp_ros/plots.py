@@ -21,6 +21,11 @@ INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
 ELLIPSOID_M = 0.035
 
 
+def blank_figure(width: float = 6.4, height: float = 4.0) -> Figure:
+    """Make a figure that no window shows."""
+    return Figure(figsize=(width, height))
+
+
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure; its folder is made where it does not exist."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)

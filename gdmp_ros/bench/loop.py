@@ -31,6 +31,8 @@ def run(settings: measure.Settings) -> dict[str, Any]:
             period, ticks = loop.arm.period, round(1.2 * skill.duration / loop.arm.period)
             for _ in range(ticks):
                 target = player.tick(period)
+                if target is None:
+                    continue
                 loop.guard.offer(target.copy(), loop.guard.settings.frame)
                 away.append(np.linalg.norm(loop.tick().measurement.pose[:3] - target[:3]))
             seconds = ticks * period

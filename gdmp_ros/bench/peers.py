@@ -46,4 +46,4 @@ class CartesianPeer:
     def step(self) -> np.ndarray:
         """Advance by dt; the pose (x, y, z, qw, qx, qy, qz)."""
         self.pose, self.velocity = self.dmp.step(self.pose, self.velocity)
-        return self.pose
+        return np.asarray(self.pose)

@@ -1,6 +1,7 @@
 """What transport costs on SPD(m): both connections, an explicit one, and a peer's maps."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
                 'm': m, 'parallel_us': measure_step(parallel, settings.repetitions),
                 'published_us': measure_step(published, settings.repetitions),
                 'explicit_us': measure.median_time(
-                    lambda e=explicit: e.step, 300, settings.repetitions) * 1e6,
+                    _always(explicit.step), 300, settings.repetitions) * 1e6,
                 **_maps(manifold, settings.repetitions)})
         lines[-1]['ratio'] = lines[-1]['parallel_us'] / lines[-1]['published_us']
     return {'rows': lines}
@@ -41,8 +42,12 @@ def _maps(manifold: SymmetricPositiveDefinite, repetitions: int) -> dict[str, fl
     ours, theirs = manifold.log(a, b), peer.log(a, b)
     timed = {'log_us': lambda: manifold.log(a, b), 'peer_log_us': lambda: peer.log(a, b),
              'exp_us': lambda: manifold.exp(a, ours), 'peer_exp_us': lambda: peer.exp(a, theirs)}
-    return {key: measure.median_time(lambda call=call: call, 100, repetitions) * 1e6
+    return {key: measure.median_time(_always(call), 100, repetitions) * 1e6
             for key, call in timed.items()}
+
+
+def _always(call: Callable[[], object]) -> Callable[[], Callable[[], object]]:
+    return lambda: call
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:

@@ -60,7 +60,7 @@ def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[s
                 operator.result(60.0)
                 motions += 1
             ended, spent = time.monotonic_ns(), _used(children)
-            scheduler = operator.state.scheduler
+            scheduler = operator.state.scheduler if operator.state else ''
         finally:
             operator.close()
     elapsed = (ended - begun) / NS

@@ -117,6 +117,6 @@ def _draw(documents: dict[str, dict[str, Any]], folder: Path) -> None:
     for what, document in documents.items():
         draw = getattr(_module(what), 'draw', None)
         if draw is not None:
-            figure = plots.Figure(figsize=(6.4, 4.0))
+            figure = plots.blank_figure()
             draw(document, figure.subplots())
             plots.save(figure, folder / f'{what}.png')

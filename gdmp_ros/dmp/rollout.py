@@ -451,7 +451,7 @@ class Rollout:
 def _options(options: Options | None,
              settings: dict[str, float | Sequence[float] | None]) -> Options:
     try:
-        return Options(**{**(vars(options) if options else {}), **settings})  # type: ignore
+        return Options(**{**(vars(options) if options else {}), **settings})
     except TypeError:
         unknown = ', '.join(sorted(set(settings) - set(vars(Options()))))
         raise ParameterError(f'unknown option {unknown}; there are '

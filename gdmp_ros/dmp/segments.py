@@ -162,4 +162,4 @@ def segment_ends(manifold: Manifold, shown: Sequence[np.ndarray],
         way = np.maximum(way, np.gradient(resampled, grid))
     total = np.concatenate([[0.0], np.cumsum(0.5 * (way[1:] + way[:-1]) * np.diff(grid))])
     count = max(2, math.ceil(total[-1] / LONGEST))
-    return np.interp(total[-1] * np.arange(1, count) / count, total, grid)
+    return np.asarray(np.interp(total[-1] * np.arange(1, count) / count, total, grid))

@@ -18,7 +18,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import RealtimeThread
 from gdmp_ros.realtime.statistics import Punctuality
 
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
@@ -73,9 +72,9 @@ class ManagedNode(LifecycleNode):
     failure.
     """
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, namespace: str = ''):
         self._held: list[tuple[Callable[[Any], Any], Any]] = []
-        super().__init__(name)
+        super().__init__(name, namespace=namespace or None)
 
     def configure(self) -> None:
         """Acquire everything; on an exception the node stays unconfigured."""
@@ -169,9 +168,9 @@ class ManagedNode(LifecycleNode):
         """Timer on the machine's clock: a simulated clock may stand still."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def log_scheduler(self, thread: RealtimeThread) -> None:
+    def log_scheduler(self, scheduler: str) -> None:
         """Say whether the loop has real-time priority."""
-        if thread.scheduler == 'fifo':
+        if scheduler == 'fifo':
             self.get_logger().info('the 1 kHz thread runs with SCHED_FIFO')
         else:
             self.get_logger().warning(
@@ -194,9 +193,10 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     return result
 
 
-def run(make: Callable[[], ManagedNode], arguments: Sequence[str] | None = None) -> int:
+def run(makes: Sequence[Callable[[], ManagedNode]],
+        arguments: Sequence[str] | None = None) -> int:
     """
-    Run a node until Ctrl-C or SIGTERM, then deactivate it properly.
+    Run nodes until Ctrl-C or SIGTERM, then deactivate them properly.
 
     :returns: exit code
     """
@@ -205,24 +205,28 @@ def run(make: Callable[[], ManagedNode], arguments: Sequence[str] | None = None)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        node = make()
+        nodes = [make() for make in makes]
     except (GdmpError, ValueError) as error:
         print(f'error: {error}', file=sys.stderr)
         rclpy.shutdown()
         return 2
     executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     try:
-        if node.get_parameter('autostart').value:
-            node.autostart()
+        for node in nodes:
+            if node.get_parameter('autostart').value:
+                node.autostart()
         while rclpy.ok() and not stop.is_set():
             executor.spin_once(timeout_sec=0.2)
     except ExternalShutdownException:
         pass
     finally:
-        node.deactivate()
-        node.cleanup()
+        for node in nodes:
+            node.deactivate()
+            node.cleanup()
         executor.shutdown()
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         rclpy.shutdown()
     return 0

@@ -80,7 +80,7 @@ class PandaSim(ManagedNode):
         self._thread = RealtimeThread(body, self.parameters.realtime_priority)
         self._thread.start()
         if self.parameters.realtime_priority != 0:
-            self.log_scheduler(self._thread)
+            self.log_scheduler(self._thread.scheduler)
 
     def deactivate(self) -> None:
         if not self._active:
@@ -236,7 +236,7 @@ class PandaSim(ManagedNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node ``panda_sim``."""
-    return run(PandaSim, arguments)
+    return run([PandaSim], arguments)
 
 
 if __name__ == '__main__':

@@ -22,6 +22,14 @@ SPECS = (
     Spec('rotational_stiffness', [30.0, 30.0, 30.0], 'rotational, where a skill has none',
          'Nm/rad', 0.1, 500.0),
     Spec('speed_rate', 5.0, 'largest change of the tempo', '1/s', 0.1, 100.0),
+    Spec('goal_speed', 0.0, 'fastest a goal position moves after a switch; 0: no limit', 'm/s',
+         0.0, 10.0),
+    Spec('goal_turn_speed', 0.0, 'fastest a goal orientation turns after a switch; 0: no limit',
+         'rad/s', 0.0, 50.0),
+    Spec('phase_stopping', 0.0, 'kappa: the tempo is divided by 1 + kappa e^2 while the measured '
+         'pose is behind; 0: never', low=0.0, high=1000.0),
+    Spec('phase_stopping_weights', [400.0, 4.0], 'e^2 = first x position error^2 [m^2] + second x '
+         'rotation error^2 [rad^2]', '1/m^2, 1/rad^2', 0.0, 1e6),
     Spec('workspace_min', [-0.2, -0.8, 0.02], 'lowest goal position accepted', 'm', -10.0, 10.0,
          live=True),
     Spec('workspace_max', [0.8, 0.8, 1.1], 'highest goal position accepted', 'm', -10.0, 10.0,

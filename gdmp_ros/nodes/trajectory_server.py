@@ -1,8 +1,11 @@
 """Streams a skill as pose and stiffness references at 1 kHz; goals switch while it moves."""
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+import sys
 import time
 from typing import Any
 
@@ -26,7 +29,7 @@ from gdmp_ros.nodes.managed import lateness_diagnostics, ManagedNode, run, take_
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.reference_publisher import ReferencePublisher
 from gdmp_ros.nodes.server_parameters import SPECS
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime import shared
 from gdmp_ros.realtime.player import Player
 from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
 from gdmp_ros.realtime.tool_skill import PlayerSettings
@@ -41,11 +44,11 @@ POLL_EVERY = 20
 class TrajectoryServer(ManagedNode):
     """The managed node ``trajectory_server``."""
 
-    def __init__(self) -> None:
-        super().__init__('trajectory_server')
+    def __init__(self, namespace: str = '') -> None:
+        super().__init__('trajectory_server', namespace)
         self.parameters = Parameters(self, SPECS)
         self.player: Player | None = None
-        self._thread: RealtimeThread | None = None
+        self._thread: shared.Member | None = None
         self._measured: tuple[np.ndarray, float] | None = None
         self._action: ExecuteAction | None = None
         self._learning = LearningProcess(self)
@@ -74,9 +77,9 @@ class TrajectoryServer(ManagedNode):
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
         else:
-            self._thread = RealtimeThread(self._stream, self.parameters.realtime_priority)
-            self._thread.start()
-            self.log_scheduler(self._thread)
+            self._thread = shared.join(self._period_ns(), self.parameters.realtime_priority,
+                                       self._wall_tick)
+            self.log_scheduler(self._thread.scheduler)
         if self.parameters.execute_on_activate:
             self.begin()
 
@@ -85,12 +88,12 @@ class TrajectoryServer(ManagedNode):
             return
         if self.player is not None and self.player.status in ('moving', 'paused', 'stopping'):
             self.player.stop()
-            ends = time.monotonic() + 2.0 / self.parameters.speed_rate
+            ends = time.monotonic() + 2.0 / self.parameters.speed_rate + 1.0
             while self.player.status == 'stopping' and time.monotonic() < ends:
                 time.sleep(0.005)
         self._active = False
         if self._thread is not None:
-            self._thread.join()
+            self._thread.leave()
             self._thread = None
         if self._action is not None:
             self._action.deactivated()
@@ -178,8 +181,10 @@ class TrajectoryServer(ManagedNode):
         if self.player is None:
             stiffness = np.diag([*self.parameters.stiffness,
                                  *self.parameters.rotational_stiffness])
-            self.player = Player(skill, PlayerSettings(stiffness, self.parameters.damping_ratio,
-                                                       self.parameters.speed_rate))
+            self.player = Player(skill, PlayerSettings(
+                stiffness, self.parameters.damping_ratio, self.parameters.speed_rate,
+                self.parameters.goal_speed, self.parameters.goal_turn_speed,
+                self.parameters.phase_stopping, tuple(self.parameters.phase_stopping_weights)))
         else:
             self.player.load(skill)
         self._skill_name = name
@@ -202,10 +207,6 @@ class TrajectoryServer(ManagedNode):
 
     def _period_ns(self) -> int:
         return NS // int(self.parameters.rate_hz)
-
-    def _stream(self) -> None:
-        run_periodic(self._wall_tick, self._period_ns(), MonotonicClock(),
-                     lambda: not self._active)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self._lateness.add(deadline_ns, now_ns)
@@ -308,6 +309,8 @@ class TrajectoryServer(ManagedNode):
         def use() -> None:
             self._measured = (wire.checked_pose(message, self.parameters.frame_id),
                               time.monotonic())
+            if self.player is not None:
+                self.player.observe(self._measured[0])
         self._guarded('measured_pose', use)
 
     def _on_goal_pose(self, message: PoseStamped) -> None:
@@ -370,12 +373,24 @@ class TrajectoryServer(ManagedNode):
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal, 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
-            'trajectory_server', level, text, figures, extra, message.header.stamp))
+            self.get_fully_qualified_name().strip('/'), level, text, figures, extra,
+            message.header.stamp))
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the node ``trajectory_server``."""
-    return run(TrajectoryServer, arguments)
+    """Run the node ``trajectory_server``, or one for each of several robots."""
+    parser = argparse.ArgumentParser(
+        prog='trajectory_server', description=__doc__,
+        epilog='Parameters follow --ros-args; see config/trajectory_server.yaml.')
+    parser.add_argument('--robots', nargs='+', default=[''], metavar='NAMESPACE',
+                        help='stream for several robots from this process, one node '
+                             'NAMESPACE/trajectory_server each, all in one real-time thread')
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    own = words[:words.index('--ros-args')] if '--ros-args' in words else words
+    robots = parser.parse_args(own).robots
+    if len(set(robots)) < len(robots):
+        parser.error(f'--robots: every namespace once, got {" ".join(robots)}')
+    return run([partial(TrajectoryServer, name) for name in robots], arguments)
 
 
 if __name__ == '__main__':

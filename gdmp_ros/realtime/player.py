@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.control.impedance import (
+    ACCELERATION,
     DAMPING_RATIO,
     POSE,
     STIFFNESS,
@@ -21,6 +22,8 @@ from gdmp_ros.realtime.tool_skill import PlayerSettings, ToolSkill
 
 #: A held reference nearer than this to the measured pose is where a motion starts [m, rad].
 NEAR_M, NEAR_RAD = 0.02, 0.1
+#: Tempo at least with which a motion takes over from one under way.
+LEAST_SPEED = 0.1
 _S3 = UnitQuaternion()
 
 
@@ -43,6 +46,7 @@ class Player:
         self._next_hold: np.ndarray | None = None
         self._next_pose: np.ndarray | None = None
         self._next_stiffness: np.ndarray | None = None
+        self._next_measured: np.ndarray | None = None
 
     @property
     def target(self) -> np.ndarray | None:
@@ -96,17 +100,15 @@ class Player:
         :raises GdmpError: if the motion is not possible; nothing has changed then
         """
         tool = self.tool
-        start, velocity = self._where_to_start(tool, measured)
+        start, velocity, acceleration = self._where_to_start(tool, measured)
         position, orientation, *stiffness = tool.manifold.split(tool.skill.goal)
         pose = np.concatenate([position, orientation]) if goal_pose is None else goal_pose
         goal = tool.point(pose, goal_stiffness if goal_stiffness is not None
                           else stiffness[0] if stiffness else None)
-        limits = None
-        if tolerances is not None:
-            limits = [tolerances[0], 0.5 * tolerances[1], 0.0025][:len(tool.manifold.factors)]
+        # At rest the tempo grows from 0; in motion it begins as a part of what is wanted.
+        speed = 0.0 if velocity is None else max(LEAST_SPEED, min(self._speed, 1.0))
         rollout = Rollout(tool.skill, start=start, goal=goal, duration=duration, velocity=velocity,
-                          speed=0.0 if velocity is None else min(self._speed, 1.0),
-                          speed_rate=self._settings.speed_rate, tolerances=limits)
+                          acceleration=acceleration, options=tool.options(speed, tolerances))
         rollout.set_speed(self._speed)
         self._paused = self._stopping = False
         self._next_start = (tool, rollout)
@@ -118,6 +120,10 @@ class Player:
     def goal_stiffness(self, factor: np.ndarray) -> None:
         """Switch the stiffness goal (`ToolSkill.stiffness_factor`) at the next tick."""
         self._next_stiffness = factor
+
+    def observe(self, measured: np.ndarray) -> None:
+        """Take the robot's pose into account at the next tick: phase stopping."""
+        self._next_measured = measured
 
     def set_speed(self, scale: float) -> None:
         """
@@ -168,6 +174,7 @@ class Player:
         if rollout is None or target is None:
             return target
         self._take_goal(rollout)
+        self._take_measured(rollout)
         self._playing.fill(rollout.advance(dt), target)
         if self._stopping and rollout.speed == 0.0:
             self._stopping, self._rollout = False, None
@@ -206,26 +213,36 @@ class Player:
         except GdmpError as error:
             self.refuse(str(error))
 
+    def _take_measured(self, rollout: Rollout) -> None:
+        measured, self._next_measured = self._next_measured, None
+        if measured is None or self._settings.phase_stopping == 0.0:
+            return
+        # The stiffness is not measured: what is referred to counts as reached.
+        stiffness = rollout.state.point[7:]
+        rollout.observe(self._playing.point(measured, stiffness))
+
     def refuse(self, reason: str) -> None:
         """Count something refused and remember why."""
         self.refused += 1
         self.last_refusal = reason
 
     def _where_to_start(self, tool: ToolSkill, measured: np.ndarray | None
-                        ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """The point to start from, and the velocity of a reference that is moving already."""
+                        ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+        """Where to start; velocity and acceleration of a reference that is moving already."""
         target = self._target
         if target is None or (measured is not None and not _near(target, measured)):
             if measured is None:
-                return None, None
-            return tool.point(measured, self._start_stiffness(tool, None)), None
+                return None, None, None
+            return tool.point(measured, self._start_stiffness(tool, None)), None, None
         start = tool.point(target[POSE:POSE + 7].copy(), self._start_stiffness(tool, target))
         speed = target[TWIST:TWIST + 6]
         if np.abs(speed).max() < 1e-6:
-            return start, None
-        velocity = np.zeros(tool.manifold.tangent_size)
+            return start, None, None
+        velocity, acceleration = np.zeros((2, tool.manifold.tangent_size))
         velocity[:3], velocity[3:6] = speed[:3], 0.5 * speed[3:]
-        return start, velocity
+        change = target[ACCELERATION:ACCELERATION + 6]
+        acceleration[:3], acceleration[3:6] = change[:3], 0.5 * change[3:]
+        return start, velocity, acceleration
 
     def _start_stiffness(self, tool: ToolSkill, target: np.ndarray | None) -> np.ndarray | None:
         size = tool.stiffness_size

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TWIST
-from gdmp_ros.dmp import Skill, State
+from gdmp_ros.dmp import Options, Skill, State
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite, UnitQuaternion
 
@@ -20,11 +20,19 @@ class PlayerSettings:
     :ivar stiffness: 6×6 used where the skill has none; its rotational block also goes with SPD(3)
     :ivar damping_ratio: 1 is critical
     :ivar speed_rate: largest change of the tempo [1/s]
+    :ivar goal_speed: fastest a goal position moves after a switch [m/s]; 0 for no limit
+    :ivar goal_turn_speed: fastest a goal orientation turns [rad/s]; 0 for no limit
+    :ivar phase_stopping: κ of `gdmp_ros.dmp.Rollout.observe`
+    :ivar error_weights: of the squared position [1/m²] and rotation error [1/rad²] in it
     """
 
     stiffness: np.ndarray
     damping_ratio: float = 0.7
     speed_rate: float = 5.0
+    goal_speed: float = 0.0
+    goal_turn_speed: float = 0.0
+    phase_stopping: float = 0.0
+    error_weights: tuple[float, float] = (400.0, 4.0)
 
 
 class ToolSkill:
@@ -45,6 +53,24 @@ class ToolSkill:
         self.manifold = skill.manifold
         self.stiffness_size = rest[0].m if rest else 0
         self._settings = settings
+
+    def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
+        """
+        Options of a roll-out of the skill.
+
+        :param speed: tempo to begin with
+        :param tolerances: at the goal [m, rad]
+        """
+        settings, count = self._settings, len(self.manifold.factors)
+        # Turns are half-angles on S³.
+        goal_speed = (settings.goal_speed or np.inf, 0.5 * settings.goal_turn_speed or np.inf,
+                      np.inf)
+        limits = None
+        if tolerances is not None:
+            limits = [tolerances[0], 0.5 * tolerances[1], 0.0025][:count]
+        weights = (settings.error_weights[0], 4.0 * settings.error_weights[1], 0.0)
+        return Options(speed, settings.speed_rate, limits, goal_speed[:count],
+                       settings.phase_stopping, weights[:count])
 
     def point(self, pose: np.ndarray, stiffness: np.ndarray | None) -> np.ndarray:
         """Join (x, y, z, qw, qx, qy, qz) and the stiffness factor to a point."""

@@ -294,12 +294,10 @@ def test_many_goals_in_a_row_and_both_signs_of_a_quaternion(rng):
         np.testing.assert_array_equal(a.point, b.point)
 
 
-def test_a_goal_on_the_cut_locus_is_refused_and_nothing_changes(rng):
+def test_a_goal_that_is_no_point_is_refused_and_nothing_changes(rng):
     manifold = Sphere(2)
     skill = Skill.learn(curve(manifold, manifold.random_point(rng), rng))
     rollout, plain = Rollout(skill), Rollout(skill)
-    with pytest.raises(CutLocusError):
-        rollout.retarget(-skill.goal)
     with pytest.raises(ManifoldError, match='norm is 2'):
         rollout.retarget(2.0 * skill.goal)
     np.testing.assert_array_equal(rollout.advance(1.0).point, plain.advance(1.0).point)
@@ -323,10 +321,13 @@ def test_tempo_changes_at_a_bounded_rate_and_stops_smoothly(rng):
     rollout.advance(1.0)
     rollout.set_speed(0.0)
     speeds = []
-    for _ in range(300):
+    for _ in range(600):
         state = rollout.advance(1e-3)
         speeds.append(rollout.speed)
-    assert np.abs(np.diff(speeds)).max() <= 5e-3 + 1e-12
+    rates = np.diff(speeds) / 1e-3
+    assert np.abs(rates).max() <= 5.0 + 1e-9
+    assert np.abs(np.diff(rates)).max() <= 5.0 * 1e-3 / 0.02  # the rate has no step either
+    assert min(speeds) >= 0.0
     assert rollout.speed == 0.0
     assert np.linalg.norm(state.velocity) == 0.0
     still = rollout.advance(5.0)
@@ -497,14 +498,14 @@ def test_bad_input_is_refused_with_what_and_where(rng):
         Skill.learn([curve(Euclidean(1), np.zeros(1), rng), curve(Euclidean(2), np.zeros(2), rng)])
 
 
-def test_a_demonstration_through_its_goals_antipode_is_refused():
+def test_without_segments_a_demonstration_through_its_goals_antipode_is_refused():
     t = np.linspace(0.0, 1.0, 100)
     angle = 1.5 * np.pi * t
     points = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * t])
     goal_opposite = Demonstration(t, points, Sphere(2))
     assert np.abs(points + points[-1]).max(axis=1).min() < 1e-12  # passes through -G exactly
     with pytest.raises(CutLocusError, match='sample'):
-        Skill.learn(goal_opposite)
+        Skill.learn(goal_opposite, split=False)
 
 
 def test_quaternion_demonstrations_are_made_sign_continuous(rng):

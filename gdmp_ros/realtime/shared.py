@@ -1,0 +1,90 @@
+"""One real-time thread for several periodic tasks: many robots streamed from one process."""
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+
+Step = Callable[[int, int], None]
+
+
+class Member:
+    """
+    A task in a shared loop.
+
+    :ivar failure: what ended the task, None while it runs; the others go on
+    """
+
+    def __init__(self, loop: _Loop, step: Step):
+        self.failure: BaseException | None = None
+        self._loop = loop
+        self._step = step
+
+    @property
+    def scheduler(self) -> str:
+        """``fifo`` or ``other``."""
+        return self._loop.thread.scheduler
+
+    def step(self, deadline_ns: int, now_ns: int) -> None:
+        """Do the task once."""
+        if self.failure is None:
+            try:
+                self._step(deadline_ns, now_ns)
+            except BaseException as error:
+                self.failure = error
+
+    def leave(self) -> None:
+        """End the task; it is not under way any more on return."""
+        _leave(self._loop, self)
+
+
+class _Loop:
+    def __init__(self, period_ns: int, priority: int):
+        self.members: tuple[Member, ...] = ()
+        self.stepping = threading.Lock()
+        self.thread = RealtimeThread(
+            lambda: _ignore(run_periodic(self._step, period_ns, MonotonicClock(),
+                                         lambda: not self.members)), priority)
+
+    def _step(self, deadline_ns: int, now_ns: int) -> None:
+        with self.stepping:
+            for member in self.members:
+                member.step(deadline_ns, now_ns)
+
+
+_loops: dict[tuple[int, int], _Loop] = {}
+_changing = threading.Lock()
+
+
+def join(period_ns: int, priority: int, step: Step) -> Member:
+    """
+    Call ``step(deadline_ns, now_ns)`` periodically, in the thread of all with the same demands.
+
+    :param priority: see `RealtimeThread`
+    """
+    with _changing:
+        loop = _loops.get((period_ns, priority))
+        new = loop is None
+        if loop is None:
+            loop = _loops[period_ns, priority] = _Loop(period_ns, priority)
+        member = Member(loop, step)
+        loop.members = (*loop.members, member)
+        if new:
+            loop.thread.start()
+        return member
+
+
+def _leave(loop: _Loop, member: Member) -> None:
+    with _changing:
+        with loop.stepping:
+            loop.members = tuple(one for one in loop.members if one is not member)
+        if loop.members:
+            return
+        for key in [key for key, one in _loops.items() if one is loop]:
+            del _loops[key]
+        loop.thread.join()
+
+
+def _ignore(missed: int) -> None:
+    """Each task counts what it missed itself."""
