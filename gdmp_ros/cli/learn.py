@@ -87,8 +87,8 @@ def run(options: argparse.Namespace) -> None:
                           'duration': duration, 'mean_relative_error': mean_error,
                           'n_basis': fit.n_basis, 'fit': _plain(fit)}))
         return
-    table(f'{options.output}', ['demonstrations', 'of', 'duration [s]', 'basis functions',
-                                'condition', 'mean error / span'],
+    table(f'{options.output}', ['demos', 'of', 'duration [s]', 'basis', 'condition',
+                                'error / span'],
           [[len(bags), ' × '.join(fit.factors), f'{duration:.3f}', fit.n_basis,
             f'{fit.condition:.0f}', f'{mean_error:.2e}']])
     _show(bags, fit)

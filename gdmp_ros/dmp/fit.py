@@ -99,15 +99,18 @@ def suspicious(demonstration: Demonstration) -> list[Suspicion]:
     manifold, points = demonstration.manifold, demonstration.flat_points
     curve = Development(manifold, points, manifold.frame(demonstration.points[0])).unrolled
     scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
-    found += _jumps(times, curve, scale) + _repeats(times, curve, scale)
-    return sorted(found)[:MOST_LISTED]
+    found += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
+    first = {one.sample: one for one in reversed(found)}
+    return sorted(first.values())[:MOST_LISTED]
 
 
-def _jumps(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspicion]:
+def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> list[Suspicion]:
     """Samples far off the line between their neighbours, compared with those around them."""
+    spacing = np.diff(times)
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
     off = np.linalg.norm(curve[1:-1] - (1.0 - share) * curve[:-2] - share * curve[2:], axis=1)
     usual = median_filter(off, size=min(_AROUND, len(off)), mode='nearest')
+    off[(spacing[1:] > gap) | (spacing[:-1] > gap)] = 0.0
     ratio = off / np.maximum(usual, 1e-6 * scale)
     peak = (off >= np.roll(off, 1)) & (off > np.roll(off, -1))
     return [Suspicion(int(i) + 1, float(times[i + 1]),

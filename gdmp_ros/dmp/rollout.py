@@ -247,7 +247,7 @@ class Rollout:
         self._numbers[mem.SLOWDOWN] = 1.0 / (1.0 + self._options.phase_stopping * error)
         return error
 
-    def set_obstacles(self, positions: np.ndarray, gain: float = 500.0, reach: float = 0.2,
+    def set_obstacles(self, positions: np.ndarray, gain: float = 1000.0, reach: float = 0.2,
                       bound: float = 5.0) -> None:
         """
         Steer the first Euclidean factor around point obstacles from now on; none switches it off.

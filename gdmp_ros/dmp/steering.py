@@ -6,7 +6,7 @@ import math
 from gdmp_ros.compilation import compiled, kept_apart
 
 #: How quickly the steering fades with the angle between motion and obstacle [1/rad].
-_ANGLE_DECAY = 20.0 / math.pi
+_ANGLE_DECAY = 3.0
 
 
 @compiled

@@ -218,8 +218,8 @@ class Player:
         if measured is None or self._settings.phase_stopping == 0.0:
             return
         # The stiffness is not measured: what is referred to counts as reached.
-        stiffness = rollout.state.point[7:]
-        rollout.observe(self._playing.point(measured, stiffness))
+        _, _, *stiffness = self._playing.manifold.split(rollout.state.point)
+        rollout.observe(self._playing.point(measured, stiffness[0] if stiffness else None))
 
     def refuse(self, reason: str) -> None:
         """Count something refused and remember why."""

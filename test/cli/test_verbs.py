@@ -95,7 +95,7 @@ def test_bench_accuracy_writes_its_rows(folder):
     done = gdmp('bench', 'accuracy', '--class', 'GShape', '--json', out)
     assert done.returncode == 0 and 'SPD2' in done.stdout
     rows = json.loads(out.read_text())['rows']
-    assert len(rows) == 5 * 2 * 4
+    assert len(rows) == (5 + 1) * 2 * 4
     assert all(row['mean_relative_error'] <= 8e-5 and row['classes'] == 1 for row in rows)
     assert {row['dt_ms'] for row in rows} == {1, 2, 5, 10}
 
@@ -105,3 +105,30 @@ def test_the_readme_s_example_runs():
     assert len(blocks) == 1
     check = '\nassert abs(state.point @ np.array([0.6, 0.8, 0, 0])) > 0.99999\n'
     subprocess.run([sys.executable, '-c', blocks[0] + check], check=True)
+
+
+def test_a_folder_of_bags_is_learned_one_by_one_and_resumed(folder):
+    words = ['learn', folder / 'demos', '-o', folder / 'each', '--each', '--jobs', 2,
+             '--resume', folder / 'done.jsonl']
+    first = gdmp(*words)
+    assert first.returncode == 0, first.stderr
+    assert sorted(p.name for p in (folder / 'each').iterdir()) == [
+        f'GShape_{i}.json' for i in range(1, 8)]
+    kept = (folder / 'each' / 'GShape_1.json').stat().st_mtime_ns
+    (folder / 'each' / 'GShape_3.json').unlink()
+    again = gdmp(*words)
+    assert again.returncode == 0 and (folder / 'each' / 'GShape_3.json').exists()
+    assert (folder / 'each' / 'GShape_1.json').stat().st_mtime_ns == kept
+    empty = folder / 'empty'
+    empty.mkdir()
+    refused = gdmp('learn', empty, '-o', folder / 'x.json')
+    assert refused.returncode == 1 and 'neither a rosbag2 folder nor a folder' in refused.stderr
+
+
+def test_learning_finds_its_own_number_of_basis_functions_and_reports_the_fit(folder):
+    done = gdmp('learn', folder / 'demos' / 'GShape_1', '-o', folder / 'auto.json', '--n-basis',
+                'auto', '--tolerance', '1e-3', '--smooth', '20', '--json')
+    report = json.loads(done.stdout)
+    assert 10 <= report['n_basis'] <= 60 and report['mean_relative_error'] < 5e-3
+    assert report['fit']['factors'] == ['position', 'orientation', 'stiffness']
+    assert len(report['fit']['demonstrations'][0]['mean_error']) == 3

@@ -59,7 +59,7 @@ def test_noise_gaps_and_irregular_stamps_are_survived_on_the_manifold(rng):
     for point in smooth.points:
         TOOL.check_point(point)
     skill = Skill.learn(shown, smoothing=5.0, regularization=1e-3)
-    assert reproduction_error(skill, clean)[0] < 5e-3
+    assert reproduction_error(skill, clean)[0] < 0.01
 
 
 @pytest.mark.parametrize('rate', [20.0, 50.0, 997.0])
@@ -84,9 +84,9 @@ def test_auto_finds_the_smallest_count_that_meets_the_tolerance(cycles, rng):
 def test_a_letter_needs_about_60_and_a_long_demonstration_many_more(rng):
     letter = Skill.learn(lasa.riemannian(lasa.strokes('GShape')[0], 'R2'), n_basis='auto')
     times = np.linspace(0.0, 30.0, 3000)
-    path = np.column_stack([np.sin(0.9 * times), np.cos(1.3 * times), 0.1 * times])
+    path = np.column_stack([np.sin(3.1 * times), np.cos(4.3 * times), 0.1 * times])
     long = Skill.learn(Demonstration(times, path, Euclidean(3)), n_basis='auto')
-    assert 35 <= letter.n_basis <= 70 and long.n_basis > 1.5 * letter.n_basis
+    assert 35 <= letter.n_basis <= 70 and 100 <= long.n_basis <= 300
 
 
 def test_auto_says_when_the_tolerance_cannot_be_met(rng):
@@ -125,6 +125,7 @@ def test_the_report_finds_what_was_spoiled_and_nothing_else(rng):
     spoiled = Demonstration(times[keep], points[keep], TOOL)
     found = fit_report(Skill.learn(spoiled), spoiled).demonstrations[0].suspicions
     told = {s.sample: s.reason for s in found}
+    assert len(told) == len(found)
     assert 'further off' in told[300] and 'repeats' in told[500] and 'gap' in told[599]
     assert set(told) <= {300, 500, 501, 599}
 
@@ -169,6 +170,6 @@ def test_several_demonstrations_keep_their_own_starts_goals_and_durations(rng):
         shown.append(Demonstration(d.times, d.points @ turn.T, manifold))
     skill = Skill.learn(shown)
     assert skill.duration == pytest.approx(np.mean([d.duration for d in shown]))
-    assert reproduction_error(skill, shown).max() < 0.01
+    assert reproduction_error(skill, shown).max() < 0.03
     few = Skill.learn(shown, n_basis='auto', tolerance=1e-3)
     assert few.n_basis < 60

@@ -499,7 +499,7 @@ def test_bad_input_is_refused_with_what_and_where(rng):
 
 
 def test_without_segments_a_demonstration_through_its_goals_antipode_is_refused():
-    t = np.linspace(0.0, 1.0, 100)
+    t = np.linspace(0.0, 1.0, 601)
     angle = 1.5 * np.pi * t
     points = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * t])
     goal_opposite = Demonstration(t, points, Sphere(2))

@@ -185,3 +185,26 @@ def test_other_manifolds_are_refused(rng):
     skill = Skill.learn(Demonstration(t, np.column_stack([t, t]), Euclidean(2)))
     with pytest.raises(DataError, match='a pose reference needs'):
         Player(skill, SETTINGS)
+
+
+def test_a_robot_that_is_behind_slows_the_reference_with_and_without_stiffness(skill, rng):
+    settings = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3), phase_stopping=5.0)
+    for learned in (skill, pose_only(skill)):
+        player = Player(learned, settings)
+        player.start(None)
+        start = player.tick(1e-3)[:7].copy()
+        for _ in range(3000):
+            player.observe(start)
+            player.tick(1e-3)
+        assert player.rollout.speed < 0.3
+        for _ in range(2000):
+            player.observe(player.target[:7].copy())
+            player.tick(1e-3)
+        assert player.rollout.speed == pytest.approx(1.0, abs=1e-3)
+
+
+def pose_only(skill):
+    """The same motion without its stiffness."""
+    path = skill.reproduce(0.005)
+    manifold = Product(*skill.manifold.factors[:2])
+    return Skill.learn(Demonstration(path.times, path.points[:, :7], manifold))
