@@ -21,15 +21,16 @@ from numba.np import arrayobj
 
 Function = TypeVar('Function', bound=Callable[..., object])
 
-#: Folders of the package that hold kernels.
-KERNEL_FOLDERS = ('manifolds', 'dmp', 'control', 'bench')
+#: Where kernels, and the constants they are compiled with, are kept.
+KERNEL_SOURCES = ('compilation.py', 'manifolds/*.py', 'dmp/*.py', 'control/*.py',
+                  'bench/explicit.py')
 
 
 def _fingerprint() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     package = Path(__file__).parent
-    for folder in KERNEL_FOLDERS:
-        for path in sorted((package / folder).glob('*.py')):
+    for pattern in KERNEL_SOURCES:
+        for path in sorted(package.glob(pattern)):
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 

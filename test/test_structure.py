@@ -9,9 +9,9 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
 #: Lower may not import higher; folders on one level may import each other as listed below.
-LEVELS = {'errors': 0, 'compilation': 0, 'manifolds': 1, 'dmp': 2, 'stiffness': 3, 'control': 3,
-          'files': 4, 'sim': 4, 'realtime': 4, 'plots': 4, 'nodes': 5, 'cli': 5, 'demo': 6,
-          'paper': 5}
+LEVELS = {'errors': 0, 'compilation': 0, 'terminal': 0, 'parallel': 1, 'manifolds': 1, 'dmp': 2,
+          'stiffness': 3, 'control': 3, 'files': 4, 'sim': 4, 'realtime': 4, 'plots': 4,
+          'nodes': 5, 'bench': 5, 'cli': 5, 'demo': 6, 'paper': 5}
 ONLY_IN = {'rclpy': ('nodes', 'demo'), 'mujoco': ('sim',), 'matplotlib': ('plots', 'demo'),
            'rosbags': ('files', 'nodes'), 'numba': ('compilation',)}
 
@@ -93,3 +93,11 @@ def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path):
     path.write_text(path.read_text().replace('return math.sin(angle) / angle',
                                              'return 2.0 * math.sin(angle) / angle'))
     assert value() == pytest.approx(2.0 * math.sin(0.1), rel=0.02)
+
+
+def test_every_file_with_kernels_stamps_the_cache():
+    from gdmp_ros.compilation import KERNEL_SOURCES
+    stamped = {path for pattern in KERNEL_SOURCES for path in PACKAGE.glob(pattern)}
+    for path in FILES:
+        if 'from gdmp_ros.compilation import' in path.read_text():
+            assert path in stamped, path

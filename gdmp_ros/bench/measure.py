@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import gc
+from importlib.metadata import version
 import os
 from pathlib import Path
 import platform
 import time
 
-import numba
 import numpy as np
 
 from gdmp_ros import __version__
@@ -108,5 +108,5 @@ def median_time(prepare: Callable[[], Callable[[], object]], calls: int,
 def environment() -> dict[str, object]:
     """Where the figures come from."""
     return {'gdmp_ros': __version__, 'python': platform.python_version(),
-            'numpy': np.__version__, 'numba': numba.__version__, 'machine': platform.machine(),
+            'numpy': np.__version__, 'numba': version('numba'), 'machine': platform.machine(),
             'kernel': platform.release(), 'cpus': os.cpu_count()}

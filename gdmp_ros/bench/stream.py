@@ -52,7 +52,7 @@ def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[s
         children.start('bare', 'gdmp_ros.demo.bare', [str(files['bare'])])
         operator = Operator(check=children.check)
         try:
-            operator.wait_status('holding', 120.0)
+            operator.wait_status('holding', 300.0)
             begun, used = time.monotonic_ns(), _used(children)
             motions = 0
             while time.monotonic_ns() - begun < seconds * NS:
