@@ -1,5 +1,6 @@
 # make demo   everything end to end: bags, learning, streaming, simulated arm, report
 # make test   every test
+# make bench  speed, accuracy and calm beside the peers, with pictures in out/bench
 # make setup  only the environment (make setup PYTHON=python3.12 for another interpreter)
 
 PYTHON ?= python3
@@ -23,7 +24,7 @@ lint: setup
 	@$(PY) -m mypy
 
 bench: setup
-	@$(VENV)/bin/gdmp bench accuracy --class GShape
+	@$(VENV)/bin/gdmp bench all --out out/bench --jobs 2
 
 clean:
 	rm -rf $(VENV) out build install log

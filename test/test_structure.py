@@ -95,6 +95,18 @@ def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path):
     assert value() == pytest.approx(2.0 * math.sin(0.1), rel=0.02)
 
 
+def test_a_new_process_steps_from_the_cache_without_compiling():
+    code = ('import numpy as np, gdmp_ros;'
+            'from gdmp_ros.dmp import stepping;'
+            't = np.linspace(0, 1, 400);'
+            'shown = gdmp_ros.Demonstration(t, t[:, None] ** 3, gdmp_ros.Euclidean(1));'
+            'gdmp_ros.Rollout(gdmp_ros.Skill.learn(shown)).advance(1e-3);'
+            'print(len(stepping.advance.stats.cache_misses))')
+    runs = [subprocess.run([sys.executable, '-c', code], check=True, capture_output=True,
+                           text=True).stdout.strip() for _ in range(2)]
+    assert runs[1] == '0'
+
+
 def test_every_file_with_kernels_stamps_the_cache():
     from gdmp_ros.compilation import KERNEL_SOURCES
     stamped = {path for pattern in KERNEL_SOURCES for path in PACKAGE.glob(pattern)}

@@ -71,5 +71,6 @@ def draw(document: dict[str, Any], axes: Any) -> None:
         axes.plot(range(len(cells)), values, marker, color='black', ms=6, mfc='none',
                   label=f'sampled every {ms} ms')
     axes.set_xticks(range(len(cells)), [f'{m}\n{c}' for m, c in cells], fontsize=6)
-    axes.set(ylabel='mean error / span', title=TITLE, ylim=(0.0, None))
+    axes.set(ylabel='mean error / span', title=TITLE,
+             ylim=(0.0, 1.1 * max(r['mean_relative_error'] for r in main)))
     axes.legend()
