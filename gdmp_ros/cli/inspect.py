@@ -65,9 +65,17 @@ def _skill(path: Path) -> None:
             ['basis functions', skill.n_basis], ['grid steps', skill.steps],
             ['alpha_z, alpha_x, alpha_g', f'{skill.gains.alpha_z:g}, {skill.gains.alpha_x:g}, '
                                           f'{skill.gains.alpha_g:g}'],
+            ['segments', _segments(skill)],
             ['start', _numbers(skill.start)], ['goal', _numbers(skill.goal)]]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
+
+
+def _segments(skill: Skill) -> str:
+    if len(skill.segments) == 1:
+        return '1'
+    at = ', '.join(f'{s:.3f}' for s in skill.segments.ends)
+    return f'{len(skill.segments)}, cut at the cut locus at s = {at}'
 
 
 def _numbers(point: np.ndarray) -> str:
