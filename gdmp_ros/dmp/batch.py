@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gdmp_ros.dmp import stepping
-from gdmp_ros.dmp.rollout import Rollout, State
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import ParameterError
 
 

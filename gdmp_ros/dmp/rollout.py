@@ -1,8 +1,7 @@
 """A motion under way: the only state that moves."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -11,8 +10,10 @@ from gdmp_ros.dmp import memory as mem
 from gdmp_ros.dmp import stepping as st
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.forcing import forcing as forcing_term
+from gdmp_ros.dmp.options import in_range, MAX_SPEED, Options, options_of
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.dmp.skill import carry_frame, in_frame, Skill, Trajectory
+from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds.manifold import Manifold
@@ -21,91 +22,8 @@ from gdmp_ros.manifolds.registry import factor_table
 # Looked up once: `Rollout.advance` is called a thousand times a second.
 _advance, _empty, _new = st.advance, np.empty, object.__new__
 
-#: How near every factor must be to the goal: [m], [rad], half-angle [rad], [rad], [1].
-TOLERANCES = {'euclidean': 0.0005, 'sphere': 0.0025, 'quaternion': 0.00125, 'rotation': 0.0025,
-              'spd': 0.0025}
-#: Fastest tempo `Rollout.set_speed` accepts.
-MAX_SPEED = 2.0
 #: A start with a given acceleration is fitted to the motion over this part of a duration.
 _PUSH = 0.1
-
-
-class State:
-    """
-    One moment of a motion; its parts are views of one array, cut when they are asked for.
-
-    :ivar time: since the roll-out began [s]
-    :ivar phase: x, from 1 towards 0
-    :ivar point: shape ``point_shape``
-    :ivar velocity: tangent at the point [1/s], shape ``(tangent_size,)``
-    :ivar acceleration: covariant, at the point [1/s²], shape ``(tangent_size,)``
-    """
-
-    __slots__ = ('_numbers', '_manifold')
-
-    #: Time, phase, point, velocity and acceleration one after another.
-    _numbers: np.ndarray
-    _manifold: Manifold
-
-    @classmethod
-    def of(cls, numbers: np.ndarray, manifold: Manifold) -> State:
-        """Make a state of its numbers, without copying them."""
-        state = _new(cls)
-        state._numbers, state._manifold = numbers, manifold
-        return state
-
-    @property
-    def time(self) -> float:
-        return float(self._numbers[0])
-
-    @property
-    def phase(self) -> float:
-        return float(self._numbers[1])
-
-    @property
-    def point(self) -> np.ndarray:
-        size, shape = self._manifold.point_size, self._manifold.point_shape
-        return self._numbers[2:2 + size].reshape(shape)
-
-    @property
-    def velocity(self) -> np.ndarray:
-        first = 2 + self._manifold.point_size
-        return self._numbers[first:first + self._manifold.tangent_size]
-
-    @property
-    def acceleration(self) -> np.ndarray:
-        return self._numbers[2 + self._manifold.point_size + self._manifold.tangent_size:]
-
-    def __iter__(self) -> Iterator[float | np.ndarray]:
-        """Time, phase, point, velocity, acceleration."""
-        return iter((self.time, self.phase, self.point, self.velocity, self.acceleration))
-
-    def __repr__(self) -> str:
-        return (f'State(time={self.time!r}, phase={self.phase!r}, point={self.point!r}, '
-                f'velocity={self.velocity!r}, acceleration={self.acceleration!r})')
-
-
-@dataclass(frozen=True)
-class Options:
-    """
-    How a roll-out behaves; everything has a default.
-
-    :ivar speed: tempo at the beginning, 0 to 2
-    :ivar speed_rate: largest change of the tempo [1/s]
-    :ivar tolerances: distance to the goal at which each factor counts as arrived
-    :ivar goal_speed: for each factor, fastest a goal moves after a switch [1/s at speed 1, in the
-        factor's metric: m, rad, half-angle rad]; infinity for no limit; None for none at all
-    :ivar phase_stopping: κ in ``ds/dt ← ds/dt / (1 + κ e²)``; 0 ignores the tracking error
-    :ivar error_weights: for each factor, weight of its squared tracking error in ``e² = Σ w d²``;
-        1 by default
-    """
-
-    speed: float = 1.0
-    speed_rate: float = 5.0
-    tolerances: Sequence[float] | None = None
-    goal_speed: Sequence[float] | None = None
-    phase_stopping: float = 0.0
-    error_weights: Sequence[float] | None = None
 
 
 class Rollout:
@@ -137,8 +55,9 @@ class Rollout:
         :raises ParameterError: if a number is out of range
         """
         self.skill = skill
-        self._options = _options(options, settings)
         manifold = skill.manifold
+        self._options = options_of(options, settings)
+        self._options.check(manifold)
         first = self._aligned(start, skill.start)
         last = self._aligned(goal, skill.goal)
         opposite = False
@@ -224,7 +143,7 @@ class Rollout:
 
         :raises ParameterError: outside 0 … 2
         """
-        self._numbers[mem.SPEED_GOAL] = _in_range('speed', scale, 0.0, MAX_SPEED)
+        self._numbers[mem.SPEED_GOAL] = in_range('speed', scale, 0.0, MAX_SPEED)
 
     def observe(self, measured: np.ndarray) -> float:
         """
@@ -269,9 +188,9 @@ class Rollout:
                                  f'positions of {size} numbers, got shape {positions.shape}')
         numbers = self._numbers
         self._views.obstacles[:positions.size] = positions.reshape(-1)
-        numbers[mem.OBSTACLE_GAIN] = _in_range('gain', gain, 0.0, 1e6)
-        numbers[mem.OBSTACLE_RANGE] = _in_range('reach', reach, 1e-6, 1e6)
-        numbers[mem.ACCELERATION_BOUND] = (_in_range('bound', bound, 0.0, 1e6)
+        numbers[mem.OBSTACLE_GAIN] = in_range('gain', gain, 0.0, 1e6)
+        numbers[mem.OBSTACLE_RANGE] = in_range('reach', reach, 1e-6, 1e6)
+        numbers[mem.ACCELERATION_BOUND] = (in_range('bound', bound, 0.0, 1e6)
                                            * numbers[mem.DURATION] ** 2)
         numbers[mem.OBSTACLES] = positions.size // size
 
@@ -362,7 +281,7 @@ class Rollout:
         self._point, self._velocity = slice(2, point_end), slice(point_end, velocity_end)
         self._views.functions[:] = basis(skill.n_basis, skill.gains.alpha_x)
         self._views.weights[:] = skill.weights
-        self._views.tolerances[:] = self._checked_tolerances()
+        self._views.tolerances[:] = self._options.tolerances_of(manifold)
         if len(segments) > 1:
             self._views.ends[:] = segments.ends
             self._views.waypoints[:] = segments.waypoints
@@ -373,12 +292,11 @@ class Rollout:
     def _set_numbers(self, duration: float | None) -> None:
         skill, numbers, options = self.skill, self._numbers, self._options
         numbers[mem.INTERVAL] = -1.0
-        speed = _in_range('speed', options.speed, 0.0, MAX_SPEED)
-        numbers[[mem.SPEED, mem.RAMP, mem.SPEED_GOAL]] = speed
+        numbers[[mem.SPEED, mem.RAMP, mem.SPEED_GOAL]] = options.speed
         numbers[mem.SLOWDOWN] = 1.0
-        numbers[mem.SPEED_RATE] = _in_range('speed_rate', options.speed_rate, 1e-6, math.inf)
+        numbers[mem.SPEED_RATE] = options.speed_rate
         numbers[mem.DURATION] = (skill.duration if duration is None
-                                 else _in_range('duration', duration, 1e-3, 1e6))
+                                 else in_range('duration', duration, 1e-3, 1e6))
         numbers[mem.STEPS] = skill.steps
         numbers[mem.ALPHA_X] = skill.gains.alpha_x
         numbers[mem.ALPHA_G] = skill.gains.alpha_g
@@ -386,22 +304,6 @@ class Rollout:
         numbers[mem.GOAL_RATE] = math.inf
         numbers[mem.SETTLE_BY] = 2.0
         numbers[mem.PARALLEL] = float(skill.connection == 'parallel')
-        _in_range('phase_stopping', options.phase_stopping, 0.0, 1e9)
-        for name in ('goal_speed', 'error_weights'):
-            given = getattr(options, name)
-            count = len(skill.manifold.factors)
-            if given is not None and not (len(given) == count and all(v >= 0.0 for v in given)):
-                raise ParameterError(f'{name}: expected {count} numbers >= 0, got {given!r}')
-
-    def _checked_tolerances(self) -> np.ndarray:
-        factors, tolerances = self.skill.manifold.factors, self._options.tolerances
-        if tolerances is None:
-            tolerances = [TOLERANCES[factor.kind] for factor in factors]
-        array = np.asarray(tolerances, dtype=np.float64)
-        if array.shape != (len(factors),) or not (array > 0.0).all():
-            raise ParameterError(f'tolerances: expected {len(factors)} numbers > 0, '
-                                 f'got {tolerances!r}')
-        return array
 
     def _place(self, start: np.ndarray, goal: np.ndarray, frame: np.ndarray) -> None:
         manifold, vectors = self.skill.manifold, self._vectors
@@ -448,16 +350,6 @@ class Rollout:
         return manifold._vector(tangent)
 
 
-def _options(options: Options | None,
-             settings: dict[str, float | Sequence[float] | None]) -> Options:
-    try:
-        return Options(**{**(vars(options) if options else {}), **settings})
-    except TypeError:
-        unknown = ', '.join(sorted(set(settings) - set(vars(Options()))))
-        raise ParameterError(f'unknown option {unknown}; there are '
-                             f'{", ".join(vars(Options()))}') from None
-
-
 def _steered(manifold: Manifold) -> int:
     """Number of the first factor that is a position, -1 without one."""
     return next((i for i, factor in enumerate(manifold.factors)
@@ -473,9 +365,3 @@ def _factor_distances(manifold: Manifold, a: np.ndarray, b: np.ndarray) -> list[
                                       other[part].reshape(factor.point_shape)))
         begin += factor.point_size
     return result
-
-
-def _in_range(name: str, value: object, low: float, high: float) -> float:
-    if not (isinstance(value, (int, float, np.number)) and low <= value <= high):
-        raise ParameterError(f'{name} is {value!r}, expected a number from {low:g} to {high:g}')
-    return float(value)

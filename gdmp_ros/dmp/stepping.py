@@ -5,7 +5,8 @@ Time is ``s = ∫ dt/τ``; node k lies at s = k / K. Within a step the point dri
 the old velocity, the velocity is advanced with goal, logarithm and forcing term at mid-step by the
 exact solution of its linear part, and the point drifts on with the new velocity. Between the nodes
 the velocity is interpolated in the frame at mid-step (``parallel``: linearly, which meets both
-half drifts exactly; ``published``: by a cubic Hermite in the frame of the earlier node). The path
+half drifts exactly; ``published``: by a cubic Hermite in the frame of the earlier node;
+`gdmp_ros.dmp.moment`). The path
 is then the same for any sequence of `advance` and has a continuous velocity.
 
 All that a roll-out knows and changes lies in one flat array, cut by `gdmp_ros.dmp.memory`.
@@ -22,25 +23,21 @@ from gdmp_ros.dmp.memory import (
     ACCELERATION_BOUND,
     ALPHA_G,
     ALPHA_X,
-    CURVE,
     CUT_LOCUS,
     DECAY,
     DIRECTION,
-    DURATION,
     END_AT,
     FINISHED,
     FIRST,
     FORCE,
     GOAL,
     GOAL_FROM,
-    GOAL_NEW,
     GOAL_RATE,
     HELD,
     INTERVAL,
     MID,
     MOVING,
     NODE,
-    NOT_SETTLED,
     OBSTACLE_GAIN,
     OBSTACLE_RANGE,
     OBSTACLES,
@@ -51,15 +48,10 @@ from gdmp_ros.dmp.memory import (
     PULL,
     PUSH,
     PUSH_END,
-    RAMP,
     RATE,
     S,
-    SETTLE_BY,
-    SLOWDOWN,
     SPARE,
     SPEED,
-    SPEED_GOAL,
-    SPEED_RATE,
     SPEED_SLOPE,
     START,
     START_TO_GOAL,
@@ -75,9 +67,12 @@ from gdmp_ros.dmp.memory import (
     Z,
     Z_PREVIOUS,
 )
+from gdmp_ros.dmp.moment import evaluate, settle
 from gdmp_ros.dmp.segments import target_at
 from gdmp_ros.dmp.steering import steer
+from gdmp_ros.dmp.tempo import pass_time
 from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.manifolds.registry import apply_factor, apply_factors
 from gdmp_ros.manifolds.registry import FRAME as FRAME_COLUMN
 from gdmp_ros.manifolds.registry import POINT as POINT_COLUMN
@@ -86,18 +81,6 @@ from gdmp_ros.manifolds.registry import VECTOR as VECTOR_COLUMN
 _MEND_EVERY = 32
 #: Forcing ends within this part of a duration after the nominal end.
 _FADE = 0.05
-#: Time constant with which the tempo follows its ramp, so that it has no kink [s].
-TEMPO_LAG = 0.02
-#: The tempo has arrived when this near: with the lag a step of 0.05 % of nominal speed per second.
-_TEMPO_ARRIVED = 1e-5
-
-
-@compiled
-def _copy(source, out):
-    for i in range(source.size):
-        out[i] = source[i]
-
-
 @inlined
 def goal_fraction(alpha_g, rate, elapsed):
     """
@@ -150,17 +133,17 @@ def _drift_to_mid(table, numbers, frames, points, vectors, h, work):
         share = h
         if numbers[INTERVAL] < 0.0:
             share = 0.5 * h
-            _copy(frames[START], frames[MID])
+            copy_into(frames[START], frames[MID])
         for i in range(offset.size):
             offset[i] = share * vectors[Z, i]
-        _copy(frames[MID], frames[PREVIOUS])
+        copy_into(frames[MID], frames[PREVIOUS])
         apply_factors(table, ops.MOVE, frames[MID], offset, vectors[RATE], work)
         if int(numbers[INTERVAL]) % _MEND_EVERY == _MEND_EVERY - 1:
             apply_factors(table, ops.MEND, frames[MID], vectors[SPARE], vectors[SPARE], work)
         return
     for i in range(offset.size):
         offset[i] = 0.5 * h * vectors[Z, i]
-    _copy(points[NODE], points[PREVIOUS])
+    copy_into(points[NODE], points[PREVIOUS])
     apply_factors(table, ops.TANGENT, points[NODE], offset, vectors[RATE], work)
     apply_factors(table, ops.EXP, points[NODE], vectors[RATE], points[MID], work)
 
@@ -168,7 +151,7 @@ def _drift_to_mid(table, numbers, frames, points, vectors, h, work):
 @inlined
 def _look_at_target(table, numbers, frames, points, vectors, target, work):
     """Where the target is, seen from the middle of the interval."""
-    _copy(vectors[TO_GOAL], vectors[SPARE])
+    copy_into(vectors[TO_GOAL], vectors[SPARE])
     for factor in range(table.shape[0]):
         if numbers[PARALLEL] > 0.0:
             gap = apply_factor(table, factor, ops.FRAME_LOG, frames[MID], target,
@@ -189,7 +172,7 @@ def _drift_to_node(table, numbers, frames, points, vectors, half, work):
     offset = vectors[OFFSET]
     if numbers[PARALLEL] > 0.0:
         return frames[MID].sum()
-    _copy(vectors[Z], vectors[RATE])
+    copy_into(vectors[Z], vectors[RATE])
     apply_factors(table, ops.TANGENT, points[MID], vectors[RATE], vectors[Z], work)
     for i in range(offset.size):
         offset[i] = half * vectors[Z, i]
@@ -265,7 +248,7 @@ def _step(layout, table, numbers, gains, functions, weights, split, ends, waypoi
     shaping = _fade(s)
     _drift_to_mid(table, numbers, frames, points, vectors, h, work)
     _look_at_target(table, numbers, frames, points, vectors, target, work)
-    _copy(vectors[Z], vectors[Z_PREVIOUS])
+    copy_into(vectors[Z], vectors[Z_PREVIOUS])
     if numbers[OBSTACLES] > 0.0:
         _steer(layout, table, numbers, obstacles, frames, points, vectors)
     if s < numbers[PUSH_END]:
@@ -279,141 +262,12 @@ def _step(layout, table, numbers, gains, functions, weights, split, ends, waypoi
     total = (_drift_to_node(table, numbers, frames, points, vectors, 0.5 * h, work)
              + vectors[Z].sum())
     if not math.isfinite(total):
-        _copy(frames[PREVIOUS], frames[MID])
-        _copy(points[PREVIOUS], points[NODE])
-        _copy(vectors[Z_PREVIOUS], vectors[Z])
+        copy_into(frames[PREVIOUS], frames[MID])
+        copy_into(points[PREVIOUS], points[NODE])
+        copy_into(vectors[Z_PREVIOUS], vectors[Z])
         return False
     numbers[INTERVAL] += 1.0
     return True
-
-
-@inlined
-def _interpolate(table, numbers, frames, points, vectors, u, work):
-    """Frame WORK at fraction ``u`` of the interval; RATE and CURVE, derivatives by s, in it."""
-    h = 1.0 / numbers[STEPS]
-    offset, rate, curve = vectors[OFFSET], vectors[RATE], vectors[CURVE]
-    if numbers[PARALLEL] > 0.0:
-        for i in range(offset.size):
-            first, change = vectors[Z_PREVIOUS, i], vectors[Z, i] - vectors[Z_PREVIOUS, i]
-            offset[i] = h * (first * (u - 0.5) + 0.5 * change * u * u)
-            rate[i] = first + change * u
-            curve[i] = change / h
-        _copy(frames[MID], frames[WORK])
-    else:
-        apply_factors(table, ops.FRAME, points[PREVIOUS], vectors[SPARE], frames[WORK], work)
-        _copy(frames[WORK], frames[MID])
-        apply_factors(table, ops.FRAME_LOG, frames[MID], points[NODE], offset, work)
-        apply_factors(table, ops.MOVE, frames[MID], offset, vectors[SPARE], work)
-        apply_factors(table, ops.COORDS, frames[WORK], vectors[Z_PREVIOUS], rate, work)
-        apply_factors(table, ops.COORDS, frames[MID], vectors[Z], curve, work)
-        for i in range(offset.size):
-            whole, first, last = offset[i], h * rate[i], h * curve[i]
-            square, cube = 3.0 * whole - 2.0 * first - last, first + last - 2.0 * whole
-            offset[i] = u * (first + u * (square + u * cube))
-            rate[i] = (first + u * (2.0 * square + 3.0 * u * cube)) / h
-            curve[i] = (2.0 * square + 6.0 * u * cube) / (h * h)
-    apply_factors(table, ops.MOVE, frames[WORK], offset, vectors[SPARE], work)
-
-
-@inlined
-def _hold(table, numbers, frames, points, vectors, point, work):
-    """The last node that could be computed, to ``point``."""
-    if numbers[PARALLEL] == 0.0:
-        _copy(points[NODE], point)
-        return
-    place = START
-    if numbers[INTERVAL] >= 0.0:
-        place = WORK
-        _copy(frames[MID], frames[WORK])
-        for i in range(vectors.shape[1]):
-            vectors[OFFSET, i] = 0.5 / numbers[STEPS] * vectors[Z, i]
-        apply_factors(table, ops.MOVE, frames[WORK], vectors[OFFSET], vectors[SPARE], work)
-    apply_factors(table, ops.POINT, frames[place], vectors[SPARE], point, work)
-
-
-@inlined
-def _evaluate(table, numbers, frames, points, vectors, out, work):
-    """
-    Write time, phase, point, velocity and acceleration of the present moment to ``out``.
-
-    Derivatives are by time [1/s, 1/s²], in the representation at the point.
-    """
-    p, n = points.shape[1], vectors.shape[1]
-    out[0], out[1] = numbers[TIME], math.exp(-numbers[ALPHA_X] * numbers[S])
-    point, velocity, acceleration = (out[2:2 + p], out[2 + p:2 + p + n],
-                                     out[2 + p + n:2 + p + 2 * n])
-    if numbers[HELD] > 0.0:
-        _hold(table, numbers, frames, points, vectors, point, work)
-        for i in range(n):
-            velocity[i] = 0.0
-            acceleration[i] = 0.0
-        return
-    u = numbers[S] * numbers[STEPS] - numbers[INTERVAL]
-    _interpolate(table, numbers, frames, points, vectors, min(max(u, 0.0), 1.0),
-                 work)
-    tempo = numbers[SPEED] / numbers[DURATION]
-    change = numbers[SPEED_SLOPE] / numbers[DURATION]
-    for i in range(n):
-        vectors[SPARE, i] = tempo * tempo * vectors[CURVE, i] + change * vectors[RATE, i]
-        vectors[RATE, i] *= tempo
-    apply_factors(table, ops.POINT, frames[WORK], vectors[SPARE], point, work)
-    apply_factors(table, ops.VECTOR, frames[WORK], vectors[RATE], velocity, work)
-    apply_factors(table, ops.VECTOR, frames[WORK], vectors[SPARE], acceleration, work)
-
-
-@inlined
-def _follow(numbers, rate, dt):
-    """
-    Let the tempo follow its ramp, which changes by ``rate``, for ``dt``; return the time passed.
-
-    The ramp is continuous and of bounded rate; behind a first-order lag the tempo has a bounded
-    and continuous rate, and never leaves the range of the ramp. In closed form, so that the result
-    does not depend on how time is cut into steps.
-    """
-    ramp, speed = numbers[RAMP], numbers[SPEED]
-    numbers[RAMP] += rate * dt
-    if rate == 0.0 and abs(speed - ramp) < _TEMPO_ARRIVED:
-        numbers[SPEED], numbers[SPEED_SLOPE] = ramp, 0.0
-        return ramp * dt
-    gap = speed - ramp + rate * TEMPO_LAG
-    decay = math.exp(-dt / TEMPO_LAG)
-    numbers[SPEED] = numbers[RAMP] - rate * TEMPO_LAG + gap * decay
-    numbers[SPEED_SLOPE] = rate - gap * decay / TEMPO_LAG
-    return ((ramp + 0.5 * rate * dt - rate * TEMPO_LAG) * dt
-            - gap * TEMPO_LAG * math.expm1(-dt / TEMPO_LAG))
-
-
-@inlined
-def _pass_time(numbers, dt):
-    """Advance ``s`` by ``dt`` of time while the tempo moves to its goal at a bounded rate."""
-    goal = numbers[SPEED_GOAL] * numbers[SLOWDOWN]
-    left = goal - numbers[RAMP]
-    ramp = min(dt, abs(left) / numbers[SPEED_RATE])
-    travelled = 0.0
-    if ramp > 0.0:
-        travelled += _follow(numbers, math.copysign(numbers[SPEED_RATE], left), ramp)
-    if ramp < dt or left == 0.0:
-        numbers[RAMP] = goal
-        travelled += _follow(numbers, 0.0, dt - ramp)
-    numbers[S] += travelled / numbers[DURATION]
-    numbers[TIME] += dt
-
-
-@inlined
-def _settle(table, tolerances, numbers, frames, points, vectors, point, work):
-    """Decide whether the motion is over (only once s has reached 1)."""
-    apply_factors(table, ops.FRAME, point, vectors[SPARE], frames[WORK], work)
-    apply_factors(table, ops.FRAME_LOG, frames[WORK], points[GOAL_NEW], vectors[SPARE], work)
-    arrived = True
-    for factor in range(table.shape[0]):
-        total = 0.0
-        for i in range(table[factor, VECTOR_COLUMN], table[factor, VECTOR_COLUMN + 1]):
-            total += vectors[SPARE, i] * vectors[SPARE, i]
-        arrived = arrived and total <= tolerances[factor] ** 2
-    if arrived:
-        numbers[FINISHED], numbers[NOT_SETTLED] = 1.0, 0.0
-    elif numbers[S] >= numbers[SETTLE_BY]:
-        numbers[FINISHED], numbers[NOT_SETTLED] = 1.0, 1.0
 
 
 @compiled
@@ -445,7 +299,7 @@ def advance(memory, out):
             if numbers[HELD] > 0.0:
                 numbers[TIME] += dt
             else:
-                _pass_time(numbers, dt)
+                pass_time(numbers, dt)
             # The small number keeps rounding in s from deciding whether a node has been passed.
             while (numbers[HELD] == 0.0
                    and (numbers[S] * numbers[STEPS] > numbers[INTERVAL] + 1.0 + 1e-9
@@ -454,9 +308,9 @@ def advance(memory, out):
                              waypoints, obstacles, frames, points, vectors, work):
                     numbers[HELD] = 1.0
                     numbers[SPEED], numbers[SPEED_SLOPE] = 0.0, 0.0
-            _evaluate(table, numbers, frames, points, vectors, row, work)
+            evaluate(table, numbers, frames, points, vectors, row, work)
             if numbers[S] >= 1.0 and numbers[FINISHED] == 0.0:
-                _settle(table, tolerances, numbers, frames, points, vectors,
+                settle(table, tolerances, numbers, frames, points, vectors,
                         row[2:2 + points.shape[1]], work)
         at += block.size
         start += block[OUT_SIZE]
