@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from gdmp_ros.bench import accuracy
 from gdmp_ros.errors import DataError
 from gdmp_ros.parallel import chosen, Journal, mapped
 
@@ -45,6 +46,10 @@ def test_a_local_cluster_of_two_workers_does_the_same(tmp_path):
         assert done == TASKS
         assert len(path.read_text().splitlines()) == 1 + len(TASKS)
         assert json.loads(path.read_text().splitlines()[-1])[0] in TASKS
+        task = ('GShape', 'S3', 'parallel', 60)
+        errors = mapped('accuracy', accuracy.one_class, {'one': task},
+                        dask=cluster.scheduler_address)
+        assert errors['one'] == pytest.approx(accuracy.one_class(task), rel=1e-9)
 
 
 def test_a_cluster_that_is_not_there_is_said_to_be_missing():
