@@ -63,6 +63,7 @@ class Options:
 
 def options_of(options: Options | None,
                settings: dict[str, float | Sequence[float] | None]) -> Options:
+    """``options``, or the defaults, with single ones replaced by name."""
     try:
         return Options(**{**(vars(options) if options else {}), **settings})
     except TypeError:
@@ -72,6 +73,7 @@ def options_of(options: Options | None,
 
 
 def in_range(name: str, value: object, low: float, high: float) -> float:
+    """Return ``value`` as a number; refuse what is none or lies outside."""
     if not (isinstance(value, (int, float, np.number)) and low <= value <= high):
         raise ParameterError(f'{name} is {value!r}, expected a number from {low:g} to {high:g}')
     return float(value)

@@ -8,6 +8,7 @@ import numpy as np
 
 from gdmp_ros.dmp import memory as mem
 from gdmp_ros.dmp import stepping as st
+from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.forcing import forcing as forcing_term
 from gdmp_ros.dmp.options import in_range, MAX_SPEED, Options, options_of
@@ -157,12 +158,12 @@ class Rollout:
         :returns: e²
         :raises ManifoldError: if it is not a point; nothing has changed then
         """
-        manifold, error = self.skill.manifold, 0.0
+        manifold, weights = self.skill.manifold, self._options.error_weights
         point = self.advance(0.0).point
         measured = manifold.align(manifold.check_point(measured), point)
-        distances = _factor_distances(manifold, point, measured)
-        weights = self._options.error_weights or [1.0] * len(distances)
-        error = float(sum(w * d * d for w, d in zip(weights, distances)))
+        away = distances(manifold, point.reshape(1, -1), measured.reshape(1, -1))[0]
+        error = float(np.ones(len(away)) @ away ** 2 if weights is None
+                      else np.asarray(weights) @ away ** 2)
         self._numbers[mem.SLOWDOWN] = 1.0 / (1.0 + self._options.phase_stopping * error)
         return error
 
@@ -256,8 +257,8 @@ class Rollout:
         speeds = self._options.goal_speed
         if speeds is None:
             return math.inf, 0.0
-        distances = _factor_distances(self.skill.manifold, present, new)
-        rate = min((speed * self.duration / d for speed, d in zip(speeds, distances) if d > 0.0),
+        away = distances(self.skill.manifold, present.reshape(1, -1), new.reshape(1, -1))[0]
+        rate = min((speed * self.duration / d for speed, d in zip(speeds, away) if d > 0.0),
                    default=math.inf)
         slow = max(0.0, 1.0 / rate - 1.0 / self.skill.gains.alpha_g) if rate > 0.0 else 0.0
         return rate, slow
@@ -334,6 +335,9 @@ class Rollout:
             raise ParameterError('an initial velocity needs an initial speed above 0')
         scale = numbers[mem.DURATION] / speed
         wanted = np.zeros(manifold.tangent_size) if acceleration is None else acceleration
+        for name, tangent in (('velocity', velocity), ('acceleration', wanted)):
+            if not np.isfinite(tangent).all():
+                raise ParameterError(f'the initial {name} has an entry that is NaN or infinite')
         first, second = scale * self._coordinates(frame, velocity), (
             scale * scale * self._coordinates(frame, wanted))
         forcing = np.empty(manifold.tangent_size)
@@ -354,14 +358,3 @@ def _steered(manifold: Manifold) -> int:
     """Number of the first factor that is a position, -1 without one."""
     return next((i for i, factor in enumerate(manifold.factors)
                  if factor.kind == 'euclidean' and factor.m in (2, 3)), -1)
-
-
-def _factor_distances(manifold: Manifold, a: np.ndarray, b: np.ndarray) -> list[float]:
-    """Geodesic distance in each factor."""
-    flat, other, begin, result = manifold._flat(a), manifold._flat(b), 0, []
-    for factor in manifold.factors:
-        part = slice(begin, begin + factor.point_size)
-        result.append(factor.distance(flat[part].reshape(factor.point_shape),
-                                      other[part].reshape(factor.point_shape)))
-        begin += factor.point_size
-    return result

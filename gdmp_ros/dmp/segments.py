@@ -52,6 +52,10 @@ class Segments:
     waypoints: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     split: tuple[bool, ...] = ()
 
+    def __post_init__(self) -> None:
+        for array in (self.ends, self.waypoints):
+            array.flags.writeable = False
+
     def __len__(self) -> int:
         """How many segments there are: 1 where nothing is cut."""
         return len(self.ends) + 1
@@ -105,7 +109,7 @@ def targets(manifold: Manifold, segments: Segments, goal: np.ndarray, s: np.ndar
         return out
     table = factor_table(manifold.factors)
     _targets(table, np.array(segments.split, dtype=np.int64), segments.ends.copy(),
-             segments.waypoints.copy(), np.array(goal), np.array(s, dtype=np.float64), out,
+             np.array(segments.waypoints), np.array(goal), np.array(s, dtype=np.float64), out,
              np.empty(manifold.tangent_size), work_array(table))
     return out
 

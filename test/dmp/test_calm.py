@@ -65,6 +65,8 @@ def test_without_an_acceleration_a_moving_start_would_jump(rng):
     assert np.linalg.norm(rollout.state.acceleration) < 0.02 * 0.3 * 60 / 2.0
     with pytest.raises(ParameterError, match='above 0'):
         Rollout(skill, velocity=velocity, speed=0.0)
+    with pytest.raises(ParameterError, match='initial velocity has an entry'):
+        Rollout(skill, velocity=np.array([0.0, np.nan, 0.0]))
 
 
 def test_a_start_at_rest_elsewhere_begins_without_velocity_and_acceleration(rng):
