@@ -14,37 +14,28 @@ from gdmp_ros.compilation import compiled
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.manifolds import spd
 from gdmp_ros.manifolds.linalg import (
-    cholesky,
     congruence,
+    copy_into,
     from_mandel,
-    invert_lower,
     multiply,
     scratch,
     to_mandel,
 )
 from gdmp_ros.manifolds.operations import work_size
-from gdmp_ros.manifolds.spectral import (
-    compose_eigen,
-    symmetric_eigen,
-    symmetric_expm,
-    symmetric_logm,
-)
+from gdmp_ros.manifolds.spectral import compose_pair, symmetric_eigen
 
 
 @compiled
 def _root(m, a, root, inverse, work):
     """Symmetric square root of ``a`` and its inverse."""
     vectors, values, left = scratch(work, 0, m), work[m * m:m * m + m], work[m * m + m:]
-    for i in range(m * m):
-        root[i] = a[i]
+    copy_into(a, root)
     symmetric_eigen(m, root, values, vectors, left)
     for i in range(m):
         values[i] = math.sqrt(values[i])
-    compose_eigen(m, values, vectors, root)
-    for i in range(m):
-        values[i] = 1.0 / values[i]
-    compose_eigen(m, values, vectors, inverse)
+    compose_pair(m, values, vectors, root, inverse)
 
 
 @compiled
@@ -65,33 +56,27 @@ def _explicit_step(m, functions, weights, numbers, point, start, goal, velocity,
     """One cycle of eqs. (17), (18) with all vectors at the start."""
     s, h, alpha_z, alpha_x = numbers[0], numbers[1], numbers[2], numbers[3]
     x, size = math.exp(-alpha_x * s), m * m
-    to_start, lower, inverse, a, b = (scratch(work, 0, m), scratch(work, 1, m),
-                                      scratch(work, 2, m), scratch(work, 3, m),
-                                      scratch(work, 4, m))
-    rest = work[5 * size:]
+    carry, a, b, half = (scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m),
+                         scratch(work, 3, m))
+    rest = work[4 * size:]
+    force, seen, rest = (rest[:velocity.size], rest[velocity.size:2 * velocity.size],
+                         rest[2 * velocity.size:])
     # Where the goal is, as a vector at the point, carried to the start.
-    cholesky(m, point, lower)
-    invert_lower(m, lower, inverse)
-    congruence(m, inverse, goal, a, b)
-    symmetric_logm(m, a, b, rest)
-    congruence(m, lower, b, a, to_start)
-    _transporter(m, point, start, to_start, rest)
-    congruence(m, to_start, a, b, lower)
-    force, seen = rest[:velocity.size], rest[velocity.size:2 * velocity.size]
-    forcing(functions, weights, s, x, force)
+    spd.apply(ops.LOG, m, point, goal, seen, rest)
+    from_mandel(m, seen, 1.0, a)
+    _transporter(m, point, start, carry, rest)
+    congruence(m, carry, a, b, half)
     to_mandel(m, b, seen)
+    forcing(functions, weights, s, x, force)
     for i in range(velocity.size):
         pull = seen[i] - offset[i] * x + force[i]
         velocity[i] += h * alpha_z * (0.25 * alpha_z * pull - velocity[i])
     # The step, carried back to the point.
     from_mandel(m, velocity, h, a)
-    _transporter(m, start, point, to_start, rest)
-    congruence(m, to_start, a, b, lower)
-    cholesky(m, point, lower)
-    invert_lower(m, lower, inverse)
-    congruence(m, inverse, b, a, to_start)
-    symmetric_expm(m, a, b, inverse, rest)
-    congruence(m, lower, b, point, a)
+    _transporter(m, start, point, carry, rest)
+    congruence(m, carry, a, b, half)
+    to_mandel(m, b, seen)
+    spd.apply(ops.EXP, m, point, seen, point, rest)
     numbers[0] = s + h
 
 

@@ -1,6 +1,7 @@
 """A demonstration: stamped points on a manifold."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +17,11 @@ UNIFORM = 1e-4
 LEAST_SAMPLES = 3
 #: Demonstrations with fewer samples are interpolated to so many before they are learned from.
 LEAST_RESAMPLED = 300
+
+
+def one_or_several(shown: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
+    """Give what callers may pass as a list."""
+    return [shown] if isinstance(shown, Demonstration) else list(shown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from gdmp_ros.manifolds.registry import (
     apply_factors,
     factor_table,
     map_factors,
-    VECTOR,
     work_array,
 )
 
@@ -146,8 +145,8 @@ def distances(manifold: Manifold, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     table = factor_table(manifold.factors)
     frames, _ = _rowwise(table, ops.FRAME, a, np.empty((len(a), 0)), manifold.frame_size)
     away, _ = _rowwise(table, ops.FRAME_LOG, frames, b, manifold.tangent_size)
-    return np.column_stack([np.linalg.norm(away[:, row[VECTOR]:row[VECTOR + 1]], axis=1)
-                            for row in table])
+    return np.column_stack([np.linalg.norm(away[:, part], axis=1)
+                            for part in manifold.tangent_slices])
 
 
 def differentiate(steps: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

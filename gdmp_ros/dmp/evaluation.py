@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration, one_or_several
 from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
@@ -22,15 +22,19 @@ def reproduction_error(skill: Skill, demonstrations: Demonstration | Sequence[De
 
     :param dt: spacing of the roll-out's samples [s]
     """
-    shown = [demonstrations] if isinstance(demonstrations, Demonstration) else demonstrations
-    return np.array([_error(skill, demonstration, dt) for demonstration in shown])
+    return np.array([_error(skill, demonstration, dt)
+                     for demonstration in one_or_several(demonstrations)])
 
 
 def _error(skill: Skill, demonstration: Demonstration, dt: float) -> float:
     whole = demonstration.duration
     times = np.append(np.arange(0.0, whole - 1e-9, dt), whole)
-    away = deviation(skill, demonstration, times)
-    return float(np.linalg.norm(away, axis=1).mean()) / demonstration.span()
+    return mean_distance(deviation(skill, demonstration, times)) / demonstration.span()
+
+
+def mean_distance(away: np.ndarray) -> float:
+    """Mean geodesic distance from those in each factor, shape ``(count, factors)``."""
+    return float(np.linalg.norm(away, axis=1).mean())
 
 
 def deviation(skill: Skill, demonstration: Demonstration, times: np.ndarray) -> np.ndarray:

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration, LEAST_RESAMPLED, one_or_several
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.evaluation import deviation
+from gdmp_ros.dmp.evaluation import deviation, mean_distance
 from gdmp_ros.dmp.forcing import basis, scaled_design
-from gdmp_ros.dmp.learning import prepared
 from gdmp_ros.dmp.skill import Skill
 
 #: A sample this many times further off its neighbours than is usual around it is suspicious.
@@ -70,10 +69,9 @@ def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstrat
 
     Each demonstration is reproduced from its own start to its own goal in its own time.
     """
-    shown = ([demonstrations] if isinstance(demonstrations, Demonstration)
-             else list(demonstrations))
-    alpha_x = skill.gains.alpha_x
-    s = np.concatenate([np.linspace(0.0, 1.0, len(d.times)) for d in prepared(shown)])
+    shown, alpha_x = one_or_several(demonstrations), skill.gains.alpha_x
+    # As many samples as learning takes: `Demonstration.uniform`.
+    s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), LEAST_RESAMPLED)) for d in shown])
     matrix, _ = scaled_design(basis(skill.n_basis, alpha_x), alpha_x, s)
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
                tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
@@ -82,7 +80,7 @@ def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstrat
 def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
     times = demonstration.times - demonstration.times[0]
     away = deviation(skill, demonstration, times)
-    relative = float(np.linalg.norm(away, axis=1).mean()) / demonstration.span()
+    relative = mean_distance(away) / demonstration.span()
     return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
                             tuple(away.max(axis=0).tolist()), relative,
                             tuple(suspicious(demonstration)))

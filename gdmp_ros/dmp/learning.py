@@ -8,17 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration, one_or_several
 from gdmp_ros.dmp.development import (
     Development,
     differentiate,
     distances,
     published_derivatives,
 )
-from gdmp_ros.dmp.evaluation import deviation
+from gdmp_ros.dmp.evaluation import deviation, mean_distance
 from gdmp_ros.dmp.forcing import basis, regress
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.segments import segment_ends, Segments, split_factors, targets
+from gdmp_ros.dmp.segments import (
+    cut_locus_gaps,
+    segment_ends,
+    Segments,
+    split_factors,
+    targets,
+)
 from gdmp_ros.dmp.skill import carry_frame, check_connection, Gains, in_frame, LEAST_STEPS, Skill
 from gdmp_ros.errors import CutLocusError, DataError, ParameterError
 from gdmp_ros.manifolds import Manifold
@@ -55,7 +61,7 @@ class _Inverted(NamedTuple):
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
           settings: Settings, tolerance: float) -> Skill:
     """Learn a skill; see `Skill.learn`."""
-    shown = prepared(demonstrations, settings.smoothing)
+    shown = _prepared(demonstrations, settings.smoothing)
     blank = _blank(shown, settings)
     parts = [_invert(d, blank) for d in shown]
     s, forcing = (np.concatenate([p.s for p in parts]), np.vstack([p.forcing for p in parts]))
@@ -73,15 +79,14 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
     return with_basis(int(n_basis))
 
 
-def prepared(demonstrations: Demonstration | Sequence[Demonstration],
-             smoothing: float | None = None) -> list[Demonstration]:
+def _prepared(demonstrations: Demonstration | Sequence[Demonstration],
+              smoothing: float | None) -> list[Demonstration]:
     """
     Demonstrations as they are learned from: smooth, uniform, in one representative.
 
     :raises DataError: without demonstrations, or if their manifolds differ
     """
-    shown = ([demonstrations] if isinstance(demonstrations, Demonstration)
-             else list(demonstrations))
+    shown = one_or_several(demonstrations)
     if not shown:
         raise DataError('learning needs at least one demonstration, got none')
     for number, demonstration in enumerate(shown):
@@ -108,12 +113,15 @@ def _blank(shown: list[Demonstration], settings: Settings) -> Skill:
 
 
 def _segments(shown: list[Demonstration], allowed: bool) -> Segments:
-    manifold = shown[0].manifold
-    found = [split_factors(manifold, d.flat_points) for d in shown]
-    split = tuple(any(column) for column in zip(*found))
-    if not allowed or not any(split):
+    if not allowed:
         return Segments()
-    ends = segment_ends(manifold, [d.flat_points for d in shown], split)
+    manifold = shown[0].manifold
+    gaps, lengths = zip(*(cut_locus_gaps(manifold, d.flat_points, d.flat_points[-1])
+                          for d in shown))
+    split = tuple(any(column) for column in zip(*map(split_factors, gaps, lengths)))
+    if not any(split):
+        return Segments()
+    ends = segment_ends(lengths, split)
     at = [_on_the_way(d, ends) for d in shown]
     waypoints = [_mean(manifold, [points[k] for points in at]) for k in range(len(ends))]
     return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)
@@ -194,13 +202,9 @@ def _error_measure(finest: Skill, shown: list[Demonstration]) -> Callable[[Skill
     times = np.linspace(0.0, finest.duration, 1000)
     if len(shown) == 1:
         span = shown[0].span()
-        return lambda skill: _mean_norm(deviation(skill, shown[0], times)) / span
+        return lambda skill: mean_distance(deviation(skill, shown[0], times)) / span
     manifold = finest.manifold
     path = Rollout(finest).sample(times).points.reshape(len(times), -1)
     span = max(d.span() for d in shown)
-    return lambda skill: _mean_norm(distances(
+    return lambda skill: mean_distance(distances(
         manifold, path, Rollout(skill).sample(times).points.reshape(len(times), -1))) / span
-
-
-def _mean_norm(away: np.ndarray) -> float:
-    return float(np.linalg.norm(away, axis=1).mean())

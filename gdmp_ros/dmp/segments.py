@@ -142,27 +142,24 @@ def cut_locus_gaps(manifold: Manifold, points: np.ndarray,
     return gaps, lengths
 
 
-def split_factors(manifold: Manifold, points: np.ndarray) -> tuple[bool, ...]:
-    """Which factors of a demonstration meet the cut locus of its last sample."""
-    gaps, lengths = cut_locus_gaps(manifold, points, points[-1])
+def split_factors(gaps: np.ndarray, lengths: np.ndarray) -> tuple[bool, ...]:
+    """Which factors of a demonstration meet the cut locus, from its `cut_locus_gaps`."""
     limits = np.maximum(MARGIN, 2.0 * lengths.max(axis=1))
     return tuple(bool(low < limit) for low, limit in zip(gaps.min(axis=1), limits))
 
 
-def segment_ends(manifold: Manifold, shown: Sequence[np.ndarray],
-                 split: Sequence[bool]) -> np.ndarray:
+def segment_ends(lengths: Sequence[np.ndarray], split: Sequence[bool]) -> np.ndarray:
     """
     Where to cut: no split factor goes further than `LONGEST` within a segment.
 
-    :param shown: flat samples, uniform in time, of each demonstration
+    :param lengths: of each demonstration, uniform in time, from its `cut_locus_gaps`
     """
     grid = np.linspace(0.0, 1.0, 2001)
     way = np.zeros(len(grid))
-    for points in shown:
-        _, lengths = cut_locus_gaps(manifold, points, points[-1])
-        rates = lengths[np.array(split)].max(axis=0)
+    for steps in lengths:
+        rates = steps[np.array(split)].max(axis=0)
         travelled = np.concatenate([[0.0], np.cumsum(rates)])
-        resampled = np.interp(grid, np.linspace(0.0, 1.0, len(points)), travelled)
+        resampled = np.interp(grid, np.linspace(0.0, 1.0, len(travelled)), travelled)
         way = np.maximum(way, np.gradient(resampled, grid))
     total = np.concatenate([[0.0], np.cumsum(0.5 * (way[1:] + way[:-1]) * np.diff(grid))])
     count = max(2, math.ceil(total[-1] / LONGEST))

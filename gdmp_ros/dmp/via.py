@@ -13,7 +13,6 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.registry import factor_table, VECTOR
 
 #: Samples of the response to a weight over a duration.
 _GRID = 2000
@@ -73,9 +72,8 @@ def _columns(skill: Skill, factors: Sequence[str] | None) -> tuple[list[int], np
             raise ParameterError(f'via points: no factor is called {name!r}, there are '
                                  f'{", ".join(names)}')
     chosen = [i for i, name in enumerate(names) if factors is None or name in factors]
-    table = factor_table(skill.manifold.factors)
-    return chosen, np.concatenate([np.arange(table[i, VECTOR], table[i, VECTOR + 1])
-                                   for i in chosen])
+    slices = skill.manifold.tangent_slices
+    return chosen, np.r_[tuple(slices[i] for i in chosen)]
 
 
 def _responses(skill: Skill, moments: np.ndarray) -> np.ndarray:

@@ -88,6 +88,12 @@ class Manifold(ABC):
         """One name for each factor."""
         return (self.kind,)
 
+    @property
+    def tangent_slices(self) -> list[slice]:
+        """Where each factor's tangent lies in a tangent."""
+        ends = np.cumsum([factor.tangent_size for factor in self.factors]).tolist()
+        return [slice(begin, end) for begin, end in zip([0, *ends], ends)]
+
     def spec(self) -> dict[str, object]:
         """Describe the manifold for files and parameters (`gdmp_ros.manifolds.from_spec`)."""
         return {'kind': self.kind, 'm': self.m}

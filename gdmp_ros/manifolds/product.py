@@ -45,11 +45,6 @@ class Product(Manifold):
     def names(self) -> tuple[str, ...]:
         return self._names
 
-    @property
-    def tangent_slices(self) -> list[slice]:
-        """Where each factor's tangent lies in a tangent of the product."""
-        return [slice(int(a), int(b)) for a, b in self._table[:, VECTOR:VECTOR + 2]]
-
     def split(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
         """Cut a point into its factors' points."""
         flat = self._flat(point)

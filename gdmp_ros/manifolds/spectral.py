@@ -236,6 +236,15 @@ def compose_eigen(m, values, vectors, out):
 
 
 @compiled
+def compose_pair(m, values, vectors, out, inverse):
+    """`compose_eigen` to ``out`` and its inverse to ``inverse``; ``values`` are overwritten."""
+    compose_eigen(m, values, vectors, out)
+    for i in range(m):
+        values[i] = 1.0 / values[i]
+    compose_eigen(m, values, vectors, inverse)
+
+
+@compiled
 def symmetric_logm(m, s, out, work):
     """
     ``out = log(s)`` for positive definite ``s``, which is overwritten.
@@ -308,7 +317,4 @@ def _expm_by_eigenvalues(m, s, out, inverse, work):
     symmetric_eigen(m, out, values, vectors, rest)
     for i in range(m):
         values[i] = math.exp(values[i])
-    compose_eigen(m, values, vectors, out)
-    for i in range(m):
-        values[i] = 1.0 / values[i]
-    compose_eigen(m, values, vectors, inverse)
+    compose_pair(m, values, vectors, out, inverse)

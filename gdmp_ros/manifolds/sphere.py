@@ -177,7 +177,6 @@ class Sphere(Manifold):
 
     kind = 'sphere'
     kernel = staticmethod(apply)
-    frame_keeps_origin = True
 
     def __init__(self, m: int):
         """:param m: dimension of the sphere, at least 1"""
