@@ -23,7 +23,7 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 #: Where kernels, and the constants they are compiled with, are kept.
 KERNEL_SOURCES = ('compilation.py', 'manifolds/*.py', 'dmp/*.py', 'control/*.py',
-                  'bench/explicit.py')
+                  'paper/baselines/*.py')
 
 
 def _fingerprint() -> str:

@@ -26,6 +26,55 @@ def blank_figure(width: float = 6.4, height: float = 4.0) -> Figure:
     return Figure(figsize=(width, height))
 
 
+def panels(rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.4, 4.0),
+           spatial: bool = False) -> tuple[Figure, Any]:
+    """
+    Make a figure with a grid of Axes, shape ``(rows, columns)``.
+
+    :param size: of a panel [inch]
+    :param spatial: Axes in space
+    """
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout='constrained')
+    return figure, figure.subplots(rows, columns, squeeze=False,
+                                   subplot_kw={'projection': '3d'} if spatial else {})
+
+
+def sphere(axes: Any) -> None:
+    """Draw the unit sphere to look at from outside."""
+    u, v = np.mgrid[0:2 * np.pi:37j, 0:np.pi:19j]
+    axes.plot_wireframe(np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v), color='0.8',
+                        lw=0.4)
+    axes.set(xlabel='x [1]', ylabel='y [1]', zlabel='z [1]', xticks=(-1, 0, 1), yticks=(-1, 0, 1),
+             zticks=(-1, 0, 1))
+    axes.set_aspect('equal')
+
+
+def ellipses(axes: Any, centres: np.ndarray, matrices: np.ndarray, scale: float,
+             **options: Any) -> None:
+    """
+    Draw ellipses in the plane whose half axes are eigenvalues times ``scale``.
+
+    :param centres: shape ``(count, 2)``
+    :param matrices: shape ``(count, 2, 2)``
+    :param options: of the lines; a label goes to the first
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    circle = np.array([np.cos(angle), np.sin(angle)])
+    label = options.pop('label', None)
+    for i, (centre, matrix) in enumerate(zip(centres, matrices)):
+        axes.plot(*(scale * matrix @ circle + centre[:, None]), **options,
+                  label=label if i == 0 else None)
+
+
+def boxes(axes: Any, groups: dict[str, Any], unit: str) -> None:
+    """Draw a box plot of each group, by name."""
+    axes.boxplot(list(groups.values()), tick_labels=list(groups), widths=0.5,
+                 medianprops={'color': 'black'}, flierprops={'ms': 3})
+    axes.plot([], [], color='black', label='median, quartiles, 1.5 × their range')
+    axes.set_ylabel(unit)
+    axes.legend()
+
+
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure; its folder is made where it does not exist."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)

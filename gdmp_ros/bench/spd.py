@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.bench import measure
-from gdmp_ros.bench.explicit import ExplicitTransport
 from gdmp_ros.bench.peers import spd_manifold
 from gdmp_ros.bench.step import measure_step
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.paper.baselines import Baseline, TransportedAlong, TransportedToStart
 
 TITLE = 'one step on SPD(m), 50 basis functions'
 SIZES = tuple(range(2, 21))
@@ -20,19 +20,26 @@ def run(settings: measure.Settings) -> dict[str, Any]:
     """The figures, keys as in the file; times in µs."""
     lines = []
     for m in SIZES:
-        manifold = SymmetricPositiveDefinite(m)
-        parallel, published = (measure.skill(manifold, 5.0, connection=name)
-                               for name in ('parallel', 'published'))
-        explicit = ExplicitTransport(parallel)
+        times = step_times(m, settings.repetitions)
         with measure.one_core():
-            lines.append({
-                'm': m, 'parallel_us': measure_step(parallel, settings.repetitions),
-                'published_us': measure_step(published, settings.repetitions),
-                'explicit_us': measure.median_time(
-                    _always(explicit.step), 300, settings.repetitions) * 1e6,
-                **_maps(manifold, settings.repetitions)})
-        lines[-1]['ratio'] = lines[-1]['parallel_us'] / lines[-1]['published_us']
+            times.update(_maps(SymmetricPositiveDefinite(m), settings.repetitions))
+        lines.append({'m': m, **times, 'ratio': times['parallel_us'] / times['published_us']})
     return {'rows': lines}
+
+
+def step_times(m: int, repetitions: int) -> dict[str, float]:
+    """Time of one step on SPD(m), by method [µs]."""
+    manifold = SymmetricPositiveDefinite(m)
+    shown = measure.demonstration(manifold, 5.0, samples=300)
+    ours = {name: measure.skill(manifold, 5.0, connection=name)
+            for name in ('parallel', 'published')}
+    theirs = {'explicit': TransportedToStart(shown, 50), 'along': TransportedAlong(shown, 50)}
+    with measure.one_core():
+        result = {f'{name}_us': measure_step(skill, repetitions) for name, skill in ours.items()}
+        for name, method in theirs.items():
+            result[f'{name}_us'] = measure.median_time(_from_start(method), 300,
+                                                       repetitions) * 1e6
+    return result
 
 
 def _maps(manifold: SymmetricPositiveDefinite, repetitions: int) -> dict[str, float]:
@@ -50,12 +57,21 @@ def _always(call: Callable[[], object]) -> Callable[[], Callable[[], object]]:
     return lambda: call
 
 
+def _from_start(method: Baseline) -> Callable[[], Callable[[], object]]:
+    def prepare() -> Callable[[], object]:
+        method.reset()
+        return method.step
+    return prepare
+
+
 def rows(document: dict[str, Any]) -> list[list[str]]:
     """Table: heads, then lines."""
-    heads = ['m', 'parallel µs', 'published µs', 'ratio', 'explicit transport µs', 'log µs',
+    heads = ['m', 'parallel µs', 'published µs', 'ratio', 'transport to the start µs',
+             'along µs', 'log µs',
              'pymanopt', 'exp µs', 'pymanopt']
     return [heads, *([str(r['m']), f'{r["parallel_us"]:.2f}', f'{r["published_us"]:.2f}',
-                      f'{r["ratio"]:.2f}', f'{r["explicit_us"]:.2f}', f'{r["log_us"]:.1f}',
+                      f'{r["ratio"]:.2f}', f'{r["explicit_us"]:.2f}',
+                      f'{r["along_us"]:.2f}', f'{r["log_us"]:.1f}',
                       f'{r["peer_log_us"]:.0f}', f'{r["exp_us"]:.1f}', f'{r["peer_exp_us"]:.0f}']
                      for r in document['rows'])]
 
@@ -65,7 +81,8 @@ def draw(document: dict[str, Any], axes: Any) -> None:
     m = [r['m'] for r in document['rows']]
     for key, name, style in (('parallel_us', 'parallel', '-o'),
                              ('published_us', 'published', '--s'),
-                             ('explicit_us', 'explicit transport', ':^')):
+                             ('explicit_us', 'transport to the start', ':^'),
+                             ('along_us', 'transport along the path', '-.v')):
         axes.plot(m, [r[key] for r in document['rows']], style, color='black', ms=4, label=name)
     axes.set(xlabel='m', ylabel='time of a step [µs]', yscale='log', title=TITLE)
     axes.set_xticks(m[::3])

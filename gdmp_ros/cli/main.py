@@ -1,4 +1,4 @@
-"""``gdmp VERB``: record, learn, inspect, plot, rollout, bench, demo."""
+"""``gdmp VERB``: record, learn, inspect, plot, rollout, bench, paper, demo."""
 from __future__ import annotations
 
 import argparse
@@ -9,7 +9,7 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'demo')
+VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
@@ -20,6 +20,9 @@ a first skill, from handwriting to a motion:
 
 all of it on a simulated robot:
   gdmp demo
+
+the experiments of the paper:
+  gdmp paper all
 """
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from gdmp_ros.bench import accuracy, goal_switch, measure, tempo
-from gdmp_ros.bench.explicit import ExplicitTransport
 from gdmp_ros.cli.bench import SUBJECTS
 from gdmp_ros.dmp import Rollout
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
@@ -48,17 +47,6 @@ def test_accuracy_rows_hold_for_every_manifold_connection_and_step():
         assert row['classes'] == 2
         # Of all 30 classes the separate rows are 3e-4 on average; these two are harder.
         assert row['mean_relative_error'] <= (2e-3 if row.get('separate') else 8e-5)
-
-
-def test_the_explicit_transport_beside_ours_is_the_same_motion():
-    """Else its cost would mean nothing: to first order in dt both follow the demonstration."""
-    skill = measure.skill(SymmetricPositiveDefinite(3), 2.0)
-    explicit = ExplicitTransport(skill, dt=2e-4)
-    rollout = Rollout(skill)
-    for _ in range(5000):
-        explicit.step()
-    away = skill.manifold.distance(explicit._point.reshape(3, 3), rollout.advance(1.0).point)
-    assert away < 0.02 * skill.manifold.distance(skill.start, skill.goal)
 
 
 def test_learning_writes_its_keys_and_shows_a_table(tmp_path):

@@ -1,0 +1,191 @@
+"""
+What the compared primitives share: phase, basis functions, regression and goal filter.
+
+Each is stepped by Euler's method at the spacing of its demonstration, the velocity first, as their
+authors do. Derivatives are by default those that this scheme would reproduce exactly, so that the
+methods are compared and not the differencing. One cycle is one compiled function, as ours is, so that the
+methods are compared and not the languages.
+"""
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gdmp_ros.compilation import compiled
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.forcing import basis, forcing, regress
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds.operations import work_size
+
+#: Where a cycle's numbers lie: s = t/τ, h = dt/τ and the gains.
+S, H, ALPHA_Z, ALPHA_X, ALPHA_G = range(5)
+
+
+@compiled
+def shape(functions, weights, numbers, offset, scale, out):
+    """``scale F - e_0 x``: what makes the motion another than a spring's."""
+    x = math.exp(-numbers[ALPHA_X] * numbers[S])
+    forcing(functions, weights, numbers[S], x, out)
+    for i in range(out.size):
+        out[i] = scale[i] * out[i] - offset[i] * x
+
+
+@compiled
+def pull(numbers, error, force, velocity):
+    """``τ ż = α_z (β_z (e + force) - z)`` over one cycle; time goes on."""
+    h, alpha_z = numbers[H], numbers[ALPHA_Z]
+    for i in range(velocity.size):
+        wanted = 0.25 * alpha_z * (error[i] + force[i])
+        velocity[i] += h * alpha_z * (wanted - velocity[i])
+    numbers[S] += h
+
+
+@compiled
+def accelerate(functions, weights, numbers, error, offset, scale, velocity, force):
+    """
+    Let τ times the velocity change over one cycle.
+
+    ``τ ż = α_z (β_z (e - e_0 x + F) - z)`` with ``F = scale Σ w Ψ x / Σ Ψ``.
+
+    :param error: e, from the present point to the goal
+    :param offset: e_0; zeros where the method has no start term
+    """
+    shape(functions, weights, numbers, offset, scale, force)
+    pull(numbers, error, force, velocity)
+
+
+class Baseline:
+    """
+    A primitive as others published it, learned from one demonstration.
+
+    Subclasses say which spaces it handles, what its error and its velocities are, and how it moves.
+    """
+
+    #: How [GDMP] cites it, and where it comes from.
+    name: ClassVar[str]
+    source: ClassVar[str]
+    #: Kinds of manifold it was published for.
+    spaces: ClassVar[tuple[str, ...]]
+    #: Whether it has the start term ``e_0 x``, and whether its forcing term is scaled by ``e_0``.
+    start_term: ClassVar[bool] = True
+    scaled: ClassVar[bool] = False
+
+    def __init__(self, shown: Demonstration, n_basis: int = 60, alpha_z: float = 60.0,
+                 alpha_x: float = 4.6052, alpha_g: float = 8.0, differences: str = 'matched'):
+        """
+        Learn.
+
+        :param shown: uniform in time; its spacing is the cycle
+        :param differences: ``matched`` to the scheme that steps, or ``backward`` as [GDMP] eq.
+            (20) takes them
+        :raises ParameterError: if the method was not made for that space
+        """
+        if not self.handles(shown):
+            raise ParameterError(f'{self.name} was not made for {shown.manifold!r}')
+        self.manifold, self.duration = shown.manifold, shown.duration
+        self._shown = np.array(shown.flat_points)
+        self._functions = basis(n_basis, alpha_x)
+        self._gains, self._matched = (alpha_z, alpha_x, alpha_g), differences == 'matched'
+        self._work = np.empty(4 * work_size(max(2, math.isqrt(shown.manifold.point_size))))
+        self._learn()
+        self.reset()
+
+    @classmethod
+    def handles(cls, shown: Demonstration) -> bool:
+        """Whether the method was made for the space of ``shown``."""
+        return shown.manifold.kind in cls.spaces
+
+    @property
+    def dt(self) -> float:
+        """Time of a cycle [s]."""
+        return self.duration / (len(self._shown) - 1)
+
+    def errors(self) -> np.ndarray:
+        """What is left to the goal at each sample, in the method's coordinates."""
+        raise NotImplementedError
+
+    def rates(self) -> np.ndarray:
+        """Velocity between neighbouring samples [1/s], in the method's coordinates."""
+        raise NotImplementedError
+
+    def step(self) -> np.ndarray:
+        """
+        Let one cycle pass.
+
+        :returns: the flat point as the method's equations leave it
+        """
+        raise NotImplementedError
+
+    def output(self, raw: np.ndarray) -> np.ndarray:
+        """Give the flat point that a robot would be sent; only [4] has to mend it."""
+        return raw
+
+    def retarget(self, goal: np.ndarray) -> None:
+        """Switch to a new goal (shape ``point_shape``)."""
+        self._wanted = self.manifold._flat(self.manifold.align(
+            goal, self._goal.reshape(self.manifold.point_shape))).copy()
+
+    def reset(self, dt: float | None = None) -> None:
+        """
+        Go to the start of the demonstration, in its motion.
+
+        :param dt: cycle from now on [s]; the demonstration's spacing by default
+        """
+        alpha_z, alpha_x, alpha_g = self._gains
+        self._numbers = np.array([0.0, (dt or self.dt) / self.duration, alpha_z, alpha_x, alpha_g])
+        self._start, self._point = self._shown[0].copy(), self._shown[0].copy()
+        self._goal, self._wanted = self._shown[-1].copy(), self._shown[-1].copy()
+        self._velocity = self._begin.copy()
+        self._error, self._force = np.empty((2, self._velocity.size))
+
+    def rollout(self, cycles: int, goal: np.ndarray | None = None,
+                switch: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Run from the start.
+
+        :param goal: new goal from cycle ``switch`` on
+        :returns: points as sent and as the equations leave them, flat, one row per sample
+        """
+        self.reset()
+        raw = [self._shown[0].copy()]
+        for cycle in range(cycles):
+            if goal is not None and cycle == switch:
+                self.retarget(goal)
+            raw.append(self.step().copy())
+        return np.array([self.output(point) for point in raw]), np.array(raw)
+
+    def _changes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Give τ times the velocity at the beginning of each cycle, and its change over it."""
+        z = self.duration * self.rates()
+        if self._matched:
+            # The first cycle begins as the motion goes on.
+            before = np.vstack([2.0 * z[0] - z[1], z[:-1]])
+            return before, z - before
+        before = np.vstack([z[0], z[:-1]])
+        return before, np.diff(before, axis=0, prepend=before[:1])
+
+    def _to_weights(self, vectors: np.ndarray) -> np.ndarray:
+        """Carry vectors at the samples to where the weights live."""
+        return vectors
+
+    def _learn(self) -> None:
+        alpha_z, alpha_x, _ = self._gains
+        errors, h = self.errors(), self.dt / self.duration
+        before, change = self._changes()
+        self._begin = before[0].copy()
+        s = h * np.arange(len(before))
+        self._offset = errors[0] if self.start_term else np.zeros(errors.shape[1])
+        self._scale = np.ones(errors.shape[1])
+        if self.scaled:
+            self._scale = np.where(np.abs(errors[0]) > 1e-9, errors[0], 1e-9)
+        wanted = (change / h + alpha_z * before) / (0.25 * alpha_z * alpha_z)
+        target = (self._to_weights(wanted - errors[:-1])
+                  + np.exp(-alpha_x * s)[:, None] * self._offset)
+        self._weights = regress(self._functions, alpha_x, s, target / self._scale)
+
+    def _cycle(self) -> tuple[Any, ...]:
+        """Give what `accelerate` takes, in its order."""
+        return (self._functions, self._weights, self._numbers, self._error, self._offset,
+                self._scale, self._velocity, self._force)

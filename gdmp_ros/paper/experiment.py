@@ -1,0 +1,43 @@
+"""What all experiments share."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+#: In the paper's order; two that it claims without a figure of its own at the end.
+IDS = ('fig2', 'fig3', 'letters', 'fig4', 'fig5', 'baselines', 'fig6', 'fig7', 'fig8', 'fig9',
+       'fig10', 'fig11', 'fig12', 'table1', 'theorem1')
+#: What a run leaves: arrays by name.
+Data = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    What may be asked for.
+
+    :ivar letters: folder of the 2D-Letters data set, None where there is none
+    :ivar ros: robot tasks run through the nodes instead of the same loop without ROS
+    :ivar jobs: processes for what can be divided; -1 for one per core
+    :ivar folder: where recordings and scenes of the robot tasks are kept
+    """
+
+    letters: Path | None = None
+    ros: bool = False
+    jobs: int = -1
+    folder: Path = Path('out/paper')
+
+
+class Verdict(NamedTuple):
+    """
+    Whether a claim holds (None where it could not be tried), and the figures that say so.
+
+    :ivar notes: sentences for the reader: what to install, what differs from the paper
+    """
+
+    holds: bool | None
+    measured: dict[str, Any]
+    notes: str = ''
