@@ -118,7 +118,8 @@ def _segments(shown: list[Demonstration], allowed: bool) -> Segments:
     manifold = shown[0].manifold
     gaps, lengths = zip(*(cut_locus_gaps(manifold, d.flat_points, d.flat_points[-1])
                           for d in shown))
-    split = tuple(any(column) for column in zip(*map(split_factors, gaps, lengths)))
+    split = tuple(any(column) for column in zip(
+        *(split_factors(manifold, g, steps) for g, steps in zip(gaps, lengths))))
     if not any(split):
         return Segments()
     ends = segment_ends(lengths, split)

@@ -31,9 +31,11 @@ from gdmp_ros.manifolds.registry import (
     work_array,
 )
 
-#: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor:
-#: the logarithm turns π / gap times as fast as the point moves there, too fast to be learned.
-MARGIN = 0.5
+#: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor.
+#: The logarithm turns π / gap times as fast as the point moves there, too fast to be learned; and on
+#: a sphere a goal further away than π/2 pushes sideways: at a distance r what is beside the path
+#: grows as exp(α_z/2 (√(1 - r cot r) - 1) s), within a tenth of a duration threefold at r = 2.04.
+MARGINS = {'sphere': 1.1, 'quaternion': 1.1, 'rotation': 0.5}
 #: Longest way within a segment [rad]: point and target stay well inside each other's region.
 LONGEST = 0.45 * math.pi
 
@@ -142,10 +144,10 @@ def cut_locus_gaps(manifold: Manifold, points: np.ndarray,
     return gaps, lengths
 
 
-def split_factors(gaps: np.ndarray, lengths: np.ndarray) -> tuple[bool, ...]:
-    """Which factors of a demonstration meet the cut locus, from its `cut_locus_gaps`."""
-    limits = np.maximum(MARGIN, 2.0 * lengths.max(axis=1))
-    return tuple(bool(low < limit) for low, limit in zip(gaps.min(axis=1), limits))
+def split_factors(manifold: Manifold, gaps: np.ndarray, lengths: np.ndarray) -> tuple[bool, ...]:
+    """Which factors of a demonstration come too near the cut locus, from its `cut_locus_gaps`."""
+    return tuple(bool(low < max(MARGINS.get(factor.kind, 0.0), 2.0 * step)) for factor, low, step
+                 in zip(manifold.factors, gaps.min(axis=1), lengths.max(axis=1)))
 
 
 def segment_ends(lengths: Sequence[np.ndarray], split: Sequence[bool]) -> np.ndarray:

@@ -31,6 +31,8 @@ CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee'
 SCALE_MM = 50.0
 #: Manifolds of the Riemannian LASA data set.
 MAPPINGS = ('R2', 'S2', 'S3', 'SO3', 'SPD2')
+#: SPD(2) once more: covariances of a class over time.
+COVARIANCES = 'covariances'
 
 
 class Stroke(NamedTuple):
@@ -59,7 +61,7 @@ def strokes(name: str) -> list[Stroke]:
             for d in shown]
 
 
-def riemannian(stroke: Stroke, mapping: str) -> Demonstration:
+def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonstration:
     """
     A stroke on a manifold, [GDMP] section 5.1.
 
@@ -67,8 +69,9 @@ def riemannian(stroke: Stroke, mapping: str) -> Demonstration:
     both); SPD(2) as Exp at diag(1, 2) of the symmetric matrix [x z; z y] with the same z.
 
     :param mapping: one of `MAPPINGS`
+    :param scale: positions are divided by it
     """
-    plane = stroke.positions / SCALE_MM
+    plane = stroke.positions / scale
     lifted = np.column_stack([plane, plane.mean(axis=1)])
     if mapping == 'R2':
         return Demonstration(stroke.times, plane, Euclidean(2))
@@ -100,6 +103,17 @@ def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) ->
     at = np.linspace(0.0, 1.0, samples)
     duration = shown[0].times[-1] - shown[0].times[0]
     return Demonstration(duration * at, mixture.covariances(at), SymmetricPositiveDefinite(2))
+
+
+def data_set(name: str, mapping: str) -> list[Demonstration]:
+    """
+    Give the Riemannian LASA data of a class: every demonstration on one manifold.
+
+    :param mapping: one of `MAPPINGS`, or `COVARIANCES` (one profile of the whole class)
+    """
+    if mapping == COVARIANCES:
+        return [covariance_profile(name)]
+    return [riemannian(stroke, mapping) for stroke in strokes(name)]
 
 
 #: Pose and translational stiffness of a robot's tool.

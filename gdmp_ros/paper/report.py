@@ -19,6 +19,8 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros.terminal import table
 
+#: Experiments whose module has another name: ``baselines`` are the methods themselves.
+_MODULES = {'baselines': 'comparison'}
 _PICTURES = {'.png': 'image/png', '.webp': 'image/webp'}
 
 
@@ -58,7 +60,7 @@ def module(name: str) -> Any:
     """
     if name not in IDS:
         raise DataError(f'experiment {name!r} is unknown, expected one of {", ".join(IDS)}')
-    return importlib.import_module(f'gdmp_ros.paper.{name}')
+    return importlib.import_module(f'gdmp_ros.paper.{_MODULES.get(name, name)}')
 
 
 def _one(name: str, settings: Settings) -> dict[str, Any]:

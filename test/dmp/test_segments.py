@@ -158,5 +158,17 @@ def half_turn_at(manifold, skill, rng):
 
 
 def test_demonstrations_near_their_goal_are_not_split(rng):
-    shown = great_circle(0.7 * np.pi)
+    shown = great_circle(0.6 * np.pi)
     assert len(Skill.learn(shown).segments) == 1
+
+
+def test_a_motion_that_its_goal_pushes_sideways_is_split_and_followed():
+    """Further than π/2 away, a goal on a sphere makes deviations grow; wiggles excite them."""
+    angle = 2.5 * (1.0 - BLEND)
+    wiggle = 0.15 * np.sin(9.0 * TIMES / TIMES[-1]) * np.sin(np.pi * BLEND)
+    points = np.column_stack([np.cos(angle) * np.cos(wiggle), np.sin(angle) * np.cos(wiggle),
+                              np.sin(wiggle)])
+    shown = Demonstration(3.0 * TIMES, points, Sphere(2))
+    skill, unsplit = Skill.learn(shown), Skill.learn(shown, split=False)
+    assert len(skill.segments) > 1
+    assert reproduction_error(skill, shown)[0] < 1e-4 < reproduction_error(unsplit, shown)[0]
