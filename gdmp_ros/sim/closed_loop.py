@@ -7,6 +7,12 @@ import numpy as np
 
 from gdmp_ros.control.impedance import DAMPING_RATIO, impedance_torque, ImpedanceGains, STIFFNESS
 from gdmp_ros.control.limits import TorqueLimiter
+from gdmp_ros.control.manipulability import (
+    position_torque,
+    PositionGains,
+    PositionState,
+    PositionTarget,
+)
 from gdmp_ros.control.reference import GuardSettings, ReferenceGuard
 from gdmp_ros.sim.panda import Arm, Measurement
 
@@ -68,3 +74,26 @@ class ClosedLoop:
         result = Tick(measured, twist, wrench, target[STIFFNESS:DAMPING_RATIO], torque)
         self.arm.step(torque)
         return result
+
+
+class PositionLoop:
+    """An arm that keeps a position, with its null space free for manipulability."""
+
+    def __init__(self, arm: Arm, gains: PositionGains, torque_rate: float = 1.0):
+        """:param torque_rate: largest change of a joint torque per tick [Nm]"""
+        self.arm, self.gains = arm, gains
+        limits = arm.limits
+        self.limiter = TorqueLimiter(limits.lower, limits.upper, limits.torque, torque_rate)
+        self.limiter.reset(arm.measure().bias)
+
+    def tick(self, target: PositionTarget) -> PositionState:
+        """Measure, compute the torque, limit it and let one period pass; the state before."""
+        state = self.arm.linear_state(len(target.position))
+        torque = position_torque(state, target, self.gains)
+        self.arm.step(self.limiter.apply(self.arm.data.qpos, torque))
+        return state
+
+    def settle(self, target: PositionTarget, seconds: float) -> None:
+        """Hold one target for a while."""
+        for _ in range(round(seconds / self.arm.period)):
+            self.tick(target)

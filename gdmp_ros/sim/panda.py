@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.errors import DataError
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
@@ -39,7 +40,7 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the joints, each of shape ``(n,)``: position [rad], torque [Nm]."""
+    """Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm]."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -49,18 +50,20 @@ class Limits:
 class Arm:
     """One arm; `step` lets one time step pass under a torque."""
 
-    def __init__(self, path: str | Path = '', tool: str = 'tcp', hand: bool = True):
+    def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
+                 hand: bool = True):
         """
         Load a model.
 
-        :param path: MJCF file; the built-in Panda by default
+        :param path: MJCF file, or a model under construction; the built-in Panda by default
         :param tool: name of the site that is controlled
         :param hand: False removes the body ``hand`` (and its tool) from the model
         :raises DataError: if the file cannot be loaded or has no such site, or no motors
         """
-        source = Path(path) if path else PANDA
+        given = isinstance(path, mujoco.MjSpec)
+        source = 'the model' if given else Path(path) if path else PANDA
         try:
-            spec = mujoco.MjSpec.from_file(str(source))
+            spec = path if given else mujoco.MjSpec.from_file(str(source))
             if not hand:
                 spec.delete(spec.body('hand'))
             self.model = spec.compile()
@@ -76,8 +79,9 @@ class Arm:
                             'freedom, expected one torque motor for each')
         n = self.model.nv
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        self.limits = Limits(self.model.jnt_range[:, 0].copy(), self.model.jnt_range[:, 1].copy(),
-                             self.model.actuator_ctrlrange[:, 1].copy())
+        lower, upper = np.where(self.model.jnt_limited[:, None].astype(bool),
+                                self.model.jnt_range, [-np.inf, np.inf]).T
+        self.limits = Limits(lower, upper, self.model.actuator_ctrlrange[:, 1].copy())
         self.friction = self.model.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
         self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
@@ -114,6 +118,19 @@ class Arm:
         return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
                            np.vstack([self._linear, self._angular]), self._inertia,
                            data.qfrc_bias.copy(), data.qfrc_constraint + applied)
+
+    def linear_state(self, axes: int = 3) -> PositionState:
+        """
+        Give the position task's view of the present state, with the Jacobian's derivative.
+
+        :param axes: how many of x, y, z belong to the task
+        """
+        now = self.measure()
+        linear, angular = now.jacobian[:3], now.jacobian[3:]
+        derivative = jacobian_derivative(linear, angular)
+        return PositionState(now.pose[:axes].copy(), linear[:axes],
+                             np.ascontiguousarray(derivative[:, :axes]), now.velocity,
+                             now.inertia, now.bias, self.friction)
 
     def step(self, torque: np.ndarray) -> None:
         """Let one period pass under joint torques [Nm]; `measure` then tells the new state."""
