@@ -39,6 +39,17 @@ def panels(rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.4, 4.
                                    subplot_kw={'projection': '3d'} if spatial else {})
 
 
+def blank_grid(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    """Make a figure with a grid to cut Axes from; ``size`` is that of the whole [inch]."""
+    figure = Figure(figsize=size, layout='constrained')
+    return figure, figure.add_gridspec(rows, columns)
+
+
+def below(axes: Any, columns: int = 4) -> None:
+    """Put the legend under the picture, where it hides nothing."""
+    axes.legend(fontsize=7, ncols=columns, loc='upper center', bbox_to_anchor=(0.5, -0.22))
+
+
 def sphere(axes: Any) -> None:
     """Draw the unit sphere to look at from outside."""
     u, v = np.mgrid[0:2 * np.pi:37j, 0:np.pi:19j]

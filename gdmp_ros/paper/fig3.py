@@ -119,9 +119,7 @@ def spread(data: Data, sets: tuple[str, ...]) -> Any:
 
 def profiles(data: Data, sets: list[str]) -> Any:
     """The paper's grid: rows are manifolds."""
-    figure, _ = plots.panels(1, 1, (15.0, 2.7 * len(sets)))
-    figure.clear()
-    grid = figure.add_gridspec(len(sets), 4)
+    figure, grid = plots.blank_grid(len(sets), 4, (15.0, 2.7 * len(sets)))
     for row, mapping in enumerate(sets):
         times = data[f'{mapping}_times']
         shown, made = data[f'{mapping}_shown'], data[f'{mapping}_made']

@@ -110,13 +110,11 @@ def verdict(data: Data) -> Verdict:
 
 def draw(data: Data) -> dict[str, Any]:
     """Ellipses over the path and over time, the cone, and the distance."""
-    figure, _ = plots.panels(1, 1, (13.0, 8.0))
-    figure.clear()
-    grid = figure.add_gridspec(2, 2)
+    figure, grid = plots.blank_grid(5, 2, (11.0, 8.0))
     kinds = (('shown', 'demonstration (3 joints)', {'color': '0.6', 'lw': 3.0}),
              ('wanted', 'G-DMP', {'color': plots.INK[2], 'lw': 1.4}),
              ('measured', 'arm (5 joints)', {'color': 'black', 'lw': 0.9, 'ls': '--'}))
-    path, time = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    path, time = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
     for name, label, style in kinds:
         points = data[name]
         seconds = data['shown_times'] if name == 'shown' else data['times']
@@ -128,27 +126,29 @@ def draw(data: Data) -> dict[str, Any]:
         centres = np.column_stack([np.linspace(0.0, data['shown_times'][-1], 13), np.zeros(13)])
         plots.ellipses(time, centres, matrices, 0.35, label=label, **style)
     path.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='over the path (0.08 m per m²)')
-    time.set(xlabel='time [s]', ylabel='manipulability, second axis [m² / 0.35]', aspect='equal',
+    time.set(xlabel='time [s]', ylabel='Υ, 0.35 s per m² [s]', aspect='equal',
              title='over time')
-    cone(figure.add_subplot(grid[0, 1], projection='3d'), data, kinds)
-    panel = figure.add_subplot(grid[1, 1])
+    cone(figure.add_subplot(grid[:3, 1], projection='3d'), data, kinds)
+    panel = figure.add_subplot(grid[3:, 1])
     for name, label, style in (('measured', 'with the null-space term', '-'),
                                ('without', 'without', '--')):
         panel.plot(data['times'][::10], distances(data['wanted'], data[name]), style,
                    color='black', label=label)
     panel.set(xlabel='time [s]', ylabel='manipulability distance [1]')
-    for one in (path, time, panel):
-        one.legend(fontsize=7)
+    panel.set_ylim(bottom=0.0)
+    panel.legend(fontsize=7)
+    path.legend(fontsize=7, loc='center right')
+    plots.below(time)
     return {'fig8': figure}
 
 
 def cone(axes: Any, data: Data, kinds: Any) -> None:
     """Draw the curves in the cone of positive definite matrices."""
     largest = max(float(data['shown'][:, [2, 5]].max()), 0.1) * 1.2
-    a, angle = np.mgrid[0:largest:9j, 0:2 * np.pi:37j]
+    a, angle = np.mgrid[0:largest / 2:7j, 0:2 * np.pi:37j]
     # [[a + b, c], [c, a - b]] is on the boundary where b² + c² = a².
-    axes.plot_wireframe(a * (1 + np.cos(angle)) / 1.0, a * (1 - np.cos(angle)), a * np.sin(angle),
-                        color='0.85', lw=0.4)
+    axes.plot_wireframe(a * (1 + np.cos(angle)), a * (1 - np.cos(angle)), a * np.sin(angle),
+                        color='0.75', lw=0.4, label='boundary')
     for name, label, style in kinds:
         points = data[name]
         axes.plot(points[:, 2], points[:, 5], points[:, 3], label=label, **style)

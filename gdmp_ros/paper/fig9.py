@@ -100,7 +100,9 @@ def verdict(data: Data) -> Verdict:
 
 def draw(data: Data) -> dict[str, Any]:
     """Ellipses over the path and over time, and the spring force."""
-    figure, axes = plots.panels(1, 3, (5.6, 4.4))
+    figure, grid = plots.blank_grid(5, 2, (11.0, 8.0))
+    path, forces, time = (figure.add_subplot(cell) for cell in (grid[:3, 0], grid[:3, 1],
+                                                                grid[3:, :]))
     end = data['shown_times'][-1]
     at = np.searchsorted(data['shown_times'], np.linspace(0.0, end, 12))
     styles = (('shown', 'demonstration', {'color': '0.6', 'lw': 2.6}),
@@ -110,26 +112,26 @@ def draw(data: Data) -> dict[str, Any]:
         at = np.minimum(np.searchsorted(seconds, np.linspace(0.0, end, 12)), len(seconds) - 1)
         chosen = data[name][at]
         matrices = chosen[:, 2:].reshape(-1, 2, 2)
-        plots.ellipses(axes[0, 0], chosen[:, :2], matrices, 5e-5, label=label, **style)
-        plots.ellipses(axes[0, 1], np.column_stack([seconds[at], 0.0 * at]), matrices, 4e-4,
+        plots.ellipses(path, chosen[:, :2], matrices, 5e-5, label=label, **style)
+        plots.ellipses(time, np.column_stack([seconds[at], 0.0 * at]), matrices, 6e-4,
                        label=label, **style)
-    axes[0, 0].plot(*data['shown'][:, :2].T, color='black', lw=1.0, label='path')
-    axes[0, 0].plot(*data['switched_measured'].T, ':', color='black', lw=1.0, label='mass')
+    path.plot(*data['shown'][:, :2].T, color='black', lw=1.0, label='path')
+    path.plot(*data['switched_measured'].T, ':', color='black', lw=1.0, label='mass')
     middle = data['switched_wanted'][round(SWITCH * DURATION / PERIOD)]
     last = data['switched_wanted'][-1]
-    for axis, scale, centres in ((axes[0, 0], 5e-5, (middle[:2], last[:2])),
-                                 (axes[0, 1], 4e-4, ((SWITCH * DURATION, 0.0), (end, 0.0)))):
+    for axis, scale, centres in ((path, 5e-5, (middle[:2], last[:2])),
+                                 (time, 6e-4, ((SWITCH * DURATION, 0.0), (end, 0.0)))):
         for point, centre, colour, style, label in (
                 (middle, centres[0], plots.INK[0], '--', 'when the goal is switched'),
                 (last, centres[1], plots.INK[1], '-.', 'new goal')):
             plots.ellipses(axis, np.array([centre]), point[2:].reshape(1, 2, 2), scale,
                            color=colour, ls=style, lw=2.0, label=label)
-    axes[0, 0].set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='0.05 m per 1000 N/m')
-    axes[0, 1].set(xlabel='time [s]', ylabel='stiffness, second axis [N/m / 2500]',
+    path.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='0.05 m per 1000 N/m')
+    time.set(xlabel='time [s]', ylabel='stiffness, second axis [N/m / 2500]',
                    aspect='equal', title='over time')
-    plots.series(axes[0, 2], data['times'], np.column_stack(
+    plots.series(forces, data['times'], np.column_stack(
         [data['switched_force'], data['straight_force']]),
         ['x', 'y', 'x, not switched', 'y, not switched'], 'spring force [N]')
-    for axis in axes[0, :2]:
-        axis.legend(fontsize=7, loc='upper right')
+    path.legend(fontsize=7, loc='upper center', bbox_to_anchor=(0.5, 0.75))
+    plots.below(time)
     return {'fig9': figure}
