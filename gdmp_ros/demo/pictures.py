@@ -3,17 +3,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-import subprocess
-import sys
 
 from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros import plots
 from gdmp_ros.demo.report import Run, tracking_errors
-
-#: Ways to render without a screen, tried in this order, and the Debian packages they need.
-BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
 
 
 def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,
@@ -23,23 +18,6 @@ def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,
     plots.save(_tracking(run, switch_s, ends_ns), folder / 'tracking.png')
     plots.save(_stiffness(run, switch_s), folder / 'stiffness.png')
     plots.save(_lateness(lateness), folder / 'lateness.png')
-
-
-def render_arm(run: Run, folder: Path, environment: Mapping[str, str]) -> str | None:
-    """Render the arm at the end of its path; what to install where that is not possible."""
-    numbers = folder / 'arm.npz'
-    np.savez(numbers, joints=run.joints[-1], path=run.poses[::100, :3])
-    try:
-        for backend in BACKENDS:
-            done = subprocess.run(
-                [sys.executable, '-m', 'gdmp_ros.demo.render', str(numbers),
-                 str(folder / 'arm.png')], env={**environment, 'MUJOCO_GL': backend},
-                capture_output=True)
-            if done.returncode == 0:
-                return None
-    finally:
-        numbers.unlink()
-    return f'no picture of the arm: install {" or ".join(BACKENDS.values())}'
 
 
 def _seconds(run: Run, stamps: np.ndarray) -> np.ndarray:

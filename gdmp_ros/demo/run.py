@@ -26,6 +26,7 @@ from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternio
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
+from gdmp_ros.sim.render import render_to
 from gdmp_ros.terminal import table
 
 FRAME = 'panda_link0'
@@ -224,7 +225,7 @@ def _draw(folder: Path, run: report.Run, timeline: Timeline, document: dict[str,
                 'panda_sim': _window(folder, 'sim', timeline)[:, 1] * 1e-3,
                 'bare sleeping loop': _window(folder, 'bare', timeline)[:, 1] * 1e-3}
     pictures.draw(run, folder, document['goal_switch']['at_s'], timeline.finished, lateness)
-    missing = pictures.render_arm(run, folder, dict(os.environ))
+    missing = render_to(folder / 'arm.png', run.joints[-1], run.poses[::100, :3])
     if missing:
         print(missing)
 

@@ -5,7 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.impedance import DAMPING_RATIO, impedance_torque, ImpedanceGains, STIFFNESS
+from gdmp_ros.control.impedance import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    impedance_torque,
+    ImpedanceGains,
+    STIFFNESS,
+)
 from gdmp_ros.control.limits import TorqueLimiter
 from gdmp_ros.control.manipulability import (
     position_torque,
@@ -52,9 +58,9 @@ class ClosedLoop:
         self.limiter = TorqueLimiter(limits.lower, limits.upper, limits.torque, torque_rate)
         self.reset()
 
-    def reset(self) -> None:
-        """Put the arm back to its first keyframe, at rest, holding its pose."""
-        self.arm.reset()
+    def reset(self, position: np.ndarray | None = None) -> None:
+        """Put the arm at rest at ``position`` [rad], at its first keyframe by default, holding."""
+        self.arm.reset(position)
         measured = self.arm.measure()
         self._rest = measured.position.copy()
         self.limiter.reset(measured.bias)
@@ -64,7 +70,9 @@ class ClosedLoop:
     def tick(self) -> Tick:
         """Measure, compute the torque, limit it and let one period pass."""
         measured = self.arm.measure()
-        target = self.guard.target(self.arm.period)
+        target = self.guard.target(self.arm.period).copy()
+        # What the joints' velocity brings by itself need not be pushed for.
+        target[ACCELERATION:ACCELERATION + 6] -= measured.drift
         torque, wrench = np.empty(len(self._rest)), np.empty(6)
         impedance_torque(measured.position, measured.velocity, measured.pose, measured.jacobian,
                          measured.inertia, measured.bias, self.arm.friction, target, self._rest,

@@ -27,6 +27,8 @@ class Measurement(NamedTuple):
     :ivar inertia: joint-space inertia, shape ``(n, n)``
     :ivar bias: gravity and Coriolis torque [Nm], shape ``(n,)``
     :ivar external: torque of contacts and applied forces [Nm], shape ``(n,)``
+    :ivar drift: J̇ q̇, acceleration of the tool that the joints' velocity alone brings [m/s²,
+        rad/s²]
     """
 
     position: np.ndarray
@@ -36,6 +38,7 @@ class Measurement(NamedTuple):
     inertia: np.ndarray
     bias: np.ndarray
     external: np.ndarray
+    drift: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class Arm:
         self.limits = Limits(lower, upper, self.model.actuator_ctrlrange[:, 1].copy())
         self.friction = self.model.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
+        self._rate = np.zeros((2, 3, n))
+        self._body = int(self.model.site_bodyid[self._site])
         self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
         self.reset()
 
@@ -110,6 +115,7 @@ class Arm:
         """Read the present state; the arrays are valid until the next call."""
         model, data = self.model, self.data
         mujoco.mj_jacSite(model, data, self._linear, self._angular, self._site)
+        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[self._site], self._body)
         mujoco.mj_fullM(model, data, self._inertia)
         self._pose[:3] = data.site_xpos[self._site]
         mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[self._site])
@@ -117,7 +123,8 @@ class Arm:
         applied = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - data.qfrc_actuator
         return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
                            np.vstack([self._linear, self._angular]), self._inertia,
-                           data.qfrc_bias.copy(), data.qfrc_constraint + applied)
+                           data.qfrc_bias.copy(), data.qfrc_constraint + applied,
+                           (self._rate @ data.qvel).reshape(-1))
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """

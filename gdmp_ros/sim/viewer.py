@@ -31,26 +31,39 @@ class Viewer:
         self._handle.close()
 
 
-def render(arm: Arm, path: np.ndarray | None = None, size: tuple[int, int] = (960, 720)
-           ) -> np.ndarray:
-    """
-    Picture of the arm, shape ``(height, width, 3)`` uint8.
+class Pictures:
+    """Takes pictures of an arm without a screen; use it in a ``with`` block."""
 
-    :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
-    :raises DataError: without a way to render off screen; the message names the package to install
-    """
-    try:
-        renderer = mujoco.Renderer(arm.model, size[1], size[0])
-    except Exception as error:
-        raise DataError('no off-screen rendering: install libegl1 (MUJOCO_GL=egl) or libosmesa6 '
-                        f'(MUJOCO_GL=osmesa) [{type(error).__name__}]') from None
-    try:
-        renderer.update_scene(arm.data, camera='overview')
+    def __init__(self, arm: Arm, size: tuple[int, int] = (960, 720)):
+        """
+        Open.
+
+        :param size: width and height [pixels]
+        :raises DataError: without a way to render off screen; names the package to install
+        """
+        self._arm = arm
+        try:
+            self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
+        except Exception as error:
+            raise DataError('no off-screen rendering: install libegl1 (MUJOCO_GL=egl) or '
+                            f'libosmesa6 (MUJOCO_GL=osmesa) [{type(error).__name__}]') from None
+
+    def __enter__(self) -> Pictures:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._renderer.close()
+
+    def take(self, path: np.ndarray | None = None) -> np.ndarray:
+        """
+        Picture of the present state, shape ``(height, width, 3)`` uint8.
+
+        :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
+        """
+        self._renderer.update_scene(self._arm.data, camera='overview')
         for position in path if path is not None else ():
-            _bead(renderer.scene, position)
-        return np.asarray(renderer.render())
-    finally:
-        renderer.close()
+            _bead(self._renderer.scene, position)
+        return np.array(self._renderer.render())
 
 
 def _bead(scene: Any, position: np.ndarray) -> None:

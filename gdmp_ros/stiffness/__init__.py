@@ -1,4 +1,6 @@
 """Stiffness profiles estimated from demonstrations."""
+from gdmp_ros.stiffness.force import force_stiffness, ForceRecords
 from gdmp_ros.stiffness.variance import bounded_stiffness, Mixture, variance_stiffness
 
-__all__ = ['Mixture', 'bounded_stiffness', 'variance_stiffness']
+__all__ = ['ForceRecords', 'Mixture', 'bounded_stiffness', 'force_stiffness',
+           'variance_stiffness']

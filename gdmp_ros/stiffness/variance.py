@@ -52,6 +52,13 @@ class Mixture:
         return np.asarray(out * self._scale[1] ** 2)
 
 
+def check_bounds(k_min: float, k_max: float) -> None:
+    """:raises ParameterError: unless ``0 < k_min < k_max``"""
+    if not 0.0 < k_min < k_max < np.inf:
+        raise ParameterError(f'stiffness bounds are {k_min!r} and {k_max!r} N/m, expected '
+                             '0 < k_min < k_max')
+
+
 def bounded_stiffness(covariances: np.ndarray, k_min: float = 200.0,
                       k_max: float = 800.0) -> np.ndarray:
     """
@@ -64,9 +71,7 @@ def bounded_stiffness(covariances: np.ndarray, k_min: float = 200.0,
     :returns: shape ``(T, d, d)`` [N/m]
     :raises ParameterError: unless ``0 < k_min < k_max``
     """
-    if not 0.0 < k_min < k_max < np.inf:
-        raise ParameterError(f'stiffness bounds are {k_min!r} and {k_max!r} N/m, expected '
-                             '0 < k_min < k_max')
+    check_bounds(k_min, k_max)
     values, vectors = np.linalg.eigh(covariances)
     precision = -np.log(values)
     span = np.ptp(precision)

@@ -1,0 +1,75 @@
+"""
+Draws a simulated arm at given joint positions, as a picture or a film; a process of its own.
+
+A process of its own because the way to draw without a screen is chosen before MuJoCo is loaded.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+
+#: Ways to render without a screen, tried in this order, and the Debian packages they need.
+BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
+
+
+def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: Path | None = None,
+              frame_s: float = 0.05, environment: Mapping[str, str] | None = None) -> str | None:
+    """
+    Write a picture (``.png``) or a film (``.webp``).
+
+    :param joints: one posture, shape ``(n,)``, or one for each picture of a film [rad]
+    :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
+    :param model: MJCF file; the built-in Panda by default
+    :param frame_s: time between the pictures of a film [s]
+    :returns: what to install where that is not possible, otherwise None
+    """
+    numbers = target.with_name(f'.{target.stem}.npz')
+    np.savez(numbers, joints=joints, path=path, model=str(model or ''), frame_s=frame_s)
+    try:
+        for backend in BACKENDS:
+            done = subprocess.run(
+                [sys.executable, '-m', 'gdmp_ros.sim.render', str(numbers), str(target)],
+                env={**(environment or os.environ), 'MUJOCO_GL': backend}, capture_output=True)
+            if done.returncode == 0:
+                return None
+    finally:
+        numbers.unlink()
+    return f'no picture of the arm: install {" or ".join(BACKENDS.values())}'
+
+
+def main(numbers: str, target: str) -> int:
+    """Render what `render_to` left in ``numbers``."""
+    from PIL import Image
+
+    from gdmp_ros.errors import DataError
+    from gdmp_ros.sim.panda import Arm
+    from gdmp_ros.sim.viewer import Pictures
+    with np.load(numbers) as given:
+        postures = np.atleast_2d(given['joints'])
+        film = given['joints'].ndim == 2
+        arm, path = Arm(str(given['model'])), given['path']
+        frame_ms = round(1e3 * float(given['frame_s']))
+    try:
+        with Pictures(arm, (640, 480) if film else (960, 720)) as pictures:
+            images = []
+            for posture in postures:
+                arm.reset(posture)
+                images.append(Image.fromarray(pictures.take(path)))
+    except DataError as error:
+        print(error)
+        return 1
+    if film:
+        images[0].save(target, save_all=True, append_images=images[1:], duration=frame_ms, loop=0,
+                       quality=70)
+    else:
+        images[0].save(target)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(*sys.argv[1:]))

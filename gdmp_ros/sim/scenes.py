@@ -1,0 +1,105 @@
+"""The Panda among things: a watering can and a tray of water, three boxes to enter."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gdmp_ros.sim.panda import PANDA
+
+_BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER,
+                             mujoco.mjtGeom.mjGEOM_CAPSULE)
+#: The arm's geoms collide with these, as with the floor of the model.
+_SOLID = {'contype': 2, 'conaffinity': 1}
+_GREEN, _WOOD, _WATER = [0.25, 0.55, 0.4, 1.0], [0.72, 0.58, 0.42, 1.0], [0.3, 0.55, 0.85, 0.45]
+
+#: Can: radius, half height, mass [m, kg]; its middle hangs this far below the tool [m].
+CAN_RADIUS, CAN_HALF, CAN_MASS, CAN_BELOW = 0.055, 0.065, 0.6, 0.11
+#: Tray: middle and half size [m], height of its walls and of the water above the floor [m].
+TRAY, TRAY_HALF, TRAY_WALL, WATER_LINE = (0.52, 0.0), (0.22, 0.2), 0.19, 0.16
+_THIN = 0.006
+
+
+def watering() -> mujoco.MjSpec:
+    """
+    Give the Panda a watering can in its hand, before a tray of water.
+
+    Sites: ``tcp`` as ever, ``lip`` at the rim that dips first, ``wrist`` with a force sensor
+    ``wrist_force`` between hand and can (in its own frame).
+    """
+    spec = mujoco.MjSpec.from_file(str(PANDA))
+    can = spec.body('hand').add_body(name='can', pos=[0.0, 0.0, 0.1034 + CAN_BELOW],
+                                     quat=[0.0, 1.0, 0.0, 0.0])
+    can.mass, can.explicitinertial, can.ipos = CAN_MASS, True, [0.0, 0.0, 0.0]
+    across = CAN_MASS * (CAN_RADIUS ** 2 / 2.0 + CAN_HALF ** 2 / 3.0)
+    can.inertia = [across, across, CAN_MASS * CAN_RADIUS ** 2]
+    look = {'contype': 1, 'conaffinity': 2, 'rgba': _GREEN}
+    can.add_geom(type=_CYLINDER, size=[CAN_RADIUS, CAN_HALF, 0.0], **look)
+    can.add_geom(type=_CYLINDER, size=[0.85 * CAN_RADIUS, 0.002, 0.0],
+                 pos=[0.0, 0.0, CAN_HALF + 0.001], contype=0, conaffinity=0,
+                 rgba=[0.1, 0.2, 0.15, 1.0])
+    can.add_geom(type=_CAPSULE, size=[0.009, 0.0, 0.0],
+                 fromto=[-CAN_RADIUS, 0.0, -0.03, -0.14, 0.0, 0.075], **look)
+    for side in (-1.0, 1.0):
+        can.add_geom(type=_CAPSULE, size=[0.006, 0.0, 0.0], contype=0, conaffinity=0,
+                     rgba=_GREEN, fromto=[side * 0.045, 0.0, CAN_HALF, 0.0, 0.0, CAN_BELOW])
+    can.add_site(name='lip', pos=[CAN_RADIUS, 0.0, CAN_HALF], size=[0.005] * 3,
+                 rgba=[0.9, 0.2, 0.1, 1.0])
+    can.add_site(name='wrist', pos=[0.0, 0.0, CAN_BELOW], rgba=[0.0] * 4)
+    spec.add_sensor(name='wrist_force', type=mujoco.mjtSensor.mjSENS_FORCE,
+                    objtype=mujoco.mjtObj.mjOBJ_SITE, objname='wrist')
+    _tray(spec)
+    return spec
+
+
+def _tray(spec: mujoco.MjSpec) -> None:
+    tray = spec.worldbody.add_body(name='tray', pos=[*TRAY, 0.0])
+    width, depth = TRAY_HALF
+    tray.add_geom(type=_BOX, size=[width, depth, _THIN], pos=[0.0, 0.0, _THIN], rgba=_WOOD, **_SOLID)
+    _walls(tray, (width, depth), TRAY_WALL, _WOOD, 'tray')
+    tray.add_geom(name='water', type=_BOX, size=[width, depth, 0.5 * WATER_LINE],
+                  pos=[0.0, 0.0, 0.5 * WATER_LINE], rgba=_WATER, contype=0, conaffinity=0)
+
+
+def _walls(body: mujoco.MjsBody, half: tuple[float, float], height: float, colour: list[float],
+           name: str) -> None:
+    for axis in (0, 1):
+        for side in (-1.0, 1.0):
+            size = [half[0] + _THIN, half[1] + _THIN, 0.5 * height]
+            place = [0.0, 0.0, 0.5 * height]
+            size[axis], place[axis] = _THIN, side * (half[axis] + _THIN)
+            body.add_geom(name=f'{name}_wall_{axis}{"-+"[side > 0]}', type=_BOX, size=size,
+                          pos=place, rgba=colour, **_SOLID)
+
+
+@dataclass(frozen=True)
+class Box:
+    """An open box on the floor: middle, half size of its opening and height [m]."""
+
+    middle: tuple[float, float]
+    half: tuple[float, float]
+    height: float
+
+
+def boxes(where: list[Box]) -> mujoco.MjSpec:
+    """
+    Put open boxes before the Panda.
+
+    Walls are geoms named ``box1_wall_0-`` and so on, floors ``box1_floor``; they collide with it.
+    """
+    spec = mujoco.MjSpec.from_file(str(PANDA))
+    for number, box in enumerate(where, 1):
+        body = spec.worldbody.add_body(name=f'box{number}', pos=[*box.middle, 0.0])
+        shade = [0.55 + 0.12 * number, 0.62, 0.75 - 0.1 * number, 0.55]
+        body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
+                      pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
+        _walls(body, box.half, box.height, shade, f'box{number}')
+    return spec
+
+
+def touching(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> int:
+    """Count contacts of geoms whose name begins with ``prefix``."""
+    ids = np.array([i for i in range(model.ngeom) if model.geom(i).name.startswith(prefix)])
+    pairs = data.contact.geom[:data.ncon]
+    return int(np.isin(pairs, ids).any(axis=1).sum()) if data.ncon else 0
