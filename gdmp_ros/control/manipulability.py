@@ -100,6 +100,7 @@ class PositionState:
     :ivar inertia: of the joints, shape (n, n)
     :ivar bias: gravity and Coriolis torque [Nm], shape (n,)
     :ivar friction: viscous, of the joints [Nm s/rad], shape (n,)
+    :ivar drift: J̇ q̇, shape (m,) [m/s²]
     """
 
     position: np.ndarray
@@ -109,6 +110,7 @@ class PositionState:
     inertia: np.ndarray
     bias: np.ndarray
     friction: np.ndarray
+    drift: np.ndarray
 
 
 def position_torque(state: PositionState, target: PositionTarget,
@@ -128,7 +130,7 @@ def position_torque(state: PositionState, target: PositionTarget,
                                            gains.damping_ratio)
     rate = target.velocity - jacobian @ dq
     force = (gains.stiffness @ (target.position - state.position) + damping @ rate
-             + task_inertia @ target.acceleration)
+             + task_inertia @ (target.acceleration - state.drift))
     # J̄ = M⁻¹ Jᵀ Λ, the inertia-weighted inverse.
     weighted = solved @ task_inertia
     rest = -gains.null_damping * dq

@@ -137,7 +137,7 @@ class Arm:
         derivative = jacobian_derivative(linear, angular)
         return PositionState(now.pose[:axes].copy(), linear[:axes],
                              np.ascontiguousarray(derivative[:, :axes]), now.velocity,
-                             now.inertia, now.bias, self.friction)
+                             now.inertia, now.bias, self.friction, now.drift[:axes])
 
     def step(self, torque: np.ndarray) -> None:
         """Let one period pass under joint torques [Nm]; `measure` then tells the new state."""
