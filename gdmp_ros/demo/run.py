@@ -17,6 +17,7 @@ import psutil
 from gdmp_ros import __version__
 from gdmp_ros.cli.record import EPOCH_NS
 from gdmp_ros.demo import pictures, report
+from gdmp_ros.demo.session import pause, session
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.errors import GdmpError
@@ -130,29 +131,12 @@ def _switch(skill: Skill) -> Switch:
 def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
             ) -> tuple[Timeline, dict[str, float]]:
     """Start everything, execute, switch the goal, stop everything."""
-    os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
-    from gdmp_ros.demo.operator import Operator
-    print(f'starting simulation and server on DDS domain {environment["ROS_DOMAIN_ID"]}')
-    with Children(environment, folder / 'logs') as children:
-        children.start_node('panda_sim', 'gdmp_ros.nodes.panda_sim', {
-            'lateness_file': str(folder / 'sim.npy')})
-        children.start_node('trajectory_server', 'gdmp_ros.nodes.trajectory_server', {
-            'demonstrations': [str(bag)], 'measured_pose_topic': '/panda_sim/measured_pose',
-            'lateness_file': str(folder / 'server.npy')})
-        operator = Operator(check=children.check)
-        try:
-            operator.wait_status('holding', 120.0)
-            children.start('recorder', 'gdmp_ros.nodes.recorder', [
-                str(folder / 'run'), f'{report.REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
-                f'{report.STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
-            children.start('bare', 'gdmp_ros.demo.bare', [str(folder / 'bare.npy')])
-            log = children.log('recorder')
-            operator.wait('the recorder', lambda: log.read_text().endswith('recording\n'), 30.0)
-            _sleep(operator, 1.0)
-            timeline, cpu = _perform(operator, switch, children)
-        finally:
-            operator.close()
-        children.stop('recorder', timeout=30.0)
+    with session(folder, environment, {'lateness_file': str(folder / 'sim.npy')}, {
+            'demonstrations': [str(bag)], 'lateness_file': str(folder / 'server.npy')}
+                 ) as (operator, children):
+        children.start('bare', 'gdmp_ros.demo.bare', [str(folder / 'bare.npy')])
+        pause(operator, 1.0)
+        timeline, cpu = _perform(operator, switch, children)
         children.stop('bare')
     return timeline, cpu
 
@@ -162,7 +146,7 @@ def _perform(operator: Any, switch: Switch, children: Children
     processes = {'server': psutil.Process(children.processes['trajectory_server'].pid),
                  'sim': psutil.Process(children.processes['panda_sim'].pid)}
     begun, used = time.monotonic_ns(), {n: sum(p.cpu_times()[:2]) for n, p in processes.items()}
-    _sleep(operator, LEAD_S)
+    pause(operator, LEAD_S)
     print('executing the skill')
     operator.execute()
     operator.wait('half of the motion', lambda: operator.state.progress >= 0.5, 60.0)
@@ -174,16 +158,11 @@ def _perform(operator: Any, switch: Switch, children: Children
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
-    _sleep(operator, TAIL_S)
+    pause(operator, TAIL_S)
     ended = time.monotonic_ns()
     seconds = (ended - begun) * 1e-9
     cpu = {n: (sum(p.cpu_times()[:2]) - used[n]) / seconds for n, p in processes.items()}
     return Timeline(switched, finished, (begun, ended), operator.state.scheduler), cpu
-
-
-def _sleep(operator: Any, seconds: float) -> None:
-    ends = time.monotonic() + seconds
-    operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 1.0)
 
 
 def _window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:

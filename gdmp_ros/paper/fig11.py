@@ -75,7 +75,8 @@ def teach() -> Data:
                             ('progress', taught.progress), ('joints', taught.joints)):
             columns.setdefault(key, []).append(values[at])
         columns.setdefault('durations', []).append(np.array(timing.duration))
-    return {f'taught_{key}': np.array(values) for key, values in columns.items()}
+    return {'beginning': beginning,
+            **{f'taught_{key}': np.array(values) for key, values in columns.items()}}
 
 
 def _beginning(arm: Any) -> np.ndarray:
@@ -105,16 +106,17 @@ def learn(data: Data) -> tuple[Skill, Demonstration]:
     return Skill.learn(mean), mean
 
 
-def execute(skill: Skill) -> Data:
+def execute(skill: Skill, beginning: np.ndarray) -> Data:
     """Run the impedance loop without ROS; reference and arm at every tick."""
     from gdmp_ros.realtime.player import Player
+    from gdmp_ros.realtime.tool_skill import PlayerSettings
     from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.scenes import touching, watering
     arm = Arm(watering())
     loop = ClosedLoop(arm)
-    player = Player(skill, settings())
-    loop.reset(_beginning(arm))
+    player = Player(skill, PlayerSettings(np.diag([400.0] * 3 + [ROTATIONAL] * 3)))
+    loop.reset(beginning)
     rows, period = [], arm.period
     player.start(arm.measure().pose.copy())
     for _ in range(round((skill.duration + REST_S) / period)):
@@ -130,25 +132,20 @@ def execute(skill: Skill) -> Data:
     return {name: np.array(column) for name, column in zip(names, zip(*rows))}
 
 
-def settings() -> Any:
-    """What completes the skill to an impedance reference: K_o."""
-    from gdmp_ros.realtime.tool_skill import PlayerSettings
-    return PlayerSettings(np.diag([400.0] * 3 + [ROTATIONAL] * 3))
-
-
 def run(settings: Settings) -> Data:
     """Teach, learn, refill; with ``--ros`` through the nodes."""
     from gdmp_ros.sim.render import render_to
     from gdmp_ros.sim.scenes import watering
     data = teach()
     skill, mean = learn(data)
-    scene = settings.folder / 'fig11-scene.xml'
-    scene.write_text(watering().to_xml())
+    scene, spec = settings.folder / 'fig11-scene.xml', watering()
+    spec.key('ready').qpos = data['beginning']
+    scene.write_text(spec.to_xml())
     if settings.ros:
         from gdmp_ros.paper.through_nodes import execute_skill
-        data.update(execute_skill(skill, scene, settings.folder / 'fig11-ros'))
+        data.update(execute_skill(skill, scene, settings.folder / 'fig11-ros', ROTATIONAL))
     else:
-        data.update(execute(skill))
+        data.update(execute(skill, data['beginning']))
     data.update({'mean': np.array(mean.points), 'mean_times': mean.times,
                  'times': 1e-3 * np.arange(len(data['pose'])),
                  'holding': np.array([holding(p) for p in data['taught_progress'].mean(axis=0)])})

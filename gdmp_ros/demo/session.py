@@ -1,0 +1,51 @@
+"""Simulation, server and recorder as processes, with somebody to operate them."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import os
+from pathlib import Path
+from typing import Any
+
+from gdmp_ros.demo import report
+from gdmp_ros.realtime.processes import Children
+
+
+@contextmanager
+def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, object],
+            server: Mapping[str, object]) -> Iterator[tuple[Any, Children]]:
+    """
+    Start both nodes and record ``folder/run`` until the block ends.
+
+    :param environment: of a `gdmp_ros.realtime.domain.Domain`
+    :param sim: parameters of ``panda_sim``
+    :param server: parameters of ``trajectory_server``
+    :returns: the operator and the processes
+    :raises GdmpError: if something ends early or does not happen in time
+    """
+    os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
+    from gdmp_ros.demo.operator import Operator
+    print(f'starting simulation and server on DDS domain {environment["ROS_DOMAIN_ID"]}')
+    with Children(environment, folder / 'logs') as children:
+        children.start_node('panda_sim', 'gdmp_ros.nodes.panda_sim', sim)
+        children.start_node('trajectory_server', 'gdmp_ros.nodes.trajectory_server', {
+            'measured_pose_topic': '/panda_sim/measured_pose', **server})
+        operator = Operator(check=children.check)
+        try:
+            operator.wait_status('holding', 120.0)
+            children.start('recorder', 'gdmp_ros.nodes.recorder', [
+                str(folder / 'run'), f'{report.REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
+                f'{report.STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
+            log = children.log('recorder')
+            operator.wait('the recorder', lambda: log.read_text().endswith('recording\n'), 30.0)
+            yield operator, children
+        finally:
+            operator.close()
+        children.stop('recorder', timeout=30.0)
+
+
+def pause(operator: Any, seconds: float) -> None:
+    """Let time pass while the operator listens."""
+    import time
+    ends = time.monotonic() + seconds
+    operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 1.0)
