@@ -22,8 +22,8 @@ examples:
   gdmp paper fig8 fig12 --out out/paper
   gdmp paper letters --letters 2Dletters
 
-Each writes pictures, a data file ({id}.npz) and an entry of report.json; index.html shows them all.
-Exit code 1 if a claim does not hold.
+Each writes pictures, a data file ({id}.npz) and an entry of report.json; index.html shows them
+all. Exit code 1 if a claim does not hold.
 """
 from __future__ import annotations
 

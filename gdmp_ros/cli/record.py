@@ -1,16 +1,24 @@
-"""Write demonstrations as rosbag2 recordings.
+"""Write demonstrations from a data set: rosbag2 recordings, or data on a manifold.
 
-The LASA human handwriting data set becomes motions of a tool in a Panda's workspace: the letter is
-scaled to 25 cm and lifted onto a shallow bowl, the tool points down and leans into the stroke, and
-the stiffness comes from the variance over the strokes (Gaussian mixture regression).
+As recordings, the LASA human handwriting data set becomes motions of a tool in a Panda's
+workspace: the letter is scaled to 25 cm and lifted onto a shallow bowl, the tool points down and
+leans into the stroke, and the stiffness comes from the variance over the strokes (Gaussian mixture
+regression).
 
-example:
+With --manifold it becomes the Riemannian LASA data set instead: one NumPy archive per class with
+the arrays times_1, points_1, times_2, … of every demonstration, on R2, S2, S3, SO3 or SPD2, or the
+covariances of the class over time.
+
+examples:
   gdmp record lasa GShape -o demos
+  gdmp record lasa all --manifold S3 -o riemannian
 """
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+
+import numpy as np
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import lasa, recordings
@@ -25,7 +33,10 @@ EPOCH_NS = 1_700_000_000 * NS
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('source', choices=['lasa'], help='data set')
-    parser.add_argument('name', help=f'class, one of {", ".join(lasa.CLASSES)}', metavar='CLASS')
+    parser.add_argument('name', metavar='CLASS', help=f'class, one of {", ".join(lasa.CLASSES)}; '
+                        'with --manifold also all')
+    parser.add_argument('--manifold', choices=[*lasa.MAPPINGS, lasa.COVARIANCES],
+                        help='write the Riemannian data set as NumPy archives instead of bags')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder for the bags CLASS_1, CLASS_2, …')
     parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap')
@@ -41,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Record; nothing is written unless all names are free."""
+    if options.manifold:
+        _archives(options)
+        return
     if not 0.0 < options.extent <= 2.0:
         raise DataError(f'extent is {options.extent:g} m, expected more than 0 and at most 2')
     targets = [options.output / f'{options.name}_{i + 1}'
@@ -55,3 +69,23 @@ def run(options: argparse.Namespace) -> None:
                                options.storage)
             step()
     print(f'wrote {len(targets)} recordings: {targets[0]} … {targets[-1].name}')
+
+
+def _archives(options: argparse.Namespace) -> None:
+    """Write the classes on a manifold."""
+    names = lasa.CLASSES if options.name == 'all' else (options.name,)
+    targets = {name: options.output / f'{name}_{options.manifold}.npz' for name in names}
+    taken = [str(target) for target in targets.values() if target.exists()]
+    if taken and not options.force:
+        raise DataError(f'{taken[0]}: exists already; use --force to replace it')
+    with progress('mapping', len(names)) as step:
+        for name, target in targets.items():
+            arrays = {}
+            for number, shown in enumerate(lasa.data_set(name, options.manifold), 1):
+                arrays[f'times_{number}'], arrays[f'points_{number}'] = shown.times, shown.points
+            options.output.mkdir(parents=True, exist_ok=True)
+            partial = target.with_name(f'.{target.stem}.partial.npz')
+            np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
+            partial.replace(target)
+            step()
+    print(f'wrote {len(names)} archives of {options.manifold}: {next(iter(targets.values()))} …')

@@ -18,7 +18,7 @@ class PlanarArm:
 
     def position(self, q: np.ndarray) -> np.ndarray:
         """Tip, shape ``(2,)`` [m]."""
-        return self.joints(q)[-1]
+        return np.asarray(self.joints(q)[-1])
 
     def joints(self, q: np.ndarray) -> np.ndarray:
         """Positions of base, joints and tip, shape ``(n + 1, 2)`` [m]."""

@@ -32,9 +32,9 @@ from gdmp_ros.manifolds.registry import (
 )
 
 #: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor.
-#: The logarithm turns π / gap times as fast as the point moves there, too fast to be learned; and on
-#: a sphere a goal further away than π/2 pushes sideways: at a distance r what is beside the path
-#: grows as exp(α_z/2 (√(1 - r cot r) - 1) s), within a tenth of a duration threefold at r = 2.04.
+#: The logarithm turns π / gap times as fast as the point moves there, too fast to be learned; and
+#: on a sphere a goal further away than π/2 pushes sideways: at a distance r, what is beside the
+#: path grows as exp(α_z/2 (√(1 - r cot r) - 1) s), threefold in a tenth of a duration at 2.04.
 MARGINS = {'sphere': 1.1, 'quaternion': 1.1, 'rotation': 0.5}
 #: Longest way within a segment [rad]: point and target stay well inside each other's region.
 LONGEST = 0.45 * math.pi

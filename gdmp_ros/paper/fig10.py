@@ -9,8 +9,8 @@ from gdmp_ros import plots
 from gdmp_ros.paper import fig9
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 
-CLAIM = ('The error between the stiffness and its new goal converges to zero; without a switch, that '
-         'to the demonstrated goal does.')
+CLAIM = ('The error between the stiffness and its new goal converges to zero; without a switch, '
+         'that to the demonstrated goal does.')
 SOURCE = '[GDMP] Fig. 10, section 5.5'
 
 

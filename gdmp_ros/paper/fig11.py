@@ -14,8 +14,8 @@ from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.stiffness import force_stiffness, ForceRecords
 
-CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstrations with forces let a '
-         'Panda dip a watering can into a tray and lift it out.')
+CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstrations with forces '
+         'let a Panda dip a watering can into a tray and lift it out.')
 SOURCE = '[GDMP] Fig. 11, section 5.6.1, eqs. (39), (40); [16] Abu-Dakka, Rozo, Caldwell 2018'
 S3 = UnitQuaternion()
 TAKES, SAMPLES = 5, 600
@@ -57,7 +57,8 @@ def teach() -> Data:
     """Five demonstrations, on the same normalised time."""
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.scenes import watering
-    from gdmp_ros.sim.teaching import demonstrate, Hand, REST_S as REST, Timing
+    from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
+    from gdmp_ros.sim.teaching import REST_S as REST
     arm, hand = Arm(watering()), Hand(intention, holding, HAND_DAMPING)
     rng, beginning = np.random.default_rng(11), _beginning(arm)
     columns: dict[str, list[np.ndarray]] = {}
@@ -195,7 +196,7 @@ def draw(data: Data) -> dict[str, Any]:
     """Position, orientation and stiffness: five demonstrations, the skill and the arm."""
     figure, axes = plots.panels(2, 2, (6.2, 3.4))
     times = data['times']
-    for tool, duration in zip(data['taught_tool'], data['taught_durations']):
+    for tool in data['taught_tool']:
         seconds = np.linspace(0.0, data['mean_times'][-1], len(tool))
         axes[0, 0].plot(seconds, tool[:, :3], color='0.8', lw=0.8)
         axes[0, 1].plot(seconds, [S3.align(q, data['taught_tool'][0, 0, 3:])

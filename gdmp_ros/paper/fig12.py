@@ -1,4 +1,4 @@
-"""A Panda enters three boxes after one demonstration, its manipulability kept in the null space."""
+"""A Panda enters three boxes after one demonstration, manipulability kept in its null space."""
 from __future__ import annotations
 
 from typing import Any
@@ -9,12 +9,12 @@ from scipy.interpolate import PchipInterpolator
 from gdmp_ros import plots
 from gdmp_ros.control.manipulability import manipulability, PositionGains, PositionTarget
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
-from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.terminal import progress
 
-CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 with its manipulability is enough to '
-         'enter boxes 2 and 3 by switching the goal, without touching a wall.')
+CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 with its manipulability is enough '
+         'to enter boxes 2 and 3 by switching the goal, without touching a wall.')
 SOURCE = '[GDMP] Fig. 12, section 5.6.2, eq. (37)'
 SPD3 = SymmetricPositiveDefinite(3)
 SPACE = Product(Euclidean(3), SPD3, names=('position', 'manipulability'))
@@ -169,21 +169,22 @@ def verdict(data: Data) -> Verdict:
         far.append(float(distances(data, f'without{box}').mean()))
     contacts = [int(data[f'with{box}_contacts'].sum()) for box in (1, 2, 3)]
     literal = [int(data[f'literal{box}_contacts'].sum()) for box in (2, 3)]
-    figures = {'tracking_position_largest_m': max(away), 'boxes_entered': sum(entered),
-               'wall_contacts': sum(contacts),
-               'manipulability_distance_mean': float(np.mean(near)),
-               'manipulability_distance_without_null_space_term': float(np.mean(far)),
-               'below_by': 1.0 - float(np.mean(near) / np.mean(far)),
-               'below_by_box': [1.0 - a / b for a, b in zip(near, far)],
-               'wall_contacts_with_manipulability_goal_of_box_1': literal}
+    figures: dict[str, Any] = {
+        'tracking_position_largest_m': max(away), 'boxes_entered': sum(entered),
+        'wall_contacts': sum(contacts),
+        'manipulability_distance_mean': float(np.mean(near)),
+        'manipulability_distance_without_null_space_term': float(np.mean(far)),
+        'below_by': 1.0 - float(np.mean(near) / np.mean(far)),
+        'below_by_box': [1.0 - a / b for a, b in zip(near, far)],
+        'wall_contacts_with_manipulability_goal_of_box_1': literal}
     holds = (max(away) <= 0.01 and all(entered) and sum(contacts) == 0
              and figures['below_by'] >= 0.3)
     return Verdict(bool(holds), figures, (
-        'The goals for boxes 2 and 3 are what an arm placed there by hand shows: its position and, '
-        'unlike in the paper, its manipulability too. With the manipulability of box 1 as the goal '
-        'everywhere, the ellipsoid would have to stay while the arm turns about its base: the arm '
-        'contorts itself, and touches a box as often as the last figure says (per box, contacts '
-        'summed over 1 ms steps).'))
+        'The goals for boxes 2 and 3 are what an arm placed there by hand shows: its position '
+        'and, unlike in the paper, its manipulability too. With the manipulability of box 1 as '
+        'the goal everywhere, the ellipsoid would have to stay while the arm turns about its '
+        'base: the arm contorts itself, and touches a box as often as the last figure says (per '
+        'box, contacts summed over 1 ms steps).'))
 
 
 def draw(data: Data) -> dict[str, Any]:

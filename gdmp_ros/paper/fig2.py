@@ -1,4 +1,4 @@
-"""Trajectories on a sphere over both hemispheres, without and with the goal's antipode on the way."""
+"""Trajectories on a sphere over both hemispheres, without and with the goal's antipode."""
 from __future__ import annotations
 
 from typing import Any
@@ -12,8 +12,8 @@ from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Sphere
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 
-CLAIM = ('On S², an “N” over both hemispheres is reproduced. A “C” through the antipode of its goal '
-         'turns back there; split into segments, it is followed through.')
+CLAIM = ('On S², an “N” over both hemispheres is reproduced. A “C” through the antipode of its '
+         'goal turns back there; split into segments, it is followed through.')
 SOURCE = '[GDMP] Fig. 2, Remark 1'
 S2 = Sphere(2)
 DURATION = 5.0

@@ -15,8 +15,8 @@ from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.parallel import mapped
 from gdmp_ros.terminal import table
 
-CLAIM = ('Every demonstration of the 30 LASA classes is reproduced on R², S², S³, SO(3) and SPD(2) by '
-         'one formulation.')
+CLAIM = ('Every demonstration of the 30 LASA classes is reproduced on R², S², S³, SO(3) and '
+         'SPD(2) by one formulation.')
 SOURCE = '[GDMP] Fig. 3, section 5.1'
 SETS = (*lasa.MAPPINGS, lasa.COVARIANCES)
 #: What the picture shows, as the paper's does.
@@ -63,7 +63,7 @@ def curves(shown: Demonstration) -> Data:
 
 def verdict(data: Data) -> Verdict:
     """Mean over all demonstrations of each manifold and connection; the table by class."""
-    limits = {m: LIMIT for m in lasa.MAPPINGS} | {lasa.COVARIANCES: COVARIANCE_LIMIT}
+    limits = dict.fromkeys(lasa.MAPPINGS, LIMIT) | {lasa.COVARIANCES: COVARIANCE_LIMIT}
     result = judged(data, limits, lasa.CLASSES)
     first = {f'{m}_{c}_first_of_each_class': float(data[f'errors_{m}_{c}'][:, 0].mean())
              for m in lasa.MAPPINGS for c in CONNECTIONS}
@@ -123,11 +123,13 @@ def profiles(data: Data, sets: list[str]) -> Any:
     for row, mapping in enumerate(sets):
         times = data[f'{mapping}_times']
         shown, made = data[f'{mapping}_shown'], data[f'{mapping}_made']
-        keep = range(shown.shape[1]) if mapping != 'SO3' else (0, 3, 6, 1, 4, 7)
-        if shown.shape[1] == 4 and 'S3' not in mapping:
-            keep = (0, 1, 3)
+        keep = list(range(shown.shape[1]))
+        if mapping == 'SO3':
+            keep = [0, 3, 6, 1, 4, 7]
+        elif shown.shape[1] == 4 and mapping != 'S3':
+            keep = [0, 1, 3]
         panel = figure.add_subplot(grid[row, 0])
-        _pairs(panel, times, shown[:, list(keep)], made[:, list(keep)], f'{mapping} [1]')
+        _pairs(panel, times, shown[:, keep], made[:, keep], f'{mapping} [1]')
         panel = figure.add_subplot(grid[row, 1])
         _pairs(panel, times, data[f'{mapping}_shown_velocity'], data[f'{mapping}_velocity'],
                'derivative in the frame [1/s]')

@@ -10,8 +10,8 @@ from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 
-CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the error '
-         'to the new goal vanishes.')
+CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the '
+         'error to the new goal vanishes.')
 SOURCE = '[GDMP] Fig. 4, section 5.2'
 S3 = UnitQuaternion()
 #: As printed, scalar first; their norm is 1.00003, so they are normalised.
@@ -29,8 +29,8 @@ def shown() -> Demonstration:
     """
     Minimum jerk from start to goal plus a lateral curve.
 
-    The paper prints no trajectory: along the geodesic by u = 10 t³ - 15 t⁴ + 6 t⁵, and across it by
-    0.3 sin²(π u) in the direction ``Log × z``, at rest at both ends.
+    The paper prints no trajectory: along the geodesic by u = 10 t³ - 15 t⁴ + 6 t⁵, and across it
+    by 0.3 sin²(π u) in the direction ``Log × z``, at rest at both ends.
     """
     t = np.linspace(0.0, 1.0, round(DURATION / DT) + 1)
     along = t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)

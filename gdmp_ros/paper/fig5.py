@@ -95,11 +95,11 @@ def verdict(data: Data) -> Verdict:
     holds = (jumps['ours'] < 0.01 * peak and jumps['shorter'] > 10.0 * jumps['ours']
              and mean['ours'] <= 1.3 * mean['same'])
     return Verdict(bool(holds), measured, (
-        'Start and goal are 190.7° apart. A logarithm that takes the shorter way round makes e jump '
-        'when the motion passes 180°, just after its start, and [9] jumps with it; with the '
-        'logarithm of [GDMP] eq. (A.5), which reaches 360°, [9] does not jump. Derivatives matched '
-        'to Euler on its own grid make [9] a little more exact than ours on that grid, and less on '
-        'any other.'))
+        'Start and goal are 190.7° apart. A logarithm that takes the shorter way round makes e '
+        'jump when the motion passes 180°, just after its start, and [9] jumps with it; with the '
+        'logarithm of [GDMP] eq. (A.5), which reaches 360°, [9] does not jump. Derivatives '
+        'matched to Euler on its own grid make [9] a little more exact than ours on that grid, '
+        'and less on any other.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

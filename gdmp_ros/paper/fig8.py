@@ -13,8 +13,8 @@ from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 
-CLAIM = ('On R² × SPD(2), a “C” and its manipulability, shown by a planar arm with three joints, are '
-         'reproduced; an arm with five joints follows both, the second in its null space.')
+CLAIM = ('On R² × SPD(2), a “C” and its manipulability, shown by a planar arm with three joints, '
+         'are reproduced; an arm with five joints follows both, the second in its null space.')
 SOURCE = '[GDMP] Fig. 8, section 5.4, eqs. (35) to (38)'
 SPD2 = SymmetricPositiveDefinite(2)
 SPACE = Product(Euclidean(2), SPD2, names=('position', 'manipulability'))
@@ -43,8 +43,8 @@ def teach(path: Skill) -> tuple[np.ndarray, np.ndarray]:
     from gdmp_ros.sim.planar import planar_arm
     arm = planar_arm(TEACHER)
     arm.reset(np.array(TEACHER_POSTURE))
-    loop, rollout = PositionLoop(arm, PositionGains(STIFFNESS, 1.0, null_damping=0.5)), path.rollout()
-    still = np.zeros(2)
+    loop = PositionLoop(arm, PositionGains(STIFFNESS, 1.0, null_damping=0.5))
+    rollout, still = path.rollout(), np.zeros(2)
     loop.settle(PositionTarget(path.start, still, still), SETTLE_S)
     points = []
     for _ in range(round(path.duration / arm.period)):
@@ -111,9 +111,9 @@ def verdict(data: Data) -> Verdict:
 def draw(data: Data) -> dict[str, Any]:
     """Ellipses over the path and over time, the cone, and the distance."""
     figure, grid = plots.blank_grid(5, 2, (11.0, 8.0))
-    kinds = (('shown', 'demonstration (3 joints)', {'color': '0.6', 'lw': 3.0}),
-             ('wanted', 'G-DMP', {'color': plots.INK[2], 'lw': 1.4}),
-             ('measured', 'arm (5 joints)', {'color': 'black', 'lw': 0.9, 'ls': '--'}))
+    kinds: Any = (('shown', 'demonstration (3 joints)', {'color': '0.6', 'lw': 3.0}),
+                  ('wanted', 'G-DMP', {'color': plots.INK[2], 'lw': 1.4}),
+                  ('measured', 'arm (5 joints)', {'color': 'black', 'lw': 0.9, 'ls': '--'}))
     path, time = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
     for name, label, style in kinds:
         points = data[name]
@@ -130,9 +130,9 @@ def draw(data: Data) -> dict[str, Any]:
              title='over time')
     cone(figure.add_subplot(grid[:3, 1], projection='3d'), data, kinds)
     panel = figure.add_subplot(grid[3:, 1])
-    for name, label, style in (('measured', 'with the null-space term', '-'),
-                               ('without', 'without', '--')):
-        panel.plot(data['times'][::10], distances(data['wanted'], data[name]), style,
+    for name, label, line in (('measured', 'with the null-space term', '-'),
+                              ('without', 'without', '--')):
+        panel.plot(data['times'][::10], distances(data['wanted'], data[name]), line,
                    color='black', label=label)
     panel.set(xlabel='time [s]', ylabel='manipulability distance [1]')
     panel.set_ylim(bottom=0.0)

@@ -1,4 +1,4 @@
-"""A mass is drawn along a path by a spring whose stiffness turns; its goal is switched at mid-run."""
+"""A mass is drawn along a path by a spring whose stiffness turns; its goal is switched."""
 from __future__ import annotations
 
 from typing import Any
@@ -12,8 +12,9 @@ from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 
-CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the stiffness '
-         'goal is switched at mid-run, the profile bends to it and the spring force does not jump.')
+CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the '
+         'stiffness goal is switched at mid-run, the profile bends to it and the spring force '
+         'does not jump.')
 SOURCE = '[GDMP] Fig. 9, section 5.5'
 SPD2 = SymmetricPositiveDefinite(2)
 SPACE = Product(Euclidean(2), SPD2, names=('position', 'stiffness'))
@@ -121,11 +122,11 @@ def draw(data: Data) -> dict[str, Any]:
     last = data['switched_wanted'][-1]
     for axis, scale, centres in ((path, 5e-5, (middle[:2], last[:2])),
                                  (time, 6e-4, ((SWITCH * DURATION, 0.0), (end, 0.0)))):
-        for point, centre, colour, style, label in (
+        for point, centre, colour, line, label in (
                 (middle, centres[0], plots.INK[0], '--', 'when the goal is switched'),
                 (last, centres[1], plots.INK[1], '-.', 'new goal')):
             plots.ellipses(axis, np.array([centre]), point[2:].reshape(1, 2, 2), scale,
-                           color=colour, ls=style, lw=2.0, label=label)
+                           color=colour, ls=line, lw=2.0, label=label)
     path.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='0.05 m per 1000 N/m')
     time.set(xlabel='time [s]', ylabel='stiffness, second axis [N/m / 2500]',
                    aspect='equal', title='over time')

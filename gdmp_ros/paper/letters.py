@@ -14,8 +14,8 @@ from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.paper.fig3 import curves, judged, profiles, spread
 from gdmp_ros.parallel import mapped
 
-CLAIM = ('Every demonstration of the 2D-Letters data set is reproduced on R², S², S³, SO(3) and, as '
-         'manipulability, on SPD(2).')
+CLAIM = ('Every demonstration of the 2D-Letters data set is reproduced on R², S², S³, SO(3) and, '
+         'as manipulability, on SPD(2).')
 SOURCE = '[GDMP] section 5, second data set'
 #: The strokes have 200 samples of 10 ms, a fifth of LASA's.
 LIMIT = 3e-4

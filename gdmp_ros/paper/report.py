@@ -71,7 +71,7 @@ def _one(name: str, settings: Settings) -> dict[str, Any]:
     verdict: Verdict = experiment.verdict(data)
     figures = []
     if data:
-        np.savez_compressed(settings.folder / f'{name}.npz', **data)
+        _keep(settings.folder / f'{name}.npz', data)
         for picture, figure in experiment.draw(data).items():
             plots.save(figure, settings.folder / f'{picture}.png')
         figures = [path.name for path in _belonging(settings.folder, name)
@@ -79,6 +79,12 @@ def _one(name: str, settings: Settings) -> dict[str, Any]:
     return {'holds': verdict.holds, 'figures': figures, 'claim': experiment.CLAIM,
             'measured': _plain(verdict.measured), 'source': experiment.SOURCE,
             'notes': verdict.notes}
+
+
+def _keep(path: Path, data: Data) -> None:
+    partial = path.with_name(f'.{path.name}')
+    np.savez_compressed(partial, **data)  # type: ignore[arg-type]
+    partial.replace(path)
 
 
 def _belonging(folder: Path, name: str) -> list[Path]:
@@ -127,8 +133,9 @@ def _replace(path: Path, text: str) -> None:
 
 def page(folder: Path, entries: dict[str, Any]) -> str:
     """One self-contained page with all pictures in it."""
-    template = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
-                                  ).from_string((Path(__file__).parent / 'page.html').read_text())
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True,
+                                     undefined=jinja2.StrictUndefined)
+    template = environment.from_string((Path(__file__).parent / 'page.html').read_text())
     shown = []
     for name, entry in entries.items():
         pictures = [_embedded(folder / figure) for figure in entry['figures']

@@ -32,7 +32,7 @@ from gdmp_ros.paper.baselines import (
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.terminal import table
 
-CLAIM = 'G-DMP handles every space of Table 1; each of the others handles the spaces marked for it.'
+CLAIM = 'G-DMP handles every space of Table 1; each of the others handles those marked for it.'
 SOURCE = '[GDMP] Table 1'
 COLUMNS: dict[str, Manifold] = {
     'R^m': Euclidean(4), 'S³': UnitQuaternion(), 'S^m': Sphere(3), 'SO(3)': SpecialOrthogonal(3),
@@ -108,8 +108,9 @@ def verdict(data: Data) -> Verdict:
     holds = bool(data['handles'][ours].all() and (data['handles'] | ~data['marked']).all()
                  and set(differing) <= {'[4, 7] Ijspeert on SPD(m)'})
     return Verdict(holds, measured, (
-        'The classical primitive happens to stay inside the cone on a mild SPD trajectory (symmetry '
-        'is linear); nothing keeps it there. [19] merges primitives; each of its is that of [17].'))
+        'The classical primitive happens to stay inside the cone on a mild SPD trajectory '
+        '(symmetry is linear); nothing keeps it there. [19] merges primitives; each of its is '
+        'that of [17].'))
 
 
 def draw(data: Data) -> dict[str, Any]:

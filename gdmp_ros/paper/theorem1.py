@@ -22,8 +22,8 @@ from gdmp_ros.manifolds import (
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.parallel import mapped
 
-CLAIM = ('Without forcing, V = dist²(Y, G) + ⟨Z, Z⟩ / (α_z β_z) never grows where the logarithm is '
-         'unique, and the goal is reached, from random starts, velocities, goals and gains.')
+CLAIM = ('Without forcing, V = dist²(Y, G) + ⟨Z, Z⟩ / (α_z β_z) never grows where the logarithm '
+         'is unique, and the goal is reached, from random starts, velocities, goals and gains.')
 SOURCE = '[GDMP] Theorem 1, eqs. (29) to (32)'
 SPACES: dict[str, Manifold] = {
     'R3': Euclidean(3), 'S2': Sphere(2), 'S5': Sphere(5), 'S3': UnitQuaternion(),
@@ -122,7 +122,8 @@ def verdict(data: Data) -> Verdict:
         if connection == 'parallel' or space in COVERED[connection]:
             holds = holds and fell == reached == RUNS
     ours = data['connection'] == 'parallel'
-    measured = {'runs': RUNS * len(counts), 'parallel_V_fell_in': int(data['decreasing'][ours].sum()),
+    measured = {'runs': RUNS * len(counts),
+                'parallel_V_fell_in': int(data['decreasing'][ours].sum()),
                 'parallel_runs': RUNS * int(ours.sum()),
                 'parallel_reached': int(data['reached'][ours].sum()),
                 'published_left_the_space': int(data['held'][~ours].sum()),
@@ -132,10 +133,10 @@ def verdict(data: Data) -> Verdict:
     holds = holds and not data['far_held_parallel'] and bool(
         abs(data['far_parallel'][-1] - 50.0) < 0.01)
     return Verdict(bool(holds), measured, (
-        'The proof needs the covariant derivative: it holds with parallel frames, and as published '
-        'on R^m, S³ and SO(m). On SPD the published derivatives are not covered: a far goal (1000 I '
-        'to 50 I) drives them out of the cone, where the roll-out holds its last point and says so. '
-        'The tolerance on V is (α_z dt)².'))
+        'The proof needs the covariant derivative: it holds with parallel frames, and as '
+        'published on R^m, S³ and SO(m). On SPD the published derivatives are not covered: a far '
+        'goal (1000 I to 50 I) drives them out of the cone, where the roll-out holds its last '
+        'point and says so. The tolerance on V is (α_z dt)².'))
 
 
 def draw(data: Data) -> dict[str, Any]:
@@ -146,7 +147,8 @@ def draw(data: Data) -> dict[str, Any]:
         row = int(np.flatnonzero((data['space'] == name) & (data['connection'] == 'parallel'))[0])
         axes[0, 0].semilogy(np.linspace(0.0, 60.0, SAMPLES), np.maximum(data['curve'][row], 1e-20),
                             ls=plots.STYLES[i % 6], color=plots.INK[i % 6], lw=1.0, label=name)
-    axes[0, 0].set(xlabel='time · α_z / τ [1]', ylabel='V / V(0) [1]', title='parallel, one run each')
+    axes[0, 0].set(xlabel='time · α_z / τ [1]', ylabel='V / V(0) [1]',
+                   title='parallel, one run each')
     axes[0, 0].legend(fontsize=7)
     for k, (connection, hatch) in enumerate(zip(CONNECTIONS, ('', '///'))):
         mine = data['connection'] == connection

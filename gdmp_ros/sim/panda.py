@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -63,10 +63,10 @@ class Arm:
         :param hand: False removes the body ``hand`` (and its tool) from the model
         :raises DataError: if the file cannot be loaded or has no such site, or no motors
         """
-        given = isinstance(path, mujoco.MjSpec)
-        source = 'the model' if given else Path(path) if path else PANDA
+        source: Any = path or PANDA
         try:
-            spec = path if given else mujoco.MjSpec.from_file(str(source))
+            spec = (source if isinstance(source, mujoco.MjSpec)
+                    else mujoco.MjSpec.from_file(str(source)))
             if not hand:
                 spec.delete(spec.body('hand'))
             self.model = spec.compile()

@@ -56,7 +56,8 @@ def watering() -> mujoco.MjSpec:
 def _tray(spec: mujoco.MjSpec) -> None:
     tray = spec.worldbody.add_body(name='tray', pos=[*TRAY, 0.0])
     width, depth = TRAY_HALF
-    tray.add_geom(type=_BOX, size=[width, depth, _THIN], pos=[0.0, 0.0, _THIN], rgba=_WOOD, **_SOLID)
+    tray.add_geom(name='tray_floor', type=_BOX, size=[width, depth, _THIN],
+                  pos=[0.0, 0.0, _THIN], rgba=_WOOD, **_SOLID)
     _walls(tray, (width, depth), TRAY_WALL, _WOOD, 'tray')
     tray.add_geom(name='water', type=_BOX, size=[width, depth, 0.5 * WATER_LINE],
                   pos=[0.0, 0.0, 0.5 * WATER_LINE], rgba=_WATER, contype=0, conaffinity=0)

@@ -71,8 +71,8 @@ def force_stiffness(records: ForceRecords, mass: float, damping: float, window: 
     """
     check_bounds(k_min, k_max)
     if not (mass >= 0.0 and damping >= 0.0 and window > 0.0):
-        raise ParameterError(f'mass {mass!r} kg and damping {damping!r} N s/m must not be negative, '
-                             f'window {window!r} s must be positive')
+        raise ParameterError(f'mass {mass!r} kg and damping {damping!r} N s/m must not be '
+                             f'negative, window {window!r} s must be positive')
     away = _deviation(records.positions)
     pull = (_deviation(records.forces) - mass * _deviation(records.accelerations)
             - damping * _deviation(records.velocities))

@@ -8,8 +8,6 @@ import pytest
 
 from gdmp_ros.bench import accuracy, goal_switch, measure, tempo
 from gdmp_ros.cli.bench import SUBJECTS
-from gdmp_ros.dmp import Rollout
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 SETTINGS = measure.Settings(repetitions=7, classes=('GShape', 'Sine'))
 

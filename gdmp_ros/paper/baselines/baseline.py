@@ -3,8 +3,8 @@ What the compared primitives share: phase, basis functions, regression and goal 
 
 Each is stepped by Euler's method at the spacing of its demonstration, the velocity first, as their
 authors do. Derivatives are by default those that this scheme would reproduce exactly, so that the
-methods are compared and not the differencing. One cycle is one compiled function, as ours is, so that the
-methods are compared and not the languages.
+methods are compared and not the differencing. One cycle is one compiled function, as ours is, so
+that the methods are compared and not the languages.
 """
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Baseline:
     """
     A primitive as others published it, learned from one demonstration.
 
-    Subclasses say which spaces it handles, what its error and its velocities are, and how it moves.
+    Subclasses say which spaces it handles, what its error and velocities are, and how it moves.
     """
 
     #: How [GDMP] cites it, and where it comes from.

@@ -42,7 +42,7 @@ class Classical(Baseline):
     def step(self) -> np.ndarray:
         """Let one cycle pass."""
         _step(*self._cycle(), self._point, self._goal, self._wanted)
-        return self._point
+        return np.asarray(self._point)
 
     def output(self, raw: np.ndarray) -> np.ndarray:
         """Nearest point of the space: unit norm, orthonormal, positive definite."""

@@ -5,8 +5,7 @@ import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import quaternion
-from gdmp_ros.manifolds import UnitQuaternion
+from gdmp_ros.manifolds import quaternion, UnitQuaternion
 from gdmp_ros.paper.baselines.baseline import accelerate, Baseline, H
 
 S3 = UnitQuaternion()
@@ -49,7 +48,7 @@ class LogError(Baseline):
         """Let one cycle pass."""
         self._before = self._point.copy()
         _step(*self._cycle(), self._point, self._goal, self._work)
-        return self._point
+        return np.asarray(self._point)
 
     def retarget(self, goal: np.ndarray) -> None:
         """Take ``e`` and ``ė`` towards the new goal."""

@@ -5,8 +5,7 @@ import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import quaternion
-from gdmp_ros.manifolds import UnitQuaternion
+from gdmp_ros.manifolds import quaternion, UnitQuaternion
 from gdmp_ros.paper.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 
 S3 = UnitQuaternion()
@@ -50,7 +49,7 @@ class UdeQuaternion(Baseline):
     def step(self) -> np.ndarray:
         """Let one cycle pass."""
         _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
-        return self._point
+        return np.asarray(self._point)
 
 
 class AbuDakkaQuaternion(UdeQuaternion):

@@ -6,8 +6,7 @@ import numpy as np
 from gdmp_ros.compilation import compiled
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import rotation
-from gdmp_ros.manifolds import SpecialOrthogonal
+from gdmp_ros.manifolds import rotation, SpecialOrthogonal
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.paper.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 
@@ -58,4 +57,4 @@ class UdeRotation(Baseline):
     def step(self) -> np.ndarray:
         """Let one cycle pass."""
         _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
-        return self._point
+        return np.asarray(self._point)

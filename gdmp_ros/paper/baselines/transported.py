@@ -7,14 +7,12 @@ point.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from gdmp_ros.compilation import compiled
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds import spd
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.linalg import (
     congruence,
     copy_into,
@@ -152,7 +150,7 @@ class TransportedToStart(_Transported):
         """Let one cycle pass."""
         _step_at_start(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
                        self._start, self._work)
-        return self._point
+        return np.asarray(self._point)
 
 
 class TransportedAlong(_Transported):
@@ -189,4 +187,4 @@ class TransportedAlong(_Transported):
         """Let one cycle pass."""
         _step_along(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
                     self._start, self._work)
-        return self._point
+        return np.asarray(self._point)
