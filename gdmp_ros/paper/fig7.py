@@ -37,8 +37,8 @@ def verdict(data: Data) -> Verdict:
                 **{f'{name[:-3]}_m=20_us': data[name][-1] for name in METHODS}}
     cheaper = (ratio > 1.0).all() and (data['explicit_us'] > data['published_us']).all()
     return Verdict(bool(cheaper), measured, (
-        'The growth is that of an eigenproblem, m³, for all of them: a constant factor lies between '
-        'the methods, not an exponential.'))
+        'The growth is that of an eigenproblem, m³, for all of them: a constant factor lies '
+        'between the methods, not an exponential.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

@@ -1,0 +1,107 @@
+"""The compared methods: each follows what it was made for, by its own published equations."""
+import numpy as np
+import pytest
+
+from gdmp_ros.bench import measure
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.development import distances
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros.paper.baselines import (
+    AbuDakkaQuaternion,
+    Classical,
+    LogError,
+    LogErrorShorter,
+    METHODS,
+    Ours,
+    TransportedAlong,
+    TransportedToStart,
+    UdeQuaternion,
+    UdeRotation,
+)
+from gdmp_ros.paper.fig4 import shown as quaternion_example
+from gdmp_ros.paper.table1 import COLUMNS, ROWS, cell
+
+S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
+MADE_FOR = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),
+            (UdeRotation, SO3), (TransportedToStart, SPD3), (TransportedAlong, SPD3),
+            (Ours, S3), (Ours, SPD3)]
+
+
+def relative_error(method, shown):
+    points, _ = method.rollout(len(shown.times) - 1)
+    return distances(shown.manifold, points, shown.flat_points).mean() / shown.span()
+
+
+@pytest.mark.parametrize('kind, manifold', MADE_FOR, ids=lambda x: getattr(x, '__name__', str(x)))
+def test_each_method_follows_and_reaches_a_switched_goal(kind, manifold):
+    shown = measure.demonstration(manifold, 2.0, samples=500)
+    method = kind(shown)
+    assert relative_error(method, shown) < 1e-4
+    goal = manifold.geodesic(shown.points[-1], shown.points[200], 0.3)
+    points, _ = method.rollout(1250, goal, 250)
+    left = manifold.distance(points[-1].reshape(manifold.point_shape), goal)
+    assert left < 0.02 * manifold.distance(shown.points[-1], goal)
+
+
+@pytest.mark.parametrize('kind', METHODS, ids=lambda k: k.name)
+def test_methods_refuse_spaces_they_were_not_made_for(kind):
+    shown = measure.demonstration(Sphere(2), 1.0, samples=50)
+    if kind.handles(shown):
+        assert relative_error(kind(shown, 20), shown) < 1e-2
+    else:
+        with pytest.raises(ParameterError, match='was not made for'):
+            kind(shown)
+
+
+def test_explicit_transport_moves_as_the_parallel_frame_does():
+    """Transport along the path is the same covariant system: only the discretisation differs."""
+    shown = measure.demonstration(SPD3, 2.0, samples=2000)
+    ours, theirs = (kind(shown).rollout(1999)[0] for kind in (Ours, TransportedAlong))
+    assert distances(SPD3, ours, theirs).max() < 2e-4 * shown.span()
+
+
+def test_backward_differences_cost_accuracy():
+    shown = measure.demonstration(S3, 2.0, samples=300)
+    matched, backward = (relative_error(LogError(shown, differences=d), shown)
+                         for d in ('matched', 'backward'))
+    assert backward > 5.0 * matched
+
+
+def test_only_the_shorter_logarithm_makes_the_log_error_primitive_jump():
+    """The motion of [GDMP] Fig. 4 begins 190.7 degrees from its goal."""
+    shown = quaternion_example()
+    steps = [max(S3.distance(a, b) for a, b in zip(path, path[1:])) for path in (
+        kind(shown).rollout(len(shown.times) - 1)[0] for kind in (LogError, LogErrorShorter))]
+    assert steps[1] > 5.0 * steps[0]
+
+
+def test_the_classical_primitive_leaves_the_sphere_before_it_is_mended():
+    shown = measure.demonstration(S3, 2.0, samples=500)
+    points, raw = Classical(shown).rollout(499)
+    norms = np.linalg.norm(raw, axis=1)
+    assert np.abs(norms - 1.0).max() > 1e-7
+    assert np.abs(np.linalg.norm(points, axis=1) - 1.0).max() < 1e-12
+
+
+@pytest.mark.parametrize('column', COLUMNS)
+@pytest.mark.parametrize('row', ROWS)
+def test_table_1_cell_by_cell(row, column):
+    handled, error, off = cell(row, column)
+    if column in ROWS[row][1]:
+        assert handled and error < 1e-3 and off < 1e-9
+    elif (row, column) == ('[4, 7] Ijspeert', 'SPD(m)'):
+        assert handled  # by luck: nothing keeps it in the cone, see the next test
+    else:
+        assert not handled
+
+
+def test_nothing_keeps_the_classical_primitive_in_the_cone():
+    """A stiffness that dips by 80 %, sent to a goal of 30 %."""
+    t = np.linspace(0.0, 1.0, 500)
+    dip = np.array([np.diag([1.0 - 0.8 * np.sin(np.pi * u) ** 2, 1.0]) for u in t])
+    shown, goal = Demonstration(2.0 * t, dip, SymmetricPositiveDefinite(2)), np.diag([0.3, 1.0])
+    _, raw = Classical(shown).rollout(600, goal, 20)
+    assert np.linalg.eigvalsh(raw.reshape(-1, 2, 2)).min() < 0.0
+    points, _ = Ours(shown).rollout(600, goal, 20)
+    assert np.linalg.eigvalsh(points.reshape(-1, 2, 2)).min() > 0.0

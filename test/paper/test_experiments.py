@@ -1,0 +1,148 @@
+"""``gdmp paper``: what it writes, and that its verdicts can fail."""
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from gdmp_ros.paper import IDS, report, Settings
+from gdmp_ros.paper import fig2, fig4, fig10, fig11, fig12, fig9, letters, theorem1
+from gdmp_ros.paper.theorem1 import energies, unforced
+
+
+def gdmp(*words, **environment):
+    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
+                          capture_output=True, text=True,
+                          env={**os.environ, 'GDMP_LETTERS': '', **environment})
+
+
+def test_every_experiment_has_the_shared_shape():
+    for name in IDS:
+        module = report.module(name)
+        assert module.CLAIM.endswith('.') and '[GDMP]' in module.SOURCE
+        assert all(callable(getattr(module, part)) for part in ('run', 'verdict', 'draw'))
+
+
+def test_the_help_names_every_experiment_and_an_unknown_one_is_refused():
+    told = gdmp('paper', '--help').stdout
+    assert all(f'\n{name} ' in told for name in IDS)
+    refused = gdmp('paper', 'fig99')
+    assert refused.returncode == 1 and 'expected one of fig2, fig3' in refused.stderr
+
+
+def test_experiments_write_pictures_data_report_and_page(tmp_path):
+    done = gdmp('paper', 'fig2', 'fig10', '--out', tmp_path)
+    assert done.returncode == 0, done.stderr
+    entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
+    assert list(entries) == ['fig2', 'fig10']
+    for name, entry in entries.items():
+        assert entry['holds'] is True and entry['claim'] and entry['source'] and entry['measured']
+        assert [f'{name}.png'] == entry['figures']
+        assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
+        with np.load(tmp_path / f'{name}.npz', allow_pickle=False) as data:
+            assert len(data.files) > 3
+    page = (tmp_path / 'index.html').read_text()
+    assert page.count('data:image/png;base64,') == 2 and 'http' not in page.replace('https', '')
+    # A second run keeps what is there and replaces its own entry only.
+    assert gdmp('paper', 'letters', '--out', tmp_path).returncode == 0
+    entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
+    assert list(entries) == ['fig2', 'letters', 'fig10']
+    assert entries['letters']['holds'] is None and 'public' in entries['letters']['notes']
+
+
+def test_pictures_of_fig1_are_not_those_of_fig10(tmp_path):
+    for name in ('fig1.png', 'fig1-film.webp', 'fig10.png', 'fig1.npz'):
+        (tmp_path / name).touch()
+    found = [path.name for path in report._belonging(tmp_path, 'fig1')]
+    assert found == ['fig1-film.webp', 'fig1.png']
+
+
+def test_verdicts_fail_where_the_claim_does():
+    data = fig2.run(Settings())
+    assert fig2.verdict(data).holds
+    assert not fig2.verdict({**data, 'c_split': data['c_published']}).holds
+    data = fig4.run(Settings())
+    assert fig4.verdict(data).holds
+    assert not fig4.verdict({**data, 'switched': data['straight']}).holds
+    data = fig9.run(Settings())
+    assert fig9.verdict(data).holds and fig10.verdict(data).holds
+    spoiled = {**data, 'switched_wanted': data['straight_wanted']}
+    assert not fig9.verdict(spoiled).holds and not fig10.verdict(spoiled).holds
+
+
+def test_letters_without_the_data_are_not_tried():
+    data = letters.run(Settings())
+    assert data == {} and letters.verdict(data).holds is None
+
+
+@pytest.mark.parametrize('space', theorem1.SPACES)
+def test_the_energy_falls_in_parallel_frames(space, rng):
+    for _ in range(5):
+        skill = unforced(theorem1.SPACES[space], rng, 'parallel')
+        v, flags = energies(skill, 60.0 / skill.gains.alpha_z)
+        assert (np.diff(v) <= (skill.gains.alpha_z / skill.steps) ** 2 * v[0]).all()
+        assert v[-1] < 1e-6 * v[0] and 'held' not in flags
+
+
+def test_a_far_goal_drives_published_out_of_the_cone_and_not_parallel():
+    spd = theorem1.SPACES['SPD3']
+    for connection, held in (('published', True), ('parallel', False)):
+        skill = theorem1.pulled(spd, 1000.0 * np.eye(3), 50.0 * np.eye(3), np.zeros(6), 60.0,
+                                connection)
+        assert ('held' in energies(skill, 1.0)[1]) == held
+
+
+@pytest.fixture(scope='module')
+def taught():
+    return fig11.teach()
+
+
+def test_forces_tell_how_the_hand_held_the_can(taught):
+    from gdmp_ros.manifolds import SymmetricPositiveDefinite
+    _, mean = fig11.learn(taught)
+    spd = SymmetricPositiveDefinite(3)
+    own = [fig11.holding(p) for p in taught['taught_progress'].mean(axis=0)]
+    away = [spd.distance(np.ascontiguousarray(a), b)
+            for a, b in zip(mean.points[:, 7:].reshape(-1, 3, 3), own)]
+    assert np.mean(away) < 0.15
+    # It changes by more than that.
+    assert spd.distance(own[0], own[300]) > 0.8
+
+
+def test_the_can_is_dipped_and_the_tray_is_not_touched(taught):
+    skill, mean = fig11.learn(taught)
+    data = fig11.execute(skill, taught['beginning'])
+    result = fig11.verdict({**taught, **data, 'mean': np.array(mean.points),
+                            'holding': np.array(mean.points[:, 7:]).reshape(-1, 3, 3)})
+    assert result.holds, result.measured
+    dry = {**data, 'lip': data['lip'] + 0.2}
+    assert not fig11.verdict({**taught, **dry, 'mean': np.array(mean.points), 'holding': np.array(
+        mean.points[:, 7:]).reshape(-1, 3, 3)}).holds
+
+
+def test_a_box_is_entered_with_the_null_space_term_closer_and_walls_are_felt():
+    taught = fig12.lead(0, 12)
+    from gdmp_ros.dmp import Skill
+    skill = Skill.learn(fig12.learn(taught))
+    data = {}
+    for name, alpha in (('with1', fig12.ALPHA), ('without1', 0.0)):
+        data.update({f'{name}_{key}': value
+                     for key, value in fig12.enter(skill, None, alpha).items()})
+    assert fig12.inside(data['with1_measured'][-1, :3], 1)
+    assert data['with1_contacts'].sum() == 0
+    near, far = (fig12.distances(data, name).mean() for name in ('with1', 'without1'))
+    assert near < 0.7 * far
+    # A goal in the wall of box 1 is felt: the count of contacts can fail.
+    blocked = skill.goal.copy()
+    blocked[0] += 0.19
+    assert fig12.enter(skill, blocked, 0.0)['contacts'].sum() > 0
+
+
+def test_readers_of_the_page_see_no_markup_from_names(tmp_path):
+    entry = {'holds': True, 'figures': [], 'claim': '<b>x</b>', 'source': '&', 'notes': '',
+             'measured': {'a_b': 0.123456, 'list': [1, True], 'table': {'k': 'v'}}}
+    text = report.page(Path(tmp_path), {'fig2': entry})
+    assert '&lt;b&gt;x&lt;/b&gt;' in text and '0.1235' in text and '1, yes' in text
