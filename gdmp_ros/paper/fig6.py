@@ -23,9 +23,11 @@ from gdmp_ros.paper.fig5 import step_time
 from gdmp_ros.terminal import progress
 
 CLAIM = ('On SPD(2), parallel frames are at least as accurate as explicit transport [18], and '
-         'cheaper per step than it and than transport along the path.')
+         'cheaper per control cycle than it and than transport along the path.')
 SOURCE = '[GDMP] Fig. 6, section 5.3; [18] Abu-Dakka, Kyrki 2020'
 CLASSES = lasa.CLASSES[:20]
+#: Cycle of a robot [s]; the demonstrations are sampled every 2 to 7 ms.
+CONTROL_S = 1e-3
 
 
 def methods(shown: Demonstration) -> dict[str, Baseline]:
@@ -46,8 +48,11 @@ def log_euclidean(path: np.ndarray, wanted: np.ndarray) -> float:
 def run(settings: Settings) -> Data:
     """Learn and execute each trajectory with each method; distances, and times [s]."""
     distance: dict[str, list[float]] = {}
+    at_control_rate: dict[str, list[float]] = {}
     seconds: dict[str, list[float]] = {}
     steps: dict[str, list[float]] = {}
+    for method in methods(lasa.covariance_profile(CLASSES[0]).uniform()).values():
+        method.rollout(2)  # compiled, or loaded, before the clock runs
     with progress('SPD(2) trajectories', len(CLASSES)) as done:
         for name in CLASSES:
             shown = lasa.covariance_profile(name).uniform()
@@ -58,12 +63,22 @@ def run(settings: Settings) -> Data:
                 seconds.setdefault(label, []).append(time.perf_counter() - begun)
                 distance.setdefault(label, []).append(log_euclidean(
                     path[::5].reshape(-1, 2, 2), shown.points[::5]))
+                at_control_rate.setdefault(label, []).append(_at_control_rate(method, shown))
                 with measure.one_core():
                     steps.setdefault(label, []).append(step_time(method, 300))
             done()
     return {f'{kind}_{label}': np.array(values) for kind, part in
-            (('distance', distance), ('seconds', seconds), ('step', steps))
+            (('distance', distance), ('control', at_control_rate), ('seconds', seconds),
+             ('step', steps))
             for label, values in part.items()}
+
+
+def _at_control_rate(method: Baseline, shown: Demonstration) -> float:
+    """Distance when the primitive is stepped at the robot's rate instead."""
+    cycles = int(shown.duration / CONTROL_S)
+    path, _ = method.rollout(cycles, dt=CONTROL_S)
+    times = shown.times[0] + CONTROL_S * np.arange(cycles + 1)[::20]
+    return log_euclidean(path[::20].reshape(-1, 2, 2), shown.at(times))
 
 
 def _of(data: Data, kind: str) -> dict[str, np.ndarray]:
@@ -74,30 +89,35 @@ def _of(data: Data, kind: str) -> dict[str, np.ndarray]:
 def verdict(data: Data) -> Verdict:
     """Mean distances and step times."""
     distance = {name: float(v.mean()) for name, v in _of(data, 'distance').items()}
+    control = {name: float(v.mean()) for name, v in _of(data, 'control').items()}
     step = {name: 1e6 * float(np.median(v)) for name, v in _of(data, 'step').items()}
     measured = {'trajectories': len(CLASSES),
                 **{f'log_euclidean_distance_{name}': v for name, v in distance.items()},
+                **{f'log_euclidean_distance_at_1_kHz_{name}': v for name, v in control.items()},
                 **{f'step_{name}_us': v for name, v in step.items()}}
     holds = (distance['parallel'] <= distance['[18]']
+             and control['parallel'] <= min(control['[18]'], control['[18] matched'])
              and step['parallel'] < min(step['[18]'], step['along']))
     return Verdict(holds, measured, (
-        '[18] is taken as published: backward differences, [GDMP] eq. (20), and Euler. With '
-        'derivatives matched to its own Euler steps it has no error of discretisation left on the '
-        'grid of the demonstration, only that of 60 basis functions; what is left for ours there '
-        'is of the same size. The figures of both are above.'))
+        '[18] is taken as published: backward differences, [GDMP] eq. (20), and Euler. “Matched” '
+        'takes the derivatives that its Euler steps reproduce exactly: on the grid of the '
+        'demonstration it then has no error of discretisation, only that of 60 basis functions, '
+        'and is a little more exact than ours; stepped at 1 kHz, as a robot does, it is not.'))
 
 
 def draw(data: Data) -> dict[str, Any]:
     """Box plots of distance, of learning and execution, and of a step."""
-    figure, axes = plots.panels(1, 3, (5.0, 3.8))
+    figure, axes = plots.panels(2, 2, (5.6, 3.6))
     plots.boxes(axes[0, 0], _of(data, 'distance'), 'mean ‖logm A − logm B‖ [1]')
-    axes[0, 0].set_yscale('log')
-    plots.boxes(axes[0, 1], {name: 1e3 * v for name, v in _of(data, 'seconds').items()},
+    axes[0, 0].set(yscale='log', title='stepped as the demonstration is sampled')
+    plots.boxes(axes[0, 1], _of(data, 'control'), 'mean ‖logm A − logm B‖ [1]')
+    axes[0, 1].set(yscale='log', title='stepped at 1 kHz')
+    plots.boxes(axes[1, 0], {name: 1e3 * v for name, v in _of(data, 'seconds').items()},
                 'learning and execution of 1000 samples [ms]')
-    axes[0, 1].set_yscale('log')
-    plots.boxes(axes[0, 2], {name: 1e6 * v for name, v in _of(data, 'step').items()},
-                'time of a step [µs]')
-    for panel in axes[0]:
+    axes[1, 0].set_yscale('log')
+    plots.boxes(axes[1, 1], {name: 1e6 * v for name, v in _of(data, 'step').items()},
+                'time of a control cycle of 1 ms [µs]')
+    for panel in axes.flat:
         panel.set_xlabel('method')
         panel.tick_params(axis='x', labelsize=7)
     return {'fig6': figure}

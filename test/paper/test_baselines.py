@@ -20,7 +20,7 @@ from gdmp_ros.paper.baselines import (
     UdeRotation,
 )
 from gdmp_ros.paper.fig4 import shown as quaternion_example
-from gdmp_ros.paper.table1 import COLUMNS, ROWS, cell
+from gdmp_ros.paper.table1 import cell, COLUMNS, ROWS
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
 MADE_FOR = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),

@@ -8,8 +8,19 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros.paper import IDS, report, Settings
-from gdmp_ros.paper import fig2, fig4, fig10, fig11, fig12, fig9, letters, theorem1
+from gdmp_ros.paper import (
+    fig2,
+    fig4,
+    fig9,
+    fig10,
+    fig11,
+    fig12,
+    IDS,
+    letters,
+    report,
+    Settings,
+    theorem1,
+)
 from gdmp_ros.paper.theorem1 import energies, unforced
 
 

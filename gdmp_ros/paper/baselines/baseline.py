@@ -140,15 +140,16 @@ class Baseline:
         self._velocity = self._begin.copy()
         self._error, self._force = np.empty((2, self._velocity.size))
 
-    def rollout(self, cycles: int, goal: np.ndarray | None = None,
-                switch: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def rollout(self, cycles: int, goal: np.ndarray | None = None, switch: int = 0,
+                dt: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """
         Run from the start.
 
         :param goal: new goal from cycle ``switch`` on
+        :param dt: of a cycle [s]; the demonstration's spacing by default
         :returns: points as sent and as the equations leave them, flat, one row per sample
         """
-        self.reset()
+        self.reset(dt)
         raw = [self._shown[0].copy()]
         for cycle in range(cycles):
             if goal is not None and cycle == switch:
