@@ -143,13 +143,10 @@ def profiles(data: Data, sets: list[str]) -> Any:
 
 def _pairs(panel: Any, times: np.ndarray, shown: np.ndarray, made: np.ndarray,
            label: str) -> None:
-    for i, column in enumerate(made.T):
-        panel.plot(times, column, color=plots.INK[i % 6], lw=1.6,
-                   label='reproduction' if i == 0 else None)
-    panel.plot(times, shown, '--', color='black', lw=0.8)
-    panel.plot([], [], '--', color='black', lw=0.8, label='demonstration')
-    panel.set(xlabel='time [s]', ylabel=label)
-    panel.legend(fontsize=7)
+    panel.plot(times, shown, color='0.7', lw=2.6)
+    panel.plot([], [], color='0.7', lw=2.6, label='demonstration')
+    plots.series(panel, times, made, [f'G-DMP {i + 1}' for i in range(made.shape[1])], label)
+    panel.legend(fontsize=6, ncols=4)
 
 
 def _view(figure: Any, cell: Any, mapping: str, data: Data) -> None:
