@@ -11,7 +11,7 @@ from gdmp_ros import plots
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.files.lasa import TOOL
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
 from gdmp_ros.stiffness import force_stiffness, ForceRecords
 
 CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstrations with forces '
@@ -41,8 +41,7 @@ def intention(progress: float) -> np.ndarray:
 
 def _eased(progress: float) -> float:
     """Slow at both ends."""
-    u = progress
-    return 0.5 * u + 0.5 * u ** 3 * (10.0 - 15.0 * u + 6.0 * u * u)
+    return float(0.5 * progress + 0.5 * minimum_jerk(progress))
 
 
 def holding(progress: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from gdmp_ros import plots
 from gdmp_ros.control.manipulability import manipulability, PositionGains, PositionTarget
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
 from gdmp_ros.terminal import progress
 
 CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 with its manipulability is enough '
@@ -40,14 +40,10 @@ def scene() -> Any:
     return boxes([Box(middle, HALF, HEIGHT) for middle in MIDDLES])
 
 
-def _blend(u: float) -> float:
-    return u ** 3 * (10.0 - 15.0 * u + 6.0 * u * u)
-
-
 def _aside(progress: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     """Torque of the other hand at the elbow: a soft spring on joint 3 [Nm]."""
     torque = np.zeros(7)
-    torque[2] = 40.0 * (ELBOW_RAD * _blend(min(1.0, 1.6 * progress)) - q[2]) - 4.0 * dq[2]
+    torque[2] = 40.0 * (ELBOW_RAD * minimum_jerk(min(1.0, 1.6 * progress)) - q[2]) - 4.0 * dq[2]
     return torque
 
 
@@ -59,9 +55,9 @@ def lead(box: int, seed: int) -> Any:
     shift = np.array([*np.subtract(MIDDLES[box], MIDDLES[0]), 0.0])
 
     def intends(progress: float) -> np.ndarray:
-        u = _blend(progress)
+        u = minimum_jerk(progress)
         # The hand holds the gripper 7 cm above its tip; first over the box, then down.
-        wanted = _COURSE(u) + [0.0, 0.0, 0.0734] + shift * _blend(min(1.0, u / 0.6))
+        wanted = _COURSE(u) + [0.0, 0.0, 0.0734] + shift * minimum_jerk(min(1.0, u / 0.6))
         return np.concatenate([wanted, down])
     arm = Arm(scene())
     hand = Hand(intends, lambda _: np.diag([600.0] * 3), 60.0, (30.0, 3.0), 0.3, _aside)

@@ -10,7 +10,7 @@ from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Sphere
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
 
 CLAIM = ('On S², an “N” over both hemispheres is reproduced. A “C” through the antipode of its '
          'goal turns back there; split into segments, it is followed through.')
@@ -34,7 +34,7 @@ def n_shape() -> Demonstration:
 def c_shape() -> Demonstration:
     """Along a great circle, by minimum jerk, through the antipode of its end."""
     t = np.linspace(0.0, 1.0, 1000)
-    angle = C_RAD * t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
+    angle = C_RAD * minimum_jerk(t)
     return Demonstration(DURATION * t, np.column_stack([np.cos(angle), np.sin(angle),
                                                         0.0 * angle]), S2)
 

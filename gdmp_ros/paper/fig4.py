@@ -8,7 +8,7 @@ import numpy as np
 from gdmp_ros import plots
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
 
 CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the '
          'error to the new goal vanishes.')
@@ -33,7 +33,7 @@ def shown() -> Demonstration:
     by 0.3 sin²(π u) in the direction ``Log × z``, at rest at both ends.
     """
     t = np.linspace(0.0, 1.0, round(DURATION / DT) + 1)
-    along = t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
+    along = minimum_jerk(t)
     way = S3.log(START, GOAL)
     across = np.cross(way, [0.0, 0.0, 1.0])
     across *= LATERAL_RAD / np.linalg.norm(across)

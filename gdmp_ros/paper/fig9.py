@@ -10,7 +10,7 @@ from gdmp_ros.control.manipulability import PositionGains, PositionTarget
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
 
 CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the '
          'stiffness goal is switched at mid-run, the profile bends to it and the spring force '
@@ -32,7 +32,7 @@ def shown() -> Demonstration:
     path = stroke.positions * EXTENT / np.ptp(stroke.positions, axis=0).max()
     t = np.linspace(0.0, 1.0, len(path))
     points = []
-    for position, angle in zip(path, 0.5 * np.pi * t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)):
+    for position, angle in zip(path, 0.5 * np.pi * minimum_jerk(t)):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         points.append(SPACE.join(position, turn.T @ START @ turn))
     return Demonstration(DURATION * t, np.array(points), SPACE)

@@ -14,13 +14,15 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from gdmp_ros import __version__, plots
-from gdmp_ros.errors import DataError
+from gdmp_ros import __version__, compilation, plots
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros.terminal import table
 
 #: Experiments whose module has another name: ``baselines`` are the methods themselves.
 _MODULES = {'baselines': 'comparison'}
+#: Where modules that may be missing come from.
+_EXTRAS = {'mujoco': "pip install 'gdmp_ros[sim]'"}
 _PICTURES = {'.png': 'image/png', '.webp': 'image/webp'}
 
 
@@ -35,10 +37,12 @@ def run(ids: Sequence[str], settings: Settings) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         entries = _earlier(folder)
+        if not any(compilation.cache_folder().rglob('*.nbi')):
+            print('compiling the kernels first, once: about a minute and a half', flush=True)
         for number, name in enumerate(ids, 1):
             print(f'[{number}/{len(ids)}] {name} …', flush=True)
             begun = time.monotonic()
-            entries[name] = _one(name, settings)
+            entries[name] = _tried(name, settings)
             entries[name]['seconds'] = round(time.monotonic() - begun, 1)
             _write(folder, entries)
             print(f'    {_word(entries[name]["holds"])} in {entries[name]["seconds"]:.0f} s: '
@@ -61,6 +65,20 @@ def module(name: str) -> Any:
     if name not in IDS:
         raise DataError(f'experiment {name!r} is unknown, expected one of {", ".join(IDS)}')
     return importlib.import_module(f'gdmp_ros.paper.{_MODULES.get(name, name)}')
+
+
+def _tried(name: str, settings: Settings) -> dict[str, Any]:
+    """An experiment's entry; one that cannot be run fails, and says why."""
+    experiment = module(name)
+    try:
+        return _one(name, settings)
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get((error.name or '').partition('.')[0], 'a ROS 2 Jazzy installation')
+        reason = f'{error.name} is missing, it comes with {extra}'
+    except GdmpError as error:
+        reason = str(error)
+    return {'holds': False, 'figures': [], 'claim': experiment.CLAIM, 'measured': {},
+            'source': experiment.SOURCE, 'notes': f'could not be run: {reason}'}
 
 
 def _one(name: str, settings: Settings) -> dict[str, Any]:

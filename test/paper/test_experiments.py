@@ -64,6 +64,29 @@ def test_experiments_write_pictures_data_report_and_page(tmp_path):
     assert entries['letters']['holds'] is None and 'public' in entries['letters']['notes']
 
 
+def test_what_cannot_be_run_fails_with_its_reason_and_the_rest_goes_on(tmp_path):
+    (tmp_path / 'empty').mkdir()
+    done = gdmp('paper', 'letters', 'table1', '--letters', tmp_path / 'empty', '--out', tmp_path)
+    assert done.returncode == 1
+    entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
+    assert entries['letters']['holds'] is False
+    assert 'no letters there' in entries['letters']['notes']
+    assert entries['table1']['holds'] is True
+    code = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] == 'mujoco':
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Blocked())
+from gdmp_ros.cli.main import main
+sys.exit(main(['paper', 'fig9', '--out', sys.argv[1]]))
+"""
+    done = subprocess.run([sys.executable, '-c', code, str(tmp_path)], capture_output=True,
+                          text=True)
+    assert done.returncode == 1 and 'gdmp_ros[sim]' in done.stdout and not done.stderr
+
+
 def test_pictures_of_fig1_are_not_those_of_fig10(tmp_path):
     for name in ('fig1.png', 'fig1-film.webp', 'fig10.png', 'fig1.npz'):
         (tmp_path / name).touch()
