@@ -36,7 +36,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
 def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[str, Any]:
     os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
     try:
-        from gdmp_ros.demo.operator import Operator
+        from gdmp_ros.nodes.operator import Operator
     except ImportError as error:
         raise GdmpError(f'streaming needs ROS 2 ({error.name} is not installed): set the '
                         'environment up with make setup') from None

@@ -52,12 +52,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the experiments; 0 if every claim that could be tried holds."""
     from gdmp_ros.paper import IDS, report, Settings
+    for name in options.what:
+        if name not in (*IDS, 'all'):
+            raise DataError(f'experiment {name!r} is unknown, expected one of '
+                            f'{", ".join(IDS)} or all')
     names = list(dict.fromkeys(IDS if 'all' in options.what else options.what))
-    for name in names:
-        report.module(name)
+    if options.jobs == 0:
+        raise DataError('--jobs is 0, expected a number of processes, or -1 for one per core')
+    if options.ros and 'fig11' not in names:
+        raise DataError('--ros concerns fig11 only: the nodes stream poses with stiffness')
     given = options.letters or os.environ.get('GDMP_LETTERS')
     letters = Path(given) if given else None
-    if letters is not None and not letters.is_dir():
+    if letters is not None and not letters.is_dir() and {'letters', 'baselines'} & set(names):
         raise DataError(f'{letters}: no such folder of letters')
     settings = Settings(letters, options.ros, options.jobs, options.out)
     return 0 if report.run(names, settings) else 1

@@ -7,7 +7,7 @@ regression).
 
 With --manifold it becomes the Riemannian LASA data set instead: one NumPy archive per class with
 the arrays times_1, points_1, times_2, … of every demonstration, on R2, S2, S3, SO3 or SPD2, or the
-covariances of the class over time.
+covariances of the class over time. What concerns bags and robots is then not used.
 
 examples:
   gdmp record lasa GShape -o demos
@@ -25,7 +25,7 @@ from gdmp_ros.files import lasa, recordings
 from gdmp_ros.files.bags import NS, STORAGES
 from gdmp_ros.terminal import progress
 
-HELP = 'write rosbag2 demonstrations from a data set'
+HELP = 'write demonstrations from a data set: rosbag2, or on a manifold'
 #: First stamp of the recordings, one minute apart: fixed, so that recordings are reproducible.
 EPOCH_NS = 1_700_000_000 * NS
 
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--manifold', choices=[*lasa.MAPPINGS, lasa.COVARIANCES],
                         help='write the Riemannian data set as NumPy archives instead of bags')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                        help='folder for the bags CLASS_1, CLASS_2, …')
+                        help='folder for the bags CLASS_1, CLASS_2, …, or archives')
     parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap')
     parser.add_argument('--frame', default='panda_link0', help='frame_id of the poses')
     parser.add_argument('--extent', type=float, default=lasa.EXTENT_M, metavar='M',
@@ -47,13 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='smallest stiffness [N/m] (default %(default)s)')
     parser.add_argument('--k-max', type=float, default=800.0, metavar='N/M',
                         help='largest stiffness [N/m] (default %(default)s)')
-    parser.add_argument('--force', action='store_true', help='replace bags that exist')
+    parser.add_argument('--force', action='store_true', help='replace what exists')
 
 
 def run(options: argparse.Namespace) -> None:
     """Record; nothing is written unless all names are free."""
     if options.manifold:
-        _archives(options)
+        if options.name not in (*lasa.CLASSES, 'all'):
+            lasa.strokes(options.name)  # says what is expected
+        try:
+            _archives(options)
+        except OSError as error:
+            raise DataError(f'{options.output}: cannot write: {error.strerror}') from None
         return
     if not 0.0 < options.extent <= 2.0:
         raise DataError(f'extent is {options.extent:g} m, expected more than 0 and at most 2')

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros import plots
-from gdmp_ros.demo.report import Run, tracking_errors
+from gdmp_ros.demo.report import tracking_errors
+from gdmp_ros.files.runs import Run
 
 
 def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,

@@ -2,82 +2,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gdmp_ros.errors import DataError
-from gdmp_ros.files.bags import opened
+from gdmp_ros.files.runs import Run
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
-REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
 #: Largest change of a joint torque per 1 ms tick [Nm].
 TORQUE_RATE = 1.0
-
-
-@dataclass(frozen=True)
-class Run:
-    """
-    The two 1 kHz topics of a bag as arrays; stamps in ns, poses (x, y, z, qw, qx, qy, qz).
-    """
-
-    reference_stamps: np.ndarray
-    sequences: np.ndarray
-    references: np.ndarray
-    reference_stiffness: np.ndarray
-    moving: np.ndarray
-    state_stamps: np.ndarray
-    applied: np.ndarray
-    poses: np.ndarray
-    stiffness: np.ndarray
-    joints: np.ndarray
-    torques: np.ndarray
-
-
-def read(bag: Path) -> Run:
-    """
-    Read a recorded run.
-
-    :raises DataError: if a topic is missing or empty
-    """
-    references: list[Any] = []
-    states: list[Any] = []
-    with opened(bag) as reader:
-        for connection, _, raw in reader.messages():
-            message: Any = reader.deserialize(raw, connection.msgtype)
-            {REFERENCE_TOPIC: references, STATE_TOPIC: states}.get(connection.topic, []).append(
-                message)
-    for topic, messages in ((REFERENCE_TOPIC, references), (STATE_TOPIC, states)):
-        if not messages:
-            raise DataError(f'{bag}: nothing was recorded on {topic}')
-    return Run(
-        reference_stamps=_stamps(references), sequences=_column(references, lambda m: m.sequence),
-        references=_column(references, _pose),
-        reference_stiffness=_column(references, lambda m: m.stiffness),
-        moving=_column(references, _speed) > 0.0, state_stamps=_stamps(states),
-        applied=_column(states, lambda m: m.sequence), poses=_column(states, _pose),
-        stiffness=_column(states, lambda m: m.stiffness),
-        joints=_column(states, lambda m: m.position), torques=_column(states, lambda m: m.torque))
-
-
-def _column(messages: list[Any], get: Any) -> np.ndarray:
-    return np.array([get(message) for message in messages])
-
-
-def _stamps(messages: list[Any]) -> np.ndarray:
-    return np.array([m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
-                     for m in messages], dtype=np.int64)
-
-
-def _pose(message: Any) -> list[float]:
-    p, q = message.pose.position, message.pose.orientation
-    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
-
-
-def _speed(message: Any) -> float:
-    v, w = message.twist.linear, message.twist.angular
-    return float(np.abs([v.x, v.y, v.z, w.x, w.y, w.z]).max())
 
 
 def lost(run: Run) -> int:

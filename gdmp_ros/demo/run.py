@@ -17,13 +17,13 @@ import psutil
 from gdmp_ros import __version__
 from gdmp_ros.cli.record import EPOCH_NS
 from gdmp_ros.demo import pictures, report
-from gdmp_ros.demo.session import pause, session
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.files import lasa, recordings
+from gdmp_ros.files import lasa, recordings, runs
 from gdmp_ros.files.bags import NS
 from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros.nodes.session import pause, session
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
@@ -83,7 +83,7 @@ def run_demo(folder: Path, name: str) -> int:
     finally:
         domain.release()
     print('reading the recorded bag')
-    run = report.read(folder / 'run')
+    run = runs.read(folder / 'run')
     document = _report(folder, run, timeline, switch, cpu)
     document['learning'] = {'mean_relative_error': error, 'demonstration': bags[0].name}
     (folder / 'report.json').write_text(json.dumps(document, indent=1) + '\n')
@@ -175,7 +175,7 @@ def _micros(figures: Punctuality) -> dict[str, float]:
     return {'p50': figures.p50_us, 'p99': figures.p99_us, 'max': figures.max_us}
 
 
-def _report(folder: Path, run: report.Run, timeline: Timeline, switch: Switch,
+def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch,
             cpu: dict[str, float]) -> dict[str, Any]:
     from gdmp_ros.sim.panda import Arm
     server = punctuality_of(_window(folder, 'server', timeline), PERIOD_NS)
@@ -199,7 +199,7 @@ def _report(folder: Path, run: report.Run, timeline: Timeline, switch: Switch,
     }
 
 
-def _draw(folder: Path, run: report.Run, timeline: Timeline, document: dict[str, Any]) -> None:
+def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, Any]) -> None:
     lateness = {'trajectory_server': _window(folder, 'server', timeline)[:, 1] * 1e-3,
                 'panda_sim': _window(folder, 'sim', timeline)[:, 1] * 1e-3,
                 'bare sleeping loop': _window(folder, 'bare', timeline)[:, 1] * 1e-3}

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
+from gdmp_ros.control.manipulability import manipulability as jacobian_ellipsoid
 from gdmp_ros.control.planar import PlanarArm
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import DataError
@@ -48,15 +48,19 @@ def strokes(path: Path) -> list[Stroke]:
     try:
         shown = loadmat(str(path))['demos'].reshape(-1)
         positions = [np.array(d['pos'][0, 0], dtype=float) for d in shown]
-    except (OSError, ValueError, KeyError, IndexError, TypeError, NotImplementedError,
-            MatReadError) as error:
+    except Exception as error:  # a damaged file fails in scipy, zlib or struct, in many ways
         raise DataError(f'{path}: not a letter of the data set (demos{{n}}.pos is expected): '
                         f'{error}') from None
+    if not positions:
+        raise DataError(f'{path}: the file has no demonstrations')
     result = []
     for number, position in enumerate(positions, 1):
         if position.ndim != 2 or position.shape[0] != 2 or position.shape[1] < 3:
             raise DataError(f'{path}: demonstration {number} has shape {position.shape}, '
                             'expected 2 × samples')
+        if not np.isfinite(position).all() or not np.ptp(position, axis=1).any():
+            raise DataError(f'{path}: demonstration {number} has NaN or infinite positions, or '
+                            'never moves')
         result.append(Stroke(DT_S * np.arange(position.shape[1]), position.T))
     return result
 
@@ -86,6 +90,5 @@ def manipulability(stroke: Stroke) -> Demonstration:
     path[:, 0] += NEAREST + radius
     matrices = []
     for q in ARM.follow(path, POSTURE):
-        jacobian = ARM.jacobian(q)
-        matrices.append(jacobian @ jacobian.T)
+        matrices.append(jacobian_ellipsoid(ARM.jacobian(q)))
     return Demonstration(stroke.times, np.array(matrices), SymmetricPositiveDefinite(2))

@@ -1,6 +1,7 @@
 """Every method on every data set it can handle, in one table."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,37 +10,51 @@ from gdmp_ros import plots
 from gdmp_ros.bench import measure
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.development import distances
-from gdmp_ros.files import lasa
+from gdmp_ros.dmp.evaluation import mean_distance
+from gdmp_ros.files import lasa, letters
+from gdmp_ros.files.lasa import COVARIANCES
 from gdmp_ros.paper.baselines import Baseline, METHODS
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.paper.fig4 import shown as quaternion_example
 from gdmp_ros.paper.fig5 import step_time
+from gdmp_ros.paper.table1 import off_the_space
 from gdmp_ros.parallel import mapped
 from gdmp_ros.terminal import table
 
-CLAIM = ('G-DMP alone handles every space without leaving it; it starts as calmly as the others, '
-         'reaches a switched goal, and its error is what 60 basis functions leave.')
+CLAIM = ('G-DMP handles every data set without leaving its space; it starts as calmly as the '
+         'others, reaches a switched goal, and its error is of the size that 60 basis functions '
+         'leave.')
 SOURCE = '[GDMP] sections 2, 5.2, 5.3'
-COVARIANCES, EXAMPLE = 'SPD2 covariances', 'S3 of Fig. 4'
+EXAMPLE, TOOL, LETTERS = 'S3 of Fig. 4', 'pose and stiffness', 'letters '
 FIGURES = ('error', 'violation', 'jump', 'left')
 #: Part of a motion in which a jump is looked for; when the goal is switched; end; how far it goes.
 START, SWITCH, END, FAR = 0.05, 0.5, 2.0, 0.3
+#: A jump below this part of the largest velocity is none.
+CALM = 0.01
 
 
-def data_sets() -> list[tuple[str, str]]:
-    """Data set and class; the first demonstration of each."""
-    mapped_sets = [(mapping, name) for mapping in (*lasa.MAPPINGS, COVARIANCES)
-                   for name in lasa.CLASSES]
-    return [*mapped_sets, (EXAMPLE, '')]
+def data_sets(folder: Path | None) -> list[tuple[str, str]]:
+    """
+    Data set and class, of which the first demonstration is taken.
+
+    :param folder: of 2D-Letters, None where there is none
+    """
+    found = letters.files(folder) if folder else []
+    return [*((mapping, name) for mapping in (*lasa.MAPPINGS, COVARIANCES, TOOL)
+              for name in lasa.CLASSES), (EXAMPLE, ''),
+            *((LETTERS + mapping, str(path)) for mapping in lasa.MAPPINGS for path in found)]
 
 
 def demonstration(data_set: str, name: str) -> Demonstration:
     """Load one, uniform in time."""
     if data_set == EXAMPLE:
         return quaternion_example()
-    if data_set == COVARIANCES:
-        return lasa.covariance_profile(name).uniform()
-    return lasa.riemannian(lasa.strokes(name)[0], data_set).uniform()
+    if data_set == TOOL:
+        return lasa.robot_demonstrations(name)[0].uniform()
+    if data_set.startswith(LETTERS):
+        stroke = letters.strokes(Path(name))[0]
+        return letters.on_manifold(stroke, data_set.removeprefix(LETTERS)).uniform()
+    return lasa.data_set(name, data_set)[0].uniform()
 
 
 def examine(task: tuple[str, str]) -> dict[str, list[float]]:
@@ -52,18 +67,12 @@ def _figures(method: Baseline, shown: Demonstration) -> list[float]:
     manifold, cycles = shown.manifold, len(shown.times) - 1
     points, raw = method.rollout(cycles)
     span = shown.span()
-    error = float(distances(manifold, points, shown.flat_points).mean()) / span
-    violation = max(_violation(manifold, point) for point in raw[::10])
+    error = mean_distance(distances(manifold, points, shown.flat_points)) / span
+    violation = max(off_the_space(manifold, point) for point in raw[::10])
     goal = _new_goal(shown)
     switched, _ = method.rollout(round(END * cycles), goal, round(SWITCH * cycles))
     left = manifold.distance(switched[-1].reshape(manifold.point_shape), goal) / (FAR * span)
     return [error, violation, _jump(points, shown), left]
-
-
-def _violation(manifold: Any, point: np.ndarray) -> float:
-    """How far the numbers are from a point of the space."""
-    matrix = point.reshape(manifold.point_shape)
-    return float(np.linalg.norm(matrix - manifold.project(matrix)))
 
 
 def _new_goal(shown: Demonstration) -> np.ndarray:
@@ -89,13 +98,14 @@ def _jump(points: np.ndarray, shown: Demonstration) -> float:
 
 def run(settings: Settings) -> Data:
     """Mean of `FIGURES`, and step time, for each data set and method."""
+    everything = data_sets(settings.letters)
     done = mapped('methods on data sets', examine,
-                  {f'{s} {name}': (s, name) for s, name in data_sets()}, settings.jobs)
-    sets = list(dict.fromkeys(s for s, _ in data_sets()))
+                  {f'{s} {name}': (s, name) for s, name in everything}, settings.jobs)
+    sets = list(dict.fromkeys(s for s, _ in everything))
     labels, values, spread = [], [], []
     for data_set in sets:
-        results = [done[f'{s} {name}'] for s, name in data_sets() if s == data_set]
-        shown = demonstration(data_set, 'GShape')
+        results = [done[f'{s} {name}'] for s, name in everything if s == data_set]
+        shown = demonstration(*next(task for task in everything if task[0] == data_set))
         for method in METHODS:
             if method.name not in results[0]:
                 continue
@@ -124,7 +134,7 @@ def _is_ours(data: Data) -> np.ndarray:
 
 
 def verdict(data: Data) -> Verdict:
-    """Ours on every set: on the space, calm, at the new goal, as accurate as the others."""
+    """Ours on every set: on the space, as calm as the others, at the new goal, exact."""
     heads, *lines = rows(data)
     table('every method on every data set', heads, lines)
     values, ours = data['values'], data['method'] == 'G-DMP parallel'
@@ -141,14 +151,18 @@ def verdict(data: Data) -> Verdict:
         'ours_most_left_of_a_goal_switch': values[ours, 3].max(),
         'table': {f'{line[0]} / {line[1]}': ', '.join(
             f'{head} {cell}' for head, cell in zip(heads[2:], line[2:])) for line in lines}}
+    calm = all(values[ours & (data['data_set'] == s), 2][0] <= max(
+        CALM, 1.1 * values[(data['data_set'] == s) & ~_is_ours(data), 2].min()) for s in sets)
     holds = (len(sets) == len(set(data['data_set'])) and values[ours, 1].max() < 1e-9
-             and values[ours, 3].max() < 1e-2 and values[ours, 0].max() < 5e-4
-             and values[ours, 2].max() < 0.05)
+             and values[ours, 3].max() < 1e-2 and values[ours, 0].max() < 5e-4 and calm)
     return Verdict(bool(holds), measured, (
-        'Errors and jumps are means over 30 classes. Every other method steps by Euler at the '
+        'Errors and jumps are means over the classes. Every other method steps by Euler at the '
         'spacing of its demonstration, with derivatives matched to that: on this grid it has no '
-        'error of discretisation. A step is one control cycle of 1 ms; all methods are compiled, '
-        'the projection of [4] is not. [4] leaves curved spaces and is projected back.'))
+        'error of discretisation, and is a little more exact than ours (several times on '
+        'covariances and on the slow curve of Fig. 4, where both are small). What is left of a '
+        'switched goal is more for them because their forcing term fades with the phase alone, '
+        'ours faster after the end. A step is one control cycle of 1 ms; all methods are '
+        'compiled, the projection of [4] is not. [4] leaves curved spaces and is projected back.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gdmp_ros.manifolds import SymmetricPositiveDefinite
+
 #: In the paper's order; two that it claims without a figure of its own at the end.
 IDS = ('fig2', 'fig3', 'letters', 'fig4', 'fig5', 'baselines', 'fig6', 'fig7', 'fig8', 'fig9',
        'fig10', 'fig11', 'fig12', 'table1', 'theorem1')
@@ -34,6 +36,13 @@ class Settings:
 def minimum_jerk(t: Any) -> Any:
     """Give ``10 t³ - 15 t⁴ + 6 t⁵``: from 0 to 1, at rest at both ends; also of an array."""
     return t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
+
+
+def spd_distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Geodesic distances between positive definite matrices, shape ``(T, m, m)`` each."""
+    spd = SymmetricPositiveDefinite(first.shape[-1])
+    return np.array([spd.distance(np.ascontiguousarray(a), np.ascontiguousarray(b))
+                     for a, b in zip(first, second)])
 
 
 class Verdict(NamedTuple):

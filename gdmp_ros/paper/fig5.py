@@ -92,14 +92,16 @@ def verdict(data: Data) -> Verdict:
                 'step_[9]_us': 1e6 * float(data['step_log_error']),
                 'step_classical_renormalised_us': 1e6 * float(data['step_classical'])}
     peak = np.linalg.norm(angular_velocity(data['shown']), axis=1).max()
-    holds = (jumps['ours'] < 0.01 * peak and jumps['shorter'] > 10.0 * jumps['ours']
+    in_time = max(float(data['step_ours']), float(data['step_log_error'])) < 1e-3
+    holds = (in_time and jumps['ours'] < 0.01 * peak and jumps['shorter'] > 10.0 * jumps['ours']
              and mean['ours'] <= 1.3 * mean['same'])
     return Verdict(bool(holds), measured, (
         'Start and goal are 190.7° apart. A logarithm that takes the shorter way round makes e '
         'jump when the motion passes 180°, just after its start, and [9] jumps with it; with the '
         'logarithm of [GDMP] eq. (A.5), which reaches 360°, [9] does not jump. Derivatives '
-        'matched to Euler on its own grid make [9] a little more exact than ours on that grid, '
-        'and less on any other.'))
+        'matched to Euler leave [9] no error of discretisation on the grid of the demonstration: '
+        'there its error is a third of ours, both far below what 10 ms of backward differences '
+        'cost.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

@@ -11,13 +11,13 @@ from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
-from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, Settings, spd_distances, Verdict
 
 CLAIM = ('On R² × SPD(2), a “C” and its manipulability, shown by a planar arm with three joints, '
          'are reproduced; an arm with five joints follows both, the second in its null space.')
 SOURCE = '[GDMP] Fig. 8, section 5.4, eqs. (35) to (38)'
-SPD2 = SymmetricPositiveDefinite(2)
-SPACE = Product(Euclidean(2), SPD2, names=('position', 'manipulability'))
+SPACE = Product(Euclidean(2), SymmetricPositiveDefinite(2),
+                names=('position', 'manipulability'))
 #: Links of the two arms, postures to begin with, height of the letter and where its middle is [m].
 TEACHER, PUPIL = [0.35] * 3, [0.4, 0.3, 0.2, 0.2, 0.2]
 TEACHER_POSTURE, PUPIL_POSTURE = [-0.9, 1.3, 0.9], [-1.2, 1.4, 0.2, 1.6, -1.4]
@@ -88,9 +88,8 @@ def run(settings: Settings) -> Data:
 
 
 def distances(wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Geodesic distance of the manipulabilities, point by point."""
-    return np.array([SPD2.distance(a[2:].reshape(2, 2), b[2:].reshape(2, 2))
-                     for a, b in zip(wanted[::10], measured[::10])])
+    """Geodesic distance of the manipulabilities, every 10 ms."""
+    return spd_distances(*(points[::10, 2:].reshape(-1, 2, 2) for points in (wanted, measured)))
 
 
 def verdict(data: Data) -> Verdict:

@@ -38,7 +38,9 @@ def run(settings: Settings) -> Data:
                                          for mapping in lasa.MAPPINGS for path in found},
                   settings.jobs)
     most = max(len(result[0]) for result in done.values())
-    data: Data = {'letters': np.array([path.stem for path in found])}
+    count = sum(len(letters.strokes(path)) for path in found)
+    data: Data = {'letters': np.array([path.stem for path in found]),
+                  'expected': np.full(len(lasa.MAPPINGS), count)}
     for mapping in lasa.MAPPINGS:
         for i, connection in enumerate(CONNECTIONS):
             rows = [done[f'{path.stem} {mapping}'][i] for path in found]
@@ -56,10 +58,12 @@ def verdict(data: Data) -> Verdict:
                        f'{letters.ADDRESS}. Name its folder by --letters or GDMP_LETTERS.')
     found = tuple(str(name) for name in data['letters'])
     result = judged(data, dict.fromkeys(lasa.MAPPINGS, LIMIT), found, ('parallel',))
+    published = result.measured['SPD2_published_mean']
     return Verdict(result.holds, {'files': len(found), 'letters': ' '.join(found),
                                   **result.measured},
                    f'{len(found)} of 26 letters were found. Held against the limit are the '
-                   'parallel frames; as published, manipulability is followed less exactly.')
+                   'parallel frames; as published, manipulability is followed less exactly '
+                   f'({published:.1e} of the span).')
 
 
 def draw(data: Data) -> dict[str, Any]:

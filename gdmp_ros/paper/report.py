@@ -2,13 +2,15 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import importlib
 import json
 import math
 import os
 from pathlib import Path
 import time
+import traceback
 from typing import Any
 
 import jinja2
@@ -34,21 +36,24 @@ def run(ids: Sequence[str], settings: Settings) -> bool:
     :raises DataError: if the folder cannot be written
     """
     folder = settings.folder
-    try:
+    with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         entries = _earlier(folder)
-        if not any(compilation.cache_folder().rglob('*.nbi')):
-            print('compiling the kernels first, once: about a minute and a half', flush=True)
-        for number, name in enumerate(ids, 1):
-            print(f'[{number}/{len(ids)}] {name} …', flush=True)
-            begun = time.monotonic()
-            entries[name] = _tried(name, settings)
-            entries[name]['seconds'] = round(time.monotonic() - begun, 1)
+    if not any(compilation.cache_folder().rglob('*.nbi')):
+        print('compiling the kernels first, once: about a minute and a half', flush=True)
+    for number, name in enumerate(ids, 1):
+        print(f'[{number}/{len(ids)}] {name} …', flush=True)
+        with _writing(folder):
+            # What an earlier run said does not outlive an interrupted one.
+            if entries.pop(name, None):
+                _write(folder, entries)
+        begun = time.monotonic()
+        entries[name] = _tried(name, settings)
+        entries[name]['seconds'] = round(time.monotonic() - begun, 1)
+        with _writing(folder):
             _write(folder, entries)
-            print(f'    {_word(entries[name]["holds"])} in {entries[name]["seconds"]:.0f} s: '
-                  f'{_short(entries[name]["measured"]) or entries[name]["notes"]}', flush=True)
-    except OSError as error:
-        raise DataError(f'{folder}: cannot write the report: {error.strerror}') from None
+        print(f'    {_word(entries[name]["holds"])} in {entries[name]["seconds"]:.0f} s: '
+              f'{_short(entries[name]["measured"]) or entries[name]["notes"]}', flush=True)
     table('the paper, reproduced', ['', 'holds', 'measured'],
           [[name, _word(entries[name]['holds']), _short(entries[name]['measured'])]
            for name in ids])
@@ -67,6 +72,14 @@ def module(name: str) -> Any:
     return importlib.import_module(f'gdmp_ros.paper.{_MODULES.get(name, name)}')
 
 
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f'{folder}: cannot write the report: {error.strerror}') from None
+
+
 def _tried(name: str, settings: Settings) -> dict[str, Any]:
     """An experiment's entry; one that cannot be run fails, and says why."""
     experiment = module(name)
@@ -77,6 +90,9 @@ def _tried(name: str, settings: Settings) -> dict[str, Any]:
         reason = f'{error.name} is missing, it comes with {extra}'
     except GdmpError as error:
         reason = str(error)
+    except Exception as error:  # the other experiments go on, whatever happened in this one
+        traceback.print_exc()
+        reason = f'{type(error).__name__}: {error}'
     return {'holds': False, 'figures': [], 'claim': experiment.CLAIM, 'measured': {},
             'source': experiment.SOURCE, 'notes': f'could not be run: {reason}'}
 

@@ -69,18 +69,15 @@ def cell(row: str, column: str) -> tuple[bool, float, float]:
             points, raw = kind(shown).rollout(len(shown.times) - 1)
             error = float(np.linalg.norm(distances(shown.manifold, points, shown.flat_points),
                                          axis=1).mean()) / shown.span()
-            off = max(_off(shown.manifold, point) for point in raw)
+            off = max(off_the_space(shown.manifold, point) for point in raw)
             return bool(error < EXACT and off < ON_IT), error, off
     return False, float('nan'), float('nan')
 
 
-def _off(manifold: Manifold, point: np.ndarray) -> float:
-    if isinstance(manifold, Product):
-        shaped = manifold.split(point)
-        return max(float(np.linalg.norm(part - factor.project(part)))
-                   for factor, part in zip(manifold.factors, shaped))
-    part = point.reshape(manifold.point_shape)
-    return float(np.linalg.norm(part - manifold.project(part)))
+def off_the_space(manifold: Manifold, point: np.ndarray) -> float:
+    """How far the numbers of a flat point are from the nearest point of the space."""
+    shaped = point.reshape(manifold.point_shape)
+    return float(np.linalg.norm(shaped - manifold.project(shaped)))
 
 
 def run(settings: Settings) -> Data:
@@ -108,9 +105,11 @@ def verdict(data: Data) -> Verdict:
     holds = bool(data['handles'][ours].all() and (data['handles'] | ~data['marked']).all()
                  and set(differing) <= {'[4, 7] Ijspeert on SPD(m)'})
     return Verdict(holds, measured, (
-        'The classical primitive happens to stay inside the cone on a mild SPD trajectory '
-        '(symmetry is linear); nothing keeps it there. [19] merges primitives; each of its is '
-        'that of [17].'))
+        'A method is tried where it was made for the space; elsewhere its cell is “-” by '
+        'definition: its equations do not exist there. [4] can be written down everywhere and is '
+        'tried everywhere. It happens to stay inside the cone on a mild SPD trajectory (symmetry '
+        'is linear); nothing keeps it there. [19] merges primitives; each of '
+        'its is that of [17].'))
 
 
 def draw(data: Data) -> dict[str, Any]:

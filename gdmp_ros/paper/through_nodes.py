@@ -8,6 +8,7 @@ import numpy as np
 
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.files import runs
 from gdmp_ros.paper.experiment import Data
 
 #: Recorded after the motion has ended [s].
@@ -24,8 +25,7 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
     :returns: reference, pose, stiffness, joints, height of the lip and contacts with the tray
     :raises GdmpError: if the motion does not end well
     """
-    from gdmp_ros.demo import report
-    from gdmp_ros.demo.session import pause, session
+    from gdmp_ros.nodes.session import pause, session
     from gdmp_ros.realtime.domain import Domain
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -43,7 +43,7 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
         domain.release()
     if result.error_code != result.SUCCESSFUL:
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
-    run = report.read(folder / 'run')
+    run = runs.read(folder / 'run')
     begins = int(np.searchsorted(run.state_stamps,
                                  run.reference_stamps[int(np.argmax(run.moving))]))
     at = np.searchsorted(run.sequences, run.applied[begins:])

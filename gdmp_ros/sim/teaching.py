@@ -116,12 +116,10 @@ def demonstrate(arm: Arm, body: str, hand: Hand, timing: Timing,
 
 
 def _lead(arm: Arm, led: int, hand: Hand, progress: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity of the led body, and the hand's wrench on it in the base frame."""
+    """Velocity of the led body's middle, and the hand's wrench on it in the base frame."""
     data, six = arm.data, np.zeros(6)
     mujoco.mj_objectVelocity(arm.model, data, mujoco.mjtObj.mjOBJ_BODY, led, six, 0)
     velocity, turning = six[3:].copy(), six[:3].copy()
-    # Of the frame's origin; the hand holds the middle.
-    velocity += np.cross(turning, data.xipos[led] - data.xpos[led])
     wanted = hand.intends(progress)
     force = (hand.stiffness(progress) @ (wanted[:3] - data.xipos[led])
              - hand.damping * velocity)

@@ -48,6 +48,13 @@ class ForceRecords:
             if getattr(self, name).shape != shape:
                 raise DataError(f'force records: {name} have shape {getattr(self, name).shape}, '
                                 f'expected {shape} as the positions')
+        for name in ('positions', 'velocities', 'accelerations', 'forces'):
+            if not np.isfinite(getattr(self, name)).all():
+                raise DataError(f'force records: {name} have NaN or infinite numbers (was there a '
+                                'force sensor?)')
+        if not _deviation(self.positions).any(axis=(0, 2)).all():
+            raise DataError('force records: the demonstrations do not differ, so their forces say '
+                            'nothing about stiffness')
 
 
 def force_stiffness(records: ForceRecords, mass: float, damping: float, window: float = 0.8,

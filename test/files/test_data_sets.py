@@ -9,18 +9,20 @@ from gdmp_ros.files import lasa, letters
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 
-def letter(folder, name, shapes=((2, 200), (2, 200))):
+def letter(folder, name, shapes=((2, 200), (2, 200)), still=False):
     """Write a file with the fields of the public data set."""
     rng = np.random.default_rng(3)
     demos = np.empty((1, len(shapes)), dtype=object)
     for i, shape in enumerate(shapes):
         t = np.linspace(0.0, 1.0, shape[1])
         pos = 6.0 * np.array([np.cos(3.0 * t + 0.1 * rng.random()), np.sin(3.0 * t)])[:shape[0]]
+        if still:
+            pos[:] = 1.0
         one = np.empty((1, 1), dtype=[(n, object) for n in ('pos', 'vel', 'acc')])
         one[0, 0] = (pos, pos, pos)
         demos[0, i] = one
     path = folder / f'{name}.mat'
-    savemat(str(path), {'demos': demos})
+    savemat(str(path), {'demos': demos}, do_compression=True)
     return path
 
 
@@ -47,6 +49,10 @@ def test_the_riemannian_data_set_is_written_as_archives(tmp_path, capsys):
         assert np.array_equal(found['points_7'], expected)
     assert main(words) == 1 and 'exists already' in capsys.readouterr().err
     assert main([*words, '--force']) == 0
+    (tmp_path / 'file').touch()
+    assert main([*words[:-1], str(tmp_path / 'file')]) == 1
+    (tmp_path / 'file').unlink()
+    assert main(['record', 'lasa', 'Elephant', '--manifold', 'R2', '-o', str(tmp_path)]) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ['Line_SO3.npz']
 
 
@@ -75,4 +81,15 @@ def test_what_is_no_letter_is_refused(tmp_path):
         letters.strokes(tmp_path / 'B.mat')
     with pytest.raises(DataError, match='demonstration 2 has shape'):
         letters.strokes(letter(tmp_path, 'C', ((2, 200), (1, 200))))
+    damaged = letter(tmp_path, 'D')
+    raw = bytearray(damaged.read_bytes())
+    raw[200:260] = bytes(60)
+    damaged.write_bytes(bytes(raw))
+    with pytest.raises(DataError, match='D.mat'):
+        letters.strokes(damaged)
+    savemat(str(tmp_path / 'E.mat'), {'demos': np.empty((1, 0), dtype=object)})
+    with pytest.raises(DataError, match='no demonstrations'):
+        letters.strokes(tmp_path / 'E.mat')
+    with pytest.raises(DataError, match='F.mat: demonstration 1.*never moves'):
+        letters.strokes(letter(tmp_path, 'F', still=True))
     assert main(['paper', 'letters', '--letters', str(tmp_path / 'nowhere')]) == 1

@@ -9,9 +9,9 @@ import pytest
 from rclpy.node import Node
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.demo.operator import Operator
 from gdmp_ros.files import lasa
 from gdmp_ros.nodes.managed import PolledGroup, reliable, take
+from gdmp_ros.nodes.operator import Operator
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 

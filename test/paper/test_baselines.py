@@ -21,6 +21,7 @@ from gdmp_ros.paper.baselines import (
 )
 from gdmp_ros.paper.fig4 import shown as quaternion_example
 from gdmp_ros.paper.table1 import cell, COLUMNS, ROWS
+from gdmp_ros.paper.theorem1 import pulled
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
 MADE_FOR = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),
@@ -54,11 +55,35 @@ def test_methods_refuse_spaces_they_were_not_made_for(kind):
             kind(shown)
 
 
-def test_explicit_transport_moves_as_the_parallel_frame_does():
-    """Transport along the path is the same covariant system: only the discretisation differs."""
-    shown = measure.demonstration(SPD3, 2.0, samples=2000)
-    ours, theirs = (kind(shown).rollout(1999)[0] for kind in (Ours, TransportedAlong))
-    assert distances(SPD3, ours, theirs).max() < 2e-4 * shown.span()
+def test_explicit_transport_moves_as_the_parallel_frame_does(rng):
+    """A free motion, pushed off its geodesic: published derivatives take another way."""
+    start = SPD3.random_point(rng)
+    push = SPD3.random_tangent(start, rng)
+    push *= 20.0 / SPD3.norm(start, push)
+    way = SPD3.random_tangent(start, rng)
+    goal = SPD3.exp(start, 1.5 / SPD3.norm(start, way) * way)
+    times = np.linspace(0.0, 1.0, 4001)
+    shown = Demonstration(times, np.array([SPD3.geodesic(start, goal, t) for t in times]), SPD3)
+    along = TransportedAlong(shown, 10)
+    along._weights[:], along._first_error[:] = 0.0, 0.0
+    along._begin = push.copy()
+    path, _ = along.rollout(4000)
+    paths = {c: pulled(SPD3, start, goal, push, 60.0, c).rollout().sample(times).points
+             for c in ('parallel', 'published')}
+    away = {c: distances(SPD3, points.reshape(4001, -1), path).max()
+            for c, points in paths.items()}
+    assert away['parallel'] < 0.01 * shown.span()
+    assert away['published'] > 3.0 * away['parallel']
+
+
+def test_a_goal_switched_at_the_very_start_is_reached_too():
+    shown = measure.demonstration(S3, 2.0, samples=500)
+    method = LogError(shown)
+    goal = S3.geodesic(shown.points[-1], shown.points[200], 0.3)
+    for dt in (method.dt, 1e-3):
+        points, _ = method.rollout(round(4.0 / dt), goal, 0, dt)
+        assert S3.distance(points[-1], goal) < 1e-3
+        assert S3.distance(points[0], points[1]) < 1e-3
 
 
 def test_backward_differences_cost_accuracy():

@@ -10,7 +10,10 @@ import pytest
 
 from gdmp_ros.paper import (
     fig2,
+    fig3,
     fig4,
+    fig6,
+    fig7,
     fig9,
     fig10,
     fig11,
@@ -19,6 +22,7 @@ from gdmp_ros.paper import (
     letters,
     report,
     Settings,
+    table1,
     theorem1,
 )
 from gdmp_ros.paper.theorem1 import energies, unforced
@@ -40,8 +44,11 @@ def test_every_experiment_has_the_shared_shape():
 def test_the_help_names_every_experiment_and_an_unknown_one_is_refused():
     told = gdmp('paper', '--help').stdout
     assert all(f'\n{name} ' in told for name in IDS)
-    refused = gdmp('paper', 'fig99')
-    assert refused.returncode == 1 and 'expected one of fig2, fig3' in refused.stderr
+    for words in (('fig99',), ('all', 'fig99')):
+        refused = gdmp('paper', *words)
+        assert refused.returncode == 1 and 'expected one of fig2, fig3' in refused.stderr
+    assert '--jobs is 0' in gdmp('paper', 'fig2', '--jobs', 0).stderr
+    assert 'fig11 only' in gdmp('paper', 'fig2', '--ros').stderr
 
 
 def test_experiments_write_pictures_data_report_and_page(tmp_path):
@@ -56,7 +63,8 @@ def test_experiments_write_pictures_data_report_and_page(tmp_path):
         with np.load(tmp_path / f'{name}.npz', allow_pickle=False) as data:
             assert len(data.files) > 3
     page = (tmp_path / 'index.html').read_text()
-    assert page.count('data:image/png;base64,') == 2 and 'http' not in page.replace('https', '')
+    assert page.count('data:image/png;base64,') == 2
+    assert 'src="http' not in page and 'href="http' not in page
     # A second run keeps what is there and replaces its own entry only.
     assert gdmp('paper', 'letters', '--out', tmp_path).returncode == 0
     entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
@@ -105,6 +113,44 @@ def test_verdicts_fail_where_the_claim_does():
     assert fig9.verdict(data).holds and fig10.verdict(data).holds
     spoiled = {**data, 'switched_wanted': data['straight_wanted']}
     assert not fig9.verdict(spoiled).holds and not fig10.verdict(spoiled).holds
+
+
+def test_errors_that_are_missing_or_large_are_no_reproduction():
+    good = {'expected': np.array([4, 4])}
+    for mapping in ('R2', 'S3'):
+        for connection in ('parallel', 'published'):
+            good[f'errors_{mapping}_{connection}'] = np.full((2, 2), 5e-5)
+    limits, classes = {'R2': 1e-4, 'S3': 1e-4}, ('a', 'b')
+    assert fig3.judged(good, limits, classes).holds
+    for spoiled in (np.nan, 2e-3):
+        data = {k: v.copy() for k, v in good.items()}
+        data['errors_S3_parallel'][1, 1] = spoiled
+        assert not fig3.judged(data, limits, classes).holds
+
+
+def test_costs_and_distances_are_judged():
+    names = ('parallel', 'published', '[18]', '[18] matched', 'along')
+    good = {f'{kind}_{name}': np.array([1.0 + (name != 'parallel')]) for name in names
+            for kind in ('distance', 'control', 'anew', 'seconds', 'step')}
+    assert fig6.verdict(good).holds
+    for worse in ('distance_parallel', 'control_parallel', 'step_parallel'):
+        assert not fig6.verdict({**good, worse: np.array([3.0])}).holds
+    sizes = np.arange(2, 21)
+    grown = {'m': sizes, **{name: factor * sizes ** 2.5 for name, factor in (
+        ('parallel_us', 1.0), ('published_us', 2.0), ('explicit_us', 3.0), ('along_us', 3.0))}}
+    result = fig7.verdict(grown)
+    assert result.holds
+    assert result.measured['parallel_grows_as_m_to_the'] == pytest.approx(2.5)
+    assert not fig7.verdict({**grown, 'along_us': 0.5 * sizes ** 2.5}).holds
+
+
+def test_a_table_without_a_cell_of_ours_does_not_hold():
+    data = table1.run(Settings())
+    assert table1.verdict(data).holds
+    for at in ((5, 2), (4, 5)):
+        spoiled = data['handles'].copy()
+        spoiled[at] = False
+        assert not table1.verdict({**data, 'handles': spoiled}).holds
 
 
 def test_letters_without_the_data_are_not_tried():

@@ -64,6 +64,12 @@ def test_bad_input_is_refused(rng):
     with pytest.raises(DataError, match='forces have shape'):
         ForceRecords(TIMES, good.positions, good.velocities, good.accelerations,
                      good.forces[:, :5])
+    with pytest.raises(DataError, match='force sensor'):
+        ForceRecords(TIMES, good.positions, good.velocities, good.accelerations,
+                     np.full_like(good.forces, np.nan))
+    with pytest.raises(DataError, match='do not differ'):
+        ForceRecords(TIMES, *(np.repeat(getattr(good, n)[:1], 3, axis=0) for n in (
+            'positions', 'velocities', 'accelerations', 'forces')))
     with pytest.raises(ParameterError, match='window'):
         force_stiffness(good, MASS, DAMPING, window=0.0)
     with pytest.raises(ParameterError, match='k_min < k_max'):

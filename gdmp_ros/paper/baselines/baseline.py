@@ -86,10 +86,11 @@ class Baseline:
             raise ParameterError(f'{self.name} was not made for {shown.manifold!r}')
         self.manifold, self.duration = shown.manifold, shown.duration
         self._shown = np.array(shown.flat_points)
+        self._goal = self._shown[-1].copy()
         self._functions = basis(n_basis, alpha_x)
         self._gains, self._matched = (alpha_z, alpha_x, alpha_g), differences == 'matched'
         self._work = np.empty(4 * work_size(max(2, math.isqrt(shown.manifold.point_size))))
-        self._learn()
+        self.learn()
         self.reset()
 
     @classmethod
@@ -106,8 +107,16 @@ class Baseline:
         """What is left to the goal at each sample, in the method's coordinates."""
         raise NotImplementedError
 
+    def start_error(self) -> np.ndarray:
+        """Give e_0, what is left from the start to the present goal."""
+        raise NotImplementedError
+
     def rates(self) -> np.ndarray:
         """Velocity between neighbouring samples [1/s], in the method's coordinates."""
+        raise NotImplementedError
+
+    def _step(self) -> None:
+        """Let one cycle pass."""
         raise NotImplementedError
 
     def step(self) -> np.ndarray:
@@ -116,7 +125,10 @@ class Baseline:
 
         :returns: the flat point as the method's equations leave it
         """
-        raise NotImplementedError
+        self._step()
+        if self._moving:
+            self._anchor(self.start_error())
+        return np.asarray(self._point)
 
     def output(self, raw: np.ndarray) -> np.ndarray:
         """Give the flat point that a robot would be sent; only [4] has to mend it."""
@@ -126,6 +138,7 @@ class Baseline:
         """Switch to a new goal (shape ``point_shape``)."""
         self._wanted = self.manifold._flat(self.manifold.align(
             goal, self._goal.reshape(self.manifold.point_shape))).copy()
+        self._moving = True
 
     def reset(self, dt: float | None = None) -> None:
         """
@@ -134,7 +147,10 @@ class Baseline:
         :param dt: cycle from now on [s]; the demonstration's spacing by default
         """
         alpha_z, alpha_x, alpha_g = self._gains
-        self._numbers = np.array([0.0, (dt or self.dt) / self.duration, alpha_z, alpha_x, alpha_g])
+        self._cycle_s = dt or self.dt
+        self._numbers = np.array([0.0, self._cycle_s / self.duration, alpha_z, alpha_x, alpha_g])
+        self._moving = False
+        self._anchor(self._first_error)
         self._start, self._point = self._shown[0].copy(), self._shown[0].copy()
         self._goal, self._wanted = self._shown[-1].copy(), self._shown[-1].copy()
         self._velocity = self._begin.copy()
@@ -171,16 +187,22 @@ class Baseline:
         """Carry vectors at the samples to where the weights live."""
         return vectors
 
-    def _learn(self) -> None:
+    def _anchor(self, error: np.ndarray) -> None:
+        """Take e_0 as start term and scale, where the method has them."""
+        self._offset = error.copy() if self.start_term else np.zeros(error.size)
+        self._scale = np.ones(error.size)
+        if self.scaled:
+            self._scale = np.where(np.abs(error) > 1e-9, error, 1e-9)
+
+    def learn(self) -> None:
+        """Learn the weights; done when the method is made."""
         alpha_z, alpha_x, _ = self._gains
         errors, h = self.errors(), self.dt / self.duration
         before, change = self._changes()
         self._begin = before[0].copy()
         s = h * np.arange(len(before))
-        self._offset = errors[0] if self.start_term else np.zeros(errors.shape[1])
-        self._scale = np.ones(errors.shape[1])
-        if self.scaled:
-            self._scale = np.where(np.abs(errors[0]) > 1e-9, errors[0], 1e-9)
+        self._first_error = np.array(errors[0])
+        self._anchor(self._first_error)
         wanted = (change / h + alpha_z * before) / (0.25 * alpha_z * alpha_z)
         target = (self._to_weights(wanted - errors[:-1])
                   + np.exp(-alpha_x * s)[:, None] * self._offset)

@@ -4,7 +4,6 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.compilation import compiled
-from gdmp_ros.manifolds import Product
 from gdmp_ros.paper.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 
 
@@ -39,14 +38,14 @@ class Classical(Baseline):
         """Differences of the numbers."""
         return np.asarray(np.diff(self._shown, axis=0) / self.dt)
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def start_error(self) -> np.ndarray:
+        """Differences of the numbers."""
+        return np.asarray(self._goal - self._start)
+
+    def _step(self) -> None:
         _step(*self._cycle(), self._point, self._goal, self._wanted)
-        return np.asarray(self._point)
 
     def output(self, raw: np.ndarray) -> np.ndarray:
         """Nearest point of the space: unit norm, orthonormal, positive definite."""
         manifold = self.manifold
-        if isinstance(manifold, Product):
-            return raw
         return np.asarray(manifold.project(raw.reshape(manifold.point_shape))).reshape(-1)

@@ -44,18 +44,28 @@ class LogError(Baseline):
         """``-ė`` [rad/s]."""
         return np.asarray(-np.diff(self.errors(), axis=0) / self.dt)
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def start_error(self) -> np.ndarray:
+        """``e`` at the start [rad]."""
+        return np.asarray(2.0 * S3.log(self._start, self._goal))
+
+    def reset(self, dt: float | None = None) -> None:
+        """Go to the start."""
+        super().reset(dt)
+        # Where the motion came from, as it begins.
+        back = S3.log(self._start, self._goal) + 0.5 * self._cycle_s * self._begin / self.duration
+        self._before = S3.exp(self._goal, -back)
+
+    def _step(self) -> None:
         self._before = self._point.copy()
         _step(*self._cycle(), self._point, self._goal, self._work)
-        return np.asarray(self._point)
 
     def retarget(self, goal: np.ndarray) -> None:
         """Take ``e`` and ``ė`` towards the new goal."""
         super().retarget(goal)
         self._goal = self._wanted.copy()
         after, before = (S3.log(q, self._goal) for q in (self._point, self._before))
-        self._velocity = -2.0 * self.duration * (after - before) / self.dt
+        self._velocity = -2.0 * self.duration * (after - before) / self._cycle_s
+        self._anchor(self.start_error())
 
 
 class LogErrorShorter(LogError):
@@ -72,7 +82,6 @@ class LogErrorShorter(LogError):
         goal = self._shown[-1]
         return np.array([2.0 * S3.log(q, S3.align(goal, q)) for q in self._shown])
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def _step(self) -> None:
         self._goal = S3.align(self._goal, self._point)
-        return super().step()
+        super()._step()

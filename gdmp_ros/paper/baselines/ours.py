@@ -15,7 +15,8 @@ class Ours(Baseline):
     spaces = ('euclidean', 'sphere', 'quaternion', 'rotation', 'spd', 'product')
     connection = 'parallel'
 
-    def _learn(self) -> None:
+    def learn(self) -> None:
+        """Learn a skill."""
         shown = Demonstration(self.dt * np.arange(len(self._shown)), self._shown.reshape(
             -1, *self.manifold.point_shape), self.manifold)
         alpha_z, alpha_x, alpha_g = self._gains

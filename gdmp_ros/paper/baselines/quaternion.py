@@ -46,10 +46,12 @@ class UdeQuaternion(Baseline):
         return np.array([2.0 * S3.log(q, after) for q, after
                          in zip(self._shown, self._shown[1:])]) / self.dt
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def start_error(self) -> np.ndarray:
+        """Rotation vector from start to goal [rad]."""
+        return np.asarray(2.0 * S3.log(self._start, self._goal))
+
+    def _step(self) -> None:
         _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
-        return np.asarray(self._point)
 
 
 class AbuDakkaQuaternion(UdeQuaternion):

@@ -54,7 +54,9 @@ class UdeRotation(Baseline):
         matrices = self._shown.reshape(-1, 3, 3)
         return np.array([SO3.log(r, after) for r, after in zip(matrices, matrices[1:])]) / self.dt
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def start_error(self) -> np.ndarray:
+        """Rotation vector from start to goal [rad]."""
+        return SO3.log(self._start.reshape(3, 3), self._goal.reshape(3, 3))
+
+    def _step(self) -> None:
         _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
-        return np.asarray(self._point)

@@ -116,6 +116,11 @@ class _Transported(Baseline):
               self._work)
         return out
 
+    def start_error(self) -> np.ndarray:
+        """Tangent at the start to the goal."""
+        shape = self.manifold.point_shape
+        return self.manifold.log(self._start.reshape(shape), self._goal.reshape(shape))
+
     def _logs(self) -> np.ndarray:
         """Tangents at each sample to the next one."""
         matrices = self._matrices
@@ -146,11 +151,9 @@ class TransportedToStart(_Transported):
         return np.array([self._carried(a, matrices[0], v)
                          for a, v in zip(matrices, self._logs())]) / self.dt
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def _step(self) -> None:
         _step_at_start(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
                        self._start, self._work)
-        return np.asarray(self._point)
 
 
 class TransportedAlong(_Transported):
@@ -183,8 +186,6 @@ class TransportedAlong(_Transported):
         matrices = self._matrices
         return np.array([self._carried(a, matrices[0], v) for a, v in zip(matrices, vectors)])
 
-    def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+    def _step(self) -> None:
         _step_along(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
                     self._start, self._work)
-        return np.asarray(self._point)

@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import time
 from typing import Any
 
-from gdmp_ros.demo import report
+from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.realtime.processes import Children
 
 
@@ -24,7 +25,7 @@ def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, obje
     :raises GdmpError: if something ends early or does not happen in time
     """
     os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
-    from gdmp_ros.demo.operator import Operator
+    from gdmp_ros.nodes.operator import Operator
     print(f'starting simulation and server on DDS domain {environment["ROS_DOMAIN_ID"]}')
     with Children(environment, folder / 'logs') as children:
         children.start_node('panda_sim', 'gdmp_ros.nodes.panda_sim', sim)
@@ -34,8 +35,8 @@ def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, obje
         try:
             operator.wait_status('holding', 120.0)
             children.start('recorder', 'gdmp_ros.nodes.recorder', [
-                str(folder / 'run'), f'{report.REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
-                f'{report.STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
+                str(folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
+                f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
             log = children.log('recorder')
             operator.wait('the recorder', lambda: log.read_text().endswith('recording\n'), 30.0)
             yield operator, children
@@ -46,6 +47,5 @@ def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, obje
 
 def pause(operator: Any, seconds: float) -> None:
     """Let time pass while the operator listens."""
-    import time
     ends = time.monotonic() + seconds
     operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 1.0)
