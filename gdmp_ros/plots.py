@@ -45,9 +45,9 @@ def blank_grid(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figu
     return figure, figure.add_gridspec(rows, columns)
 
 
-def below(axes: Any, columns: int = 4) -> None:
-    """Put the legend under the picture, where it hides nothing."""
-    axes.legend(fontsize=7, ncols=columns, loc='upper center', bbox_to_anchor=(0.5, -0.22))
+def below(axes: Any, gap: float = 0.22) -> None:
+    """Put the legend under the picture, ``gap`` heights of it away, where it hides nothing."""
+    axes.legend(fontsize=7, ncols=4, loc='upper center', bbox_to_anchor=(0.5, -gap))
 
 
 def sphere(axes: Any) -> None:

@@ -63,7 +63,6 @@ def teach() -> Data:
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.scenes import watering
     from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
-    from gdmp_ros.sim.teaching import REST_S as REST
     arm, hand = Arm(watering()), Hand(intention, holding, HAND_DAMPING)
     rng, beginning = np.random.default_rng(11), _beginning(arm)
     columns: dict[str, list[np.ndarray]] = {}
@@ -71,18 +70,21 @@ def teach() -> Data:
         timing = Timing(rng.uniform(9.0, 11.0), rng.uniform(-0.06, 0.06), 3.0)
         arm.reset(beginning)
         taught = demonstrate(arm, 'can', hand, timing, rng)
-        smooth = {'acceleration': savgol_filter(taught.velocities, 61, 2, deriv=1,
-                                                delta=arm.period, axis=0)}
-        begin, end = round(REST / arm.period), len(taught.times) - round(REST / arm.period)
-        at = np.linspace(begin, end - 1, SAMPLES).round().astype(int)
-        for key, values in (('tool', taught.tool), ('positions', taught.positions),
-                            ('velocities', taught.velocities), ('forces', taught.forces),
-                            ('accelerations', smooth['acceleration']),
-                            ('progress', taught.progress), ('joints', taught.joints)):
-            columns.setdefault(key, []).append(values[at])
+        for key, values in _on_normalised_time(taught, arm.period).items():
+            columns.setdefault(key, []).append(values)
         columns.setdefault('durations', []).append(np.array(timing.duration))
     return {'beginning': beginning,
             **{f'taught_{key}': np.array(values) for key, values in columns.items()}}
+
+
+def _on_normalised_time(taught: Any, period: float) -> Data:
+    """`SAMPLES` moments of the motion, without the rest before and after it."""
+    from gdmp_ros.sim.teaching import REST_S as REST
+    begin, end = round(REST / period), len(taught.times) - round(REST / period)
+    at = np.linspace(begin, end - 1, SAMPLES).round().astype(int)
+    accelerations = savgol_filter(taught.velocities, 61, 2, deriv=1, delta=period, axis=0)
+    return {'accelerations': accelerations[at], **{key: getattr(taught, key)[at] for key in (
+        'tool', 'positions', 'velocities', 'forces', 'progress', 'joints')}}
 
 
 def _beginning(arm: Any) -> np.ndarray:

@@ -137,7 +137,7 @@ def draw(data: Data) -> dict[str, Any]:
     panel.set_ylim(bottom=0.0)
     panel.legend(fontsize=7)
     path.legend(fontsize=7, loc='center right')
-    plots.below(time)
+    plots.below(time, 0.5)
     return {'fig8': figure}
 
 

@@ -106,40 +106,53 @@ def verdict(data: Data) -> Verdict:
     return Verdict(bool(holds), measured)
 
 
+#: Length of an ellipse's half axis per N/m: over the path [m], over time [s].
+_OVER_PATH, _OVER_TIME = 5e-5, 6e-4
+
+
 def draw(data: Data) -> dict[str, Any]:
     """Ellipses over the path and over time, and the spring force."""
     figure, grid = plots.blank_grid(5, 2, (11.0, 8.0))
     path, forces, time = (figure.add_subplot(cell) for cell in (grid[:3, 0], grid[:3, 1],
                                                                 grid[3:, :]))
-    end = data['shown_times'][-1]
-    at = np.searchsorted(data['shown_times'], np.linspace(0.0, end, 12))
-    styles = (('shown', 'demonstration', {'color': '0.6', 'lw': 2.6}),
-              ('switched_wanted', 'G-DMP, goal switched', {'color': plots.INK[2], 'lw': 1.3}))
-    for name, label, style in styles:
-        seconds = data['shown_times'] if name == 'shown' else data['times']
-        at = np.minimum(np.searchsorted(seconds, np.linspace(0.0, end, 12)), len(seconds) - 1)
-        chosen = data[name][at]
-        matrices = chosen[:, 2:].reshape(-1, 2, 2)
-        plots.ellipses(path, chosen[:, :2], matrices, 5e-5, label=label, **style)
-        plots.ellipses(time, np.column_stack([seconds[at], 0.0 * at]), matrices, 6e-4,
-                       label=label, **style)
+    _profiles(path, time, data)
+    _switch(path, time, data)
     path.plot(*data['shown'][:, :2].T, color='black', lw=1.0, label='path')
     path.plot(*data['switched_measured'].T, ':', color='black', lw=1.0, label='mass')
-    middle = data['switched_wanted'][round(SWITCH * DURATION / PERIOD)]
-    last = data['switched_wanted'][-1]
-    for axis, scale, centres in ((path, 5e-5, (middle[:2], last[:2])),
-                                 (time, 6e-4, ((SWITCH * DURATION, 0.0), (end, 0.0)))):
-        for point, centre, colour, line, label in (
-                (middle, centres[0], plots.INK[0], '--', 'when the goal is switched'),
-                (last, centres[1], plots.INK[1], '-.', 'new goal')):
-            plots.ellipses(axis, np.array([centre]), point[2:].reshape(1, 2, 2), scale,
-                           color=colour, ls=line, lw=2.0, label=label)
     path.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='0.05 m per 1000 N/m')
-    time.set(xlabel='time [s]', ylabel='stiffness, second axis [N/m / 2500]',
-                   aspect='equal', title='over time')
+    time.set(xlabel='time [s]', ylabel='K, 0.6 s per 1000 N/m [s]', aspect='equal',
+             title='over time')
     plots.series(forces, data['times'], np.column_stack(
         [data['switched_force'], data['straight_force']]),
         ['x', 'y', 'x, not switched', 'y, not switched'], 'spring force [N]')
     path.legend(fontsize=7, loc='upper center', bbox_to_anchor=(0.5, 0.75))
     plots.below(time)
     return {'fig9': figure}
+
+
+def _profiles(path: Any, time: Any, data: Data) -> None:
+    """Twelve ellipses of the demonstration and of the switched reproduction."""
+    end = data['shown_times'][-1]
+    for name, label, style in (
+            ('shown', 'demonstration', {'color': '0.6', 'lw': 2.6}),
+            ('switched_wanted', 'G-DMP, goal switched', {'color': plots.INK[2], 'lw': 1.3})):
+        seconds = data['shown_times'] if name == 'shown' else data['times']
+        at = np.minimum(np.searchsorted(seconds, np.linspace(0.0, end, 12)), len(seconds) - 1)
+        chosen = data[name][at]
+        matrices = chosen[:, 2:].reshape(-1, 2, 2)
+        plots.ellipses(path, chosen[:, :2], matrices, _OVER_PATH, label=label, **style)
+        plots.ellipses(time, np.column_stack([seconds[at], 0.0 * at]), matrices, _OVER_TIME,
+                       label=label, **style)
+
+
+def _switch(path: Any, time: Any, data: Data) -> None:
+    """The ellipses at the switch and at the end."""
+    moments = ((round(SWITCH * DURATION / PERIOD), SWITCH * DURATION, plots.INK[0], '--',
+                'when the goal is switched'),
+               (-1, data['shown_times'][-1], plots.INK[1], '-.', 'new goal'))
+    for row, seconds, colour, line, label in moments:
+        point = data['switched_wanted'][row]
+        for panel, scale, centre in ((path, _OVER_PATH, point[:2]),
+                                     (time, _OVER_TIME, np.array([seconds, 0.0]))):
+            plots.ellipses(panel, centre[None], point[2:].reshape(1, 2, 2), scale, color=colour,
+                           ls=line, lw=2.0, label=label)
