@@ -7,7 +7,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from gdmp_ros import plots
-from gdmp_ros.control.manipulability import manipulability, PositionGains, PositionTarget
+from gdmp_ros.control.manipulability import (
+    manipulability,
+    PositionGains,
+    PositionState,
+    PositionTarget,
+)
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.paper.experiment import (
@@ -71,27 +76,32 @@ def lead(box: int, seed: int) -> Any:
     return demonstrate(arm, 'hand', hand, Timing(DURATION, 0.0, 0.5), np.random.default_rng(seed))
 
 
+def where(state: PositionState) -> np.ndarray:
+    """Position and manipulability of an arm, a point of `SPACE`."""
+    return SPACE.join(state.position, manipulability(state.jacobian))
+
+
+def at_postures(joints: np.ndarray) -> np.ndarray:
+    """Position and manipulability at joint positions, shape ``(T, 7)`` [rad]."""
+    from gdmp_ros.sim.panda import Arm
+    arm, points = Arm(scene()), []
+    for q in joints:
+        arm.reset(q)
+        points.append(where(arm.linear_state()))
+    return np.array(points)
+
+
 def goal(taught: Any) -> np.ndarray:
     """Position and manipulability of an arm that was led into a box."""
-    from gdmp_ros.sim.panda import Arm
-    arm = Arm(scene())
-    arm.reset(taught.joints[-1])
-    seen = arm.linear_state()
-    return SPACE.join(seen.position, manipulability(seen.jacobian))
+    return np.asarray(at_postures(taught.joints[-1:])[0])
 
 
 def learn(taught: Any) -> Demonstration:
     """Position and manipulability from the joints that were recorded."""
-    from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.teaching import REST_S
-    arm, points = Arm(scene()), []
     inside = (taught.times >= REST_S) & (taught.times <= taught.times[-1] - REST_S)
-    for q in taught.joints[inside][::10]:
-        arm.reset(q)
-        seen = arm.linear_state()
-        points.append(SPACE.join(seen.position, manipulability(seen.jacobian)))
-    times = taught.times[inside][::10]
-    return Demonstration(times - times[0], np.array(points), SPACE).smoothed(2.0)
+    times, points = taught.times[inside][::10], at_postures(taught.joints[inside][::10])
+    return Demonstration(times - times[0], points, SPACE).smoothed(2.0)
 
 
 def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
@@ -100,9 +110,7 @@ def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.scenes import touching
     arm = Arm(scene())
-    here = arm.linear_state()
-    rollout = Rollout(skill, start=SPACE.join(here.position, manipulability(here.jacobian)),
-                      speed=0.0)
+    rollout = Rollout(skill, start=where(arm.linear_state()), speed=0.0)
     rollout.set_speed(1.0)
     loop = PositionLoop(arm, PositionGains(STIFFNESS, 1.0, alpha, NULL_DAMPING))
     rows = []
@@ -113,8 +121,7 @@ def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
         position, matrix = SPACE.split(state.point)
         seen = loop.tick(PositionTarget(position, state.velocity[:3], state.acceleration[:3],
                                         np.ascontiguousarray(matrix)))
-        measured = SPACE.join(seen.position, manipulability(seen.jacobian))
-        rows.append((state.point.copy(), measured, arm.data.qpos.copy(),
+        rows.append((state.point.copy(), where(seen), arm.data.qpos.copy(),
                      touching(arm.model, arm.data, 'box')))
     names = ('wanted', 'measured', 'joints', 'contacts')
     return {name: np.array(column) for name, column in zip(names, zip(*rows))}

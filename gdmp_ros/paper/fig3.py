@@ -30,7 +30,11 @@ WORST = 10.0
 
 def errors(task: tuple[str, str]) -> list[list[float]]:
     """Mean error / span of each demonstration of a class, with each connection."""
-    shown = lasa.data_set(*task)
+    return errors_of(lasa.data_set(*task))
+
+
+def errors_of(shown: list[Demonstration]) -> list[list[float]]:
+    """Mean error / span of demonstrations, each learned by itself, with each connection."""
     return [[float(reproduction_error(Skill.learn(d, connection=connection), d)[0])
              for d in shown] for connection in CONNECTIONS]
 
@@ -85,6 +89,7 @@ def judged(data: Data, limits: dict[str, float], classes: tuple[str, ...],
     :param connections: those that are held against it
     """
     sets = list(limits)
+
     def cell(mapping: str, i: int) -> str:
         means = (1e5 * np.nanmean(data[f'errors_{mapping}_{c}'][i]) for c in CONNECTIONS)
         return '{:.1f} ({:.1f})'.format(*means)

@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp import Skill
-from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.files import lasa, letters
 from gdmp_ros.paper.experiment import Data, Settings, Verdict
-from gdmp_ros.paper.fig3 import curves, judged, profiles, spread
+from gdmp_ros.paper.fig3 import curves, errors_of, judged, profiles, spread
 from gdmp_ros.parallel import mapped
 
 CLAIM = ('Every demonstration of the 2D-Letters data set is reproduced on R², S², S³, SO(3) and, '
@@ -24,9 +22,8 @@ LIMIT = 3e-4
 def errors(task: tuple[str, str]) -> list[list[float]]:
     """Mean error / span of each demonstration of a letter, with each connection."""
     path, mapping = task
-    shown = [letters.on_manifold(stroke, mapping) for stroke in letters.strokes(Path(path))]
-    return [[float(reproduction_error(Skill.learn(d, connection=connection), d)[0])
-             for d in shown] for connection in CONNECTIONS]
+    return errors_of([letters.on_manifold(stroke, mapping)
+                      for stroke in letters.strokes(Path(path))])
 
 
 def run(settings: Settings) -> Data:

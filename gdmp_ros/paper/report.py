@@ -84,7 +84,7 @@ def _tried(name: str, settings: Settings) -> dict[str, Any]:
     """An experiment's entry; one that cannot be run fails, and says why."""
     experiment = module(name)
     try:
-        return _one(name, settings)
+        return _one(name, experiment, settings)
     except ModuleNotFoundError as error:
         extra = _EXTRAS.get((error.name or '').partition('.')[0], 'a ROS 2 Jazzy installation')
         reason = f'{error.name} is missing, it comes with {extra}'
@@ -97,8 +97,7 @@ def _tried(name: str, settings: Settings) -> dict[str, Any]:
             'source': experiment.SOURCE, 'notes': f'could not be run: {reason}'}
 
 
-def _one(name: str, settings: Settings) -> dict[str, Any]:
-    experiment = module(name)
+def _one(name: str, experiment: Any, settings: Settings) -> dict[str, Any]:
     for old in _belonging(settings.folder, name):
         old.unlink()
     data: Data = experiment.run(settings)
@@ -108,8 +107,7 @@ def _one(name: str, settings: Settings) -> dict[str, Any]:
         _keep(settings.folder / f'{name}.npz', data)
         for picture, figure in experiment.draw(data).items():
             plots.save(figure, settings.folder / f'{picture}.png')
-        figures = [path.name for path in _belonging(settings.folder, name)
-                   if path.suffix in _PICTURES]
+        figures = [path.name for path in _belonging(settings.folder, name)]
     return {'holds': verdict.holds, 'figures': figures, 'claim': experiment.CLAIM,
             'measured': _plain(verdict.measured), 'source': experiment.SOURCE,
             'notes': verdict.notes}

@@ -9,6 +9,7 @@ from gdmp_ros import plots
 from gdmp_ros.bench import measure
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.development import distances
+from gdmp_ros.dmp.evaluation import mean_distance
 from gdmp_ros.manifolds import (
     Euclidean,
     Manifold,
@@ -67,8 +68,8 @@ def cell(row: str, column: str) -> tuple[bool, float, float]:
     for kind in ROWS[row][0]:
         if kind.handles(shown):
             points, raw = kind(shown).rollout(len(shown.times) - 1)
-            error = float(np.linalg.norm(distances(shown.manifold, points, shown.flat_points),
-                                         axis=1).mean()) / shown.span()
+            away = distances(shown.manifold, points, shown.flat_points)
+            error = mean_distance(away) / shown.span()
             off = max(off_the_space(shown.manifold, point) for point in raw)
             return bool(error < EXACT and off < ON_IT), error, off
     return False, float('nan'), float('nan')
