@@ -18,10 +18,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import lasa, recordings
+from gdmp_ros.files import archives, lasa, recordings
 from gdmp_ros.files.bags import NS, STORAGES
 from gdmp_ros.terminal import progress
 
@@ -89,8 +87,6 @@ def _archives(options: argparse.Namespace) -> None:
             for number, shown in enumerate(lasa.data_set(name, options.manifold), 1):
                 arrays[f'times_{number}'], arrays[f'points_{number}'] = shown.times, shown.points
             options.output.mkdir(parents=True, exist_ok=True)
-            partial = target.with_name(f'.{target.stem}.partial.npz')
-            np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
-            partial.replace(target)
+            archives.write(target, arrays)
             step()
     print(f'wrote {len(names)} archives of {options.manifold}: {next(iter(targets.values()))} …')

@@ -18,6 +18,7 @@ import numpy as np
 
 from gdmp_ros import __version__, compilation, plots
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.files import archives
 from gdmp_ros.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros.terminal import table
 
@@ -104,19 +105,13 @@ def _one(name: str, experiment: Any, settings: Settings) -> dict[str, Any]:
     verdict: Verdict = experiment.verdict(data)
     figures = []
     if data:
-        _keep(settings.folder / f'{name}.npz', data)
+        archives.write(settings.folder / f'{name}.npz', data)
         for picture, figure in experiment.draw(data).items():
             plots.save(figure, settings.folder / f'{picture}.png')
         figures = [path.name for path in _belonging(settings.folder, name)]
     return {'holds': verdict.holds, 'figures': figures, 'claim': experiment.CLAIM,
             'measured': _plain(verdict.measured), 'source': experiment.SOURCE,
             'notes': verdict.notes}
-
-
-def _keep(path: Path, data: Data) -> None:
-    partial = path.with_name(f'.{path.name}')
-    np.savez_compressed(partial, **data)  # type: ignore[arg-type]
-    partial.replace(path)
 
 
 def _belonging(folder: Path, name: str) -> list[Path]:
