@@ -15,9 +15,10 @@ TITLE = 'closed-loop simulation of a Panda, one core, without ROS'
 
 def run(settings: measure.Settings) -> dict[str, Any]:
     """Simulated time over real time: median over the repetitions of one skill from end to end."""
+    from gdmp_ros.control.controller import HOLD_STIFFNESS
     from gdmp_ros.realtime.player import Player
     from gdmp_ros.realtime.tool_skill import PlayerSettings
-    from gdmp_ros.sim.closed_loop import ClosedLoop, HOLD_STIFFNESS
+    from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.panda import Arm
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     loop = ClosedLoop(Arm())
@@ -33,7 +34,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
                 target = player.tick(period)
                 if target is None:
                     continue
-                loop.guard.offer(target.copy(), loop.guard.settings.frame)
+                loop.follow(target)
                 away.append(np.linalg.norm(loop.tick().measurement.pose[:3] - target[:3]))
             seconds = ticks * period
             ratios.append(seconds / (time.perf_counter() - begun))

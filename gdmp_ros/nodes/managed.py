@@ -105,6 +105,11 @@ class ManagedNode(LifecycleNode):
         self._held.append((self.destroy_subscription, made))
         return made
 
+    def publishers(self, topic: str) -> list[str]:
+        """Names of the nodes that publish a topic, as far as they have been discovered."""
+        found = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+        return sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
+
     def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
                     group: CallbackGroup | None = None) -> None:
         """Service ``~/name``."""

@@ -8,22 +8,22 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import Reference, RobotState
 from gdmp_msgs.srv import StepSimulation
 from geometry_msgs.msg import PoseStamped
-import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.impedance import ImpedanceGains
-from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.control.controller import Tick
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.reference import Origin
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take_latest
 from gdmp_ros.nodes.parameters import Parameters
-from gdmp_ros.nodes.sim_parameters import SPECS
+from gdmp_ros.nodes.sim_parameters import controller_settings, SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.sim.closed_loop import ClosedLoop, Tick
+from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.sim.viewer import Viewer
 
@@ -49,19 +49,14 @@ class PandaSim(ManagedNode):
         self._stepped = threading.Event()
         self._sequence = 0
         self._ticks = 0
+        self._said = 0
         self._lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
 
     def configure(self) -> None:
         p = self.parameters
-        gains = ImpedanceGains(position_clip=p.position_clip, rotation_clip=p.rotation_clip,
-                               posture_stiffness=p.posture_stiffness,
-                               posture_damping=p.posture_damping,
-                               feed_forward=1.0 if p.feed_forward else 0.0)
-        guard = GuardSettings(p.frame_id, p.reference_timeout, p.stop_time, p.fade_time)
-        self._loop = ClosedLoop(Arm(p.model, p.tool_site), gains, guard, p.damping_ratio,
-                                p.torque_rate)
+        self._loop = ClosedLoop(Arm(p.model, p.tool_site), controller_settings(p))
         self._loop.tick()  # compiles the control law, or loads it from the cache
         self._loop.reset()
         self._every = max(1, round(1.0 / (p.viewer_rate_hz * self._loop.arm.period)))
@@ -136,9 +131,11 @@ class PandaSim(ManagedNode):
                 return False
             self._steps_wanted -= 1
         message = take_latest(self._reference)
-        if message is not None and self._loop.guard.offer(wire.reference_target(message),
-                                                          message.header.frame_id):
-            self._sequence = message.sequence
+        if message is not None:
+            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+            origin = Origin(message.header.frame_id, (stamp_ns - stamp) / NS, message.sequence)
+            if self._loop.controller.guard.offer(wire.reference_target(message), origin):
+                self._sequence = message.sequence
         tick = self._loop.tick()
         self._publish(tick, stamp_ns)
         if self._paused and self._steps_wanted == 0:
@@ -147,13 +144,13 @@ class PandaSim(ManagedNode):
 
     def _publish(self, tick: Tick, stamp_ns: int) -> None:
         measured = tick.measurement
-        numbers = np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness,
-                                  measured.position, measured.velocity, tick.torque])
-        self._state.publish(self._state_message.bytes(numbers, stamp_ns, self._sequence))
+        self._state.publish(self._state_message.bytes(wire.robot_state_numbers(tick), stamp_ns,
+                                                      self._sequence))
         self._ticks += 1
         if self._ticks % self._every == 0:
             self._pose.publish(self._pose_message.bytes(measured.pose, stamp_ns))
             self._stiffness.publish(self._stiffness_message.bytes(tick.stiffness))
+            self._requested.publish(self._stiffness_message.bytes(tick.requested))
             self._joint_message.header.stamp = wire.stamp_of(stamp_ns)
             self._joint_message.position = measured.position.tolist()
             self._joint_message.velocity = measured.velocity.tolist()
@@ -167,13 +164,15 @@ class PandaSim(ManagedNode):
         self._state = self.add_publisher(RobotState, '~/state', DEEP)
         self._pose = self.add_publisher(PoseStamped, '~/measured_pose', 10)
         self._stiffness = self.add_publisher(Float64MultiArray, '~/applied_stiffness', 10)
+        self._requested = self.add_publisher(Float64MultiArray, '~/requested_stiffness', 10)
         self._joints = self.add_publisher(JointState, 'joint_states', 10)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         if self.parameters.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', 10)
         state, pose = RobotState(), PoseStamped()
         state.header.frame_id = pose.header.frame_id = frame
-        self._state_message = wire.Patched(state, 55 + 3 * len(names), wire.fill_robot_state)
+        self._state_message = wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * len(names),
+                                           wire.fill_robot_state)
         self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
         self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
         self._joint_message = JointState(name=names)
@@ -217,18 +216,29 @@ class PandaSim(ManagedNode):
             raise ParameterError(f'{self._steps_wanted} of {steps} steps were not taken in time')
 
     def _report(self) -> None:
-        guard, bites = self._loop.guard, self._loop.limiter.bites
+        controller = self._loop.controller
+        guard, biting = controller.guard, controller.bites.recent()
         level, text = DiagnosticStatus.OK, 'following' if guard.following else 'holding'
         if self._paused:
             text = 'paused'
+        if biting:
+            level, text = DiagnosticStatus.WARN, f'{text}, limited: {biting}'
+            self.get_logger().warning(f'limited: {biting}', throttle_duration_sec=5.0)
         if self._thread is not None and self._thread.failure is not None:
             level, text = DiagnosticStatus.ERROR, f'simulation failed: {self._thread.failure!r}'
             self.get_logger().error(text, throttle_duration_sec=5.0)
         extra = {'references refused': guard.refused, 'last refusal': guard.last_refusal,
-                 **{f'{name} limit, ticks': count for name, count in bites.items()}}
-        if guard.refused and guard.last_refusal != getattr(self, '_said', ''):
-            self._said = guard.last_refusal
-            self.get_logger().warning(f'reference refused: {guard.last_refusal}')
+                 'energy tank [J]': f'{controller.tank.energy:.3f}',
+                 **{f'{limit.name} limit, ticks': count
+                    for limit, count in zip(LIMITS, controller.bites.ticks)},
+                 **{f'{limit.name} limit, most [{limit.unit}]': f'{most:.3g}'
+                    for limit, most in zip(LIMITS, controller.bites.most)}}
+        if guard.refused != self._said:
+            self._said = guard.refused
+            level = DiagnosticStatus.WARN if level == DiagnosticStatus.OK else level
+            streaming = ', '.join(self.publishers(self.parameters.reference_topic))
+            self.get_logger().warning(f'reference refused: {guard.last_refusal} (published by '
+                                      f'{streaming})', throttle_duration_sec=1.0)
         self._diagnostics.publish(lateness_diagnostics(
             'panda_sim', level, text, self._lateness.punctuality(1000), extra,
             self.get_clock().now().to_msg()))

@@ -1,6 +1,8 @@
 """The reference of a tick on its three topics."""
 from __future__ import annotations
 
+import secrets
+
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -24,7 +26,8 @@ class ReferencePublisher:
         self._whole_message = wire.Patched(reference, TARGET_SIZE, wire.fill_reference)
         self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
         self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
-        self._sequence = 0
+        # Numbers of two publishers never follow each other: who listens can tell them apart.
+        self._sequence = secrets.randbelow(1 << 31) << 30
 
     def publish(self, target: np.ndarray, stamp_ns: int) -> None:
         """

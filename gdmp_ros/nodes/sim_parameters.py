@@ -1,5 +1,13 @@
-"""Parameters of the simulated Panda."""
-from gdmp_ros.nodes.parameters import Spec
+"""Parameters of the simulated Panda, and the settings of its controller made from them."""
+from dataclasses import fields
+from typing import Any
+
+from gdmp_ros.control.controller import ControllerSettings
+from gdmp_ros.control.impedance import ImpedanceGains
+from gdmp_ros.control.limits import LimitSettings
+from gdmp_ros.control.passivity import TankSettings
+from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.nodes.parameters import Parameters, Spec
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
@@ -16,11 +24,47 @@ SPECS = (
     Spec('reference_timeout', 0.1, 'without a reference for this long the arm stops and holds',
          's', 0.005, 10.0),
     Spec('stop_time', 0.3, 'the speed of the last reference fades over this', 's', 0.01, 5.0),
-    Spec('fade_time', 0.5, 'a difference to a stream that appears fades over this', 's', 0.01,
-         10.0),
+    Spec('stamp_tolerance', 0.5, 'largest difference between the stamp of a reference and the '
+         'present time', 's', 0.001, 1e6),
+    Spec('jump_position', 0.05, 'largest step of the references that are being followed', 'm',
+         1e-4, 10.0),
+    Spec('jump_rotation', 0.2, 'the same for their rotation', 'rad', 1e-3, 4.0),
+    Spec('jump_stiffness', 1.0, 'the same for their stiffness: log of its ratio in any direction',
+         low=1e-3, high=100.0),
     Spec('damping_ratio', 0.7, 'while holding without a reference; 1 is critical', low=0.0,
          high=2.0),
+    Spec('torque_share', 1.0, "of the motors' torque limits", low=0.01, high=1.0),
     Spec('torque_rate', 1.0, 'largest change of a joint torque per tick', 'Nm', 0.01, 100.0),
+    Spec('joint_margin', 0.3, 'distance from a joint limit at which repulsion begins', 'rad',
+         1e-3, 1.0),
+    Spec('joint_repulsion', 5.0, 'at the joint limit itself', 'Nm', 0.0, 50.0),
+    Spec('joint_speed', 2.175, 'of every joint; braking begins at nine tenths', 'rad/s', 0.01,
+         20.0),
+    Spec('joint_brake', 20.0, 'damping of a joint that is too fast', 'Nm s/rad', 0.0, 200.0),
+    Spec('speed', 1.7, 'of the reference', 'm/s', 1e-3, 10.0),
+    Spec('turn_speed', 2.5, 'of the reference', 'rad/s', 1e-3, 20.0),
+    Spec('acceleration', 13.0, 'of the reference', 'm/s^2', 0.01, 100.0),
+    Spec('turn_acceleration', 25.0, 'of the reference', 'rad/s^2', 0.01, 200.0),
+    Spec('catch_up_speed', 0.25, 'at which a reference that was interrupted or delayed is caught '
+         'up with', 'm/s', 1e-3, 2.0),
+    Spec('catch_up_turn_speed', 1.0, 'the same for the rotation', 'rad/s', 1e-3, 3.0),
+    Spec('workspace_min', [-1.0, -1.0, 0.0], 'lowest reference position', 'm', -10.0, 10.0),
+    Spec('workspace_max', [1.0, 1.0, 1.3], 'highest reference position', 'm', -10.0, 10.0),
+    Spec('stiffness_min', [1.0, 0.1], 'smallest eigenvalue, translational and rotational',
+         'N/m, Nm/rad', 1e-3, 1e4),
+    Spec('stiffness_max', [5000.0, 500.0], 'largest eigenvalue, translational and rotational',
+         'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_rate', 20.0, 'largest relative change of the stiffness in any direction',
+         '1/s', 0.01, 1000.0),
+    Spec('singularity_start', 0.06, 'smallest singular value of the Jacobian (rotations times '
+         '0.3 m) below which the reference is slowed down on its way to a singularity', 'm', 0.0,
+         1.0),
+    Spec('singularity_stop', 0.015, 'and at which it stops', 'm', 0.0, 1.0),
+    Spec('tank_energy', 5.0, 'energy that may be given away at the start', 'J', 0.0, 1000.0),
+    Spec('tank_capacity', 10.0, 'most that comes back and is kept', 'J', 0.01, 1000.0),
+    Spec('tank_refill', 0.0, 'power that flows into the tank for tasks that do work for ever; '
+         'with 0 the controller is passive', 'W', 0.0, 100.0),
+    Spec('passive', True, 'hold back what the tank has no energy for; otherwise it only meters'),
     Spec('position_clip', 0.1, 'largest position error acted upon', 'm', 0.001, 1.0),
     Spec('rotation_clip', 0.5, 'largest rotation error acted upon', 'rad', 0.01, 3.0),
     Spec('posture_stiffness', 5.0, 'of the posture in the null space', 'Nm/rad', 0.0, 100.0),
@@ -31,3 +75,24 @@ SPECS = (
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )
+
+
+def controller_settings(parameters: Parameters) -> ControllerSettings:
+    """
+    Settings of the controller.
+
+    :raises ParameterError: if two of them contradict each other
+    """
+    p = parameters
+    limits: dict[str, Any] = {}
+    for field in fields(LimitSettings):
+        value = getattr(p, field.name)
+        limits[field.name] = value if isinstance(value, (int, float)) else tuple(value)
+    gains = ImpedanceGains(position_clip=p.position_clip, rotation_clip=p.rotation_clip,
+                           posture_stiffness=p.posture_stiffness,
+                           posture_damping=p.posture_damping,
+                           feed_forward=1.0 if p.feed_forward else 0.0)
+    guard = GuardSettings(p.frame_id, p.reference_timeout, p.stop_time, p.stamp_tolerance,
+                          p.jump_position, p.jump_rotation, p.jump_stiffness)
+    tank = TankSettings(p.tank_energy, p.tank_capacity, p.tank_refill, p.passive)
+    return ControllerSettings(gains, guard, LimitSettings(**limits), tank, p.damping_ratio)

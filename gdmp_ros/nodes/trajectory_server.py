@@ -55,6 +55,8 @@ class TrajectoryServer(ManagedNode):
         self._skill_name = ''
         self._last_tick = 0
         self._polled = 0
+        self._reports = 0
+        self._publishing: list[str] = []
         self._active = False
         self._lateness = LatenessRecorder(1_000_000)
 
@@ -357,6 +359,13 @@ class TrajectoryServer(ManagedNode):
             message.distance_to_goal = player.distances()
         return message
 
+    def _streaming(self) -> list[str]:
+        """Who publishes on this node's topic of references, looked up once a second."""
+        self._reports += 1
+        if self._reports % 10 == 0:
+            self._publishing = self.publishers('~/reference')
+        return self._publishing
+
     def _report(self) -> None:
         figures = self._lateness.punctuality(1000)
         message = self.state(figures)
@@ -370,6 +379,11 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().error(text, throttle_duration_sec=5.0)
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
+        streaming = self._streaming()
+        if len(streaming) > 1:
+            level = max(level, DiagnosticStatus.WARN)
+            text = f'{text}; {len(streaming)} nodes publish references: {", ".join(streaming)}'
+            self.get_logger().warning(text, throttle_duration_sec=5.0)
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal, 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(

@@ -17,13 +17,17 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
+from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
+from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference import QUATERNION_TOLERANCE
 from gdmp_ros.errors import ManifoldError
 
 NS = 1_000_000_000
 _HEADER = 4  # bytes of CDR encapsulation; alignment counts from behind it
 _MARK = 1e-200
+#: Numbers of a robot state before those of its joints.
+ROBOT_STATE_FIXED = 93 + len(LIMITS)
 
 
 def pose_numbers(pose: Pose) -> np.ndarray:
@@ -70,13 +74,23 @@ def fill_reference(message: Reference, numbers: np.ndarray) -> None:
     message.damping_ratio = float(numbers[-1])
 
 
+def robot_state_numbers(tick: Tick) -> np.ndarray:
+    """Numbers of a tick as `fill_robot_state` takes them."""
+    measured = tick.measurement
+    return np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness, tick.requested,
+                           [tick.spring, tick.tank], tick.excess, measured.position,
+                           measured.velocity, tick.torque])
+
+
 def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
-    """Write pose 7, twist 6, wrench 6, stiffness 36, then joint positions, velocities, torques."""
+    """Write the numbers of a tick (`robot_state_numbers`)."""
     set_pose(message.pose, numbers)
     _set_vectors(message.twist.linear, message.twist.angular, numbers[7:13])
     _set_vectors(message.wrench.force, message.wrench.torque, numbers[13:19])
-    message.stiffness = numbers[19:55]
-    joints = numbers[55:].reshape(3, -1)
+    message.stiffness, message.requested_stiffness = numbers[19:55], numbers[55:91]
+    message.spring_energy, message.tank_energy = float(numbers[91]), float(numbers[92])
+    message.limited = numbers[93:ROBOT_STATE_FIXED]
+    joints = numbers[ROBOT_STATE_FIXED:].reshape(3, -1)
     message.position, message.velocity, message.torque = (list(row) for row in joints)
 
 

@@ -131,7 +131,7 @@ def execute(skill: Skill, beginning: np.ndarray) -> Data:
         target = player.tick(period)
         if target is None:
             continue
-        loop.guard.offer(target.copy(), loop.guard.settings.frame)
+        loop.follow(target)
         tick = loop.tick()
         rows.append((target[:7].copy(), tick.measurement.pose.copy(),
                      tick.stiffness.reshape(6, 6)[:3, :3].copy(), tick.measurement.position,

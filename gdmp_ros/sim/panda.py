@@ -1,53 +1,19 @@
 """A torque-controlled arm in MuJoCo: the built-in Panda, or any other MJCF."""
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
+from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
 #: Posture of the Panda's ready pose [rad].
 READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
-
-
-class Measurement(NamedTuple):
-    """
-    What a robot tells its controller at a tick.
-
-    :ivar position: of the joints [rad], shape ``(n,)``
-    :ivar velocity: of the joints [rad/s], shape ``(n,)``
-    :ivar pose: of the tool in the base frame, (x, y, z, qw, qx, qy, qz)
-    :ivar jacobian: of the tool in the base frame, linear over angular, shape ``(6, n)``
-    :ivar inertia: joint-space inertia, shape ``(n, n)``
-    :ivar bias: gravity and Coriolis torque [Nm], shape ``(n,)``
-    :ivar external: torque of contacts and applied forces [Nm], shape ``(n,)``
-    :ivar drift: J̇ q̇, acceleration of the tool that the joints' velocity alone brings [m/s²,
-        rad/s²]
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    pose: np.ndarray
-    jacobian: np.ndarray
-    inertia: np.ndarray
-    bias: np.ndarray
-    external: np.ndarray
-    drift: np.ndarray
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm]."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    torque: np.ndarray
 
 
 class Arm:
@@ -84,7 +50,7 @@ class Arm:
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
         lower, upper = np.where(self.model.jnt_limited[:, None].astype(bool),
                                 self.model.jnt_range, [-np.inf, np.inf]).T
-        self.limits = Limits(lower, upper, self.model.actuator_ctrlrange[:, 1].copy())
+        self.limits = JointLimits(lower, upper, self.model.actuator_ctrlrange[:, 1].copy())
         self.friction = self.model.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
         self._rate = np.zeros((2, 3, n))
@@ -117,6 +83,7 @@ class Arm:
         mujoco.mj_jacSite(model, data, self._linear, self._angular, self._site)
         mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[self._site], self._body)
         mujoco.mj_fullM(model, data, self._inertia)
+        mujoco.mj_energyPos(model, data)
         self._pose[:3] = data.site_xpos[self._site]
         mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[self._site])
         # Everything that is neither passive, nor bias, nor a motor acts from outside.
@@ -124,7 +91,7 @@ class Arm:
         return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
                            np.vstack([self._linear, self._angular]), self._inertia,
                            data.qfrc_bias.copy(), data.qfrc_constraint + applied,
-                           (self._rate @ data.qvel).reshape(-1))
+                           (self._rate @ data.qvel).reshape(-1), float(data.energy[0]))
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """

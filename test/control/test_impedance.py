@@ -12,7 +12,6 @@ from gdmp_ros.control.impedance import (
     rotation_error,
     TARGET_SIZE,
 )
-from gdmp_ros.control.limits import TorqueLimiter
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.sim.panda import Arm, READY
 
@@ -126,17 +125,3 @@ def test_damping_takes_energy_out(rng):
     for _ in range(10):
         velocity = 0.2 * rng.standard_normal(7)
         assert torque_of(arm, target(pose), velocity) @ velocity < 0.0
-
-
-def test_torque_rate_torque_and_joints_are_limited():
-    limiter = TorqueLimiter(np.full(2, -1.0), np.full(2, 1.0), np.array([5.0, 2.0]), rate=1.0)
-    limiter.reset(np.zeros(2))
-    middle = np.zeros(2)
-    np.testing.assert_allclose(limiter.apply(middle, np.array([3.0, -9.0])), [1.0, -1.0])
-    for _ in range(10):
-        last = limiter.apply(middle, np.array([30.0, -30.0]))
-    np.testing.assert_allclose(last, [5.0, -2.0])
-    assert limiter.bites['torque'] > 0 and limiter.bites['torque_rate'] > 0
-    limiter.reset(np.zeros(2))
-    pushed = limiter.apply(np.array([0.95, 0.0]), np.zeros(2))
-    assert pushed[0] < 0.0 and pushed[1] == 0.0 and limiter.bites['joint'] == 1

@@ -99,7 +99,7 @@ def test_a_learned_letter_is_tracked_through_a_goal_switch():
             goal[1] -= 0.12
             player.goal_pose(goal)
         target = player.tick(1e-3)
-        assert loop.guard.offer(target.copy(), 'panda_link0')
+        assert loop.follow(target)
         tick = loop.tick()
         position.append(np.linalg.norm(tick.measurement.pose[:3] - target[:3]))
         rotation_error(tick.measurement.pose[3:].copy(), target[3:7].copy(), error)

@@ -1,0 +1,307 @@
+"""Every limit bites, holds, and says by how much."""
+import mujoco
+import numpy as np
+import pytest
+
+from gdmp_ros.control import limits
+from gdmp_ros.control.controller import ControllerSettings, HOLD_STIFFNESS
+from gdmp_ros.control.follower import SINGULAR_LENGTH, singular_rate, singular_value
+from gdmp_ros.control.impedance import STIFFNESS, TARGET_SIZE
+from gdmp_ros.control.limits import LimitSettings, TorqueLimiter
+from gdmp_ros.control.measurement import JointLimits
+from gdmp_ros.control.passivity import bound_stiffness, stiffness_bounds, TankSettings
+from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import UnitQuaternion
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.panda import Arm
+
+DT = 1e-3
+ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, jump_stiffness=100.0)
+S3 = UnitQuaternion()
+
+
+def loop_with(**changes):
+    return ClosedLoop(Arm(), ControllerSettings(guard=ANYWHERE, limits=LimitSettings(**changes)))
+
+
+def reference(loop, shift=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0),
+              stiffness=HOLD_STIFFNESS):
+    target = np.zeros(TARGET_SIZE)
+    pose = Arm().measure().pose
+    target[:3] = pose[:3] + shift
+    target[3:7] = S3.exp(pose[3:].copy(), 0.5 * np.asarray(turn))
+    target[7:10] = velocity
+    target[STIFFNESS:STIFFNESS + 36], target[-1] = stiffness.reshape(-1), 0.7
+    return target
+
+
+def run(loop, targets):
+    """Follow references; what happened at every tick, and the follower's own reference."""
+    ticks, followed = [], []
+    for target in targets:
+        assert loop.follow(target), loop.controller.guard.last_refusal
+        ticks.append(loop.tick())
+        followed.append(loop.controller._followed[:13].copy())
+    return ticks, np.array(followed)
+
+
+def most(ticks, which):
+    return max(tick.excess[which] for tick in ticks)
+
+
+def test_a_reference_inside_the_limits_is_followed_to_rounding_and_no_limit_bites():
+    loop, given = loop_with(), []
+    for u in np.arange(0.0, 1.0, DT / 2.0):
+        given.append(reference(loop, (0, 0.2 * u ** 3 * (10 - u * (15 - 6 * u)), 0),
+                               velocity=(0, 3.0 * u ** 2 * (1 - u) ** 2, 0)))
+        given[-1][14] = 3.0 * u * (1 - u) * (1 - 2 * u)
+    ticks, followed = run(loop, given)
+    np.testing.assert_allclose(followed[:, :3], [g[:3] for g in given], atol=1e-6)
+    assert not np.any([tick.excess for tick in ticks])
+    assert loop.controller.bites.recent() == ''
+
+
+def test_a_distant_reference_is_caught_up_with_inside_speed_and_acceleration():
+    loop = loop_with(catch_up_speed=0.2, acceleration=2.0)
+    ticks, followed = run(loop, [reference(loop, (0.15, 0, 0), (0.6, 0, 0))] * 3000)
+    speed = np.linalg.norm(np.diff(followed[:, :3], axis=0), axis=1) / DT
+    assert 0.19 < speed.max() < 0.2 + 1e-9
+    assert np.abs(np.diff(speed)).max() < 2.0 * DT + 1e-9
+    assert followed[:, 0].max() <= 0.15 + Arm().measure().pose[0] + 1e-6  # no overshoot
+    np.testing.assert_allclose(followed[-1, :7], reference(loop, (0.15, 0, 0), (0.6, 0, 0))[:7],
+                               atol=1e-6)
+    assert most(ticks, limits.ACCELERATION_LIMIT) > 0.0
+
+
+@pytest.mark.parametrize('index, name, limit, factor', [
+    (limits.SPEED, 'speed', 0.1, 3.0), (limits.ACCELERATION_LIMIT, 'acceleration', 1.0, 3.0)])
+def test_a_fast_reference_is_slowed_down(index, name, limit, factor):
+    loop = loop_with(**{name: limit})
+    velocity = 0.3
+    given = [reference(loop, (0, velocity * k * DT, 0), velocity=(0, velocity, 0))
+             for k in range(600)]
+    ticks, followed = run(loop, given)
+    speed = followed[:, 8]
+    assert most(ticks, index) > 0.0
+    if name == 'speed':
+        assert np.abs(speed).max() <= limit + 1e-9
+        assert most(ticks, index) == pytest.approx(velocity + 0.25 - limit, rel=0.2)
+    else:
+        assert np.abs(np.diff(speed)).max() <= limit * DT + 1e-9
+
+
+def test_turns_are_slowed_down():
+    loop = loop_with(turn_speed=0.3, turn_acceleration=2.0)
+    ticks, followed = run(loop, [reference(loop, turn=(0.5, 0, 0))] * 1500)
+    rate = np.linalg.norm(followed[:, 10:13], axis=1)
+    assert rate.max() <= 0.3 + 1e-9 and np.abs(np.diff(rate)).max() <= 2.0 * DT + 1e-9
+    assert most(ticks, limits.TURN_SPEED) > 0.0 and most(ticks, limits.TURN_ACCELERATION) > 0.0
+
+
+def test_references_outside_the_workspace_are_held_at_its_wall():
+    loop = loop_with(workspace_max=(0.35, 1.0, 1.3))
+    ticks, followed = run(loop, [reference(loop, (0.1, 0.05, 0), velocity=(0.02, 0, 0))] * 1500)
+    assert followed[:, 0].max() <= 0.35 + 1e-9
+    assert followed[-1, 1] == pytest.approx(0.05, abs=1e-3)
+    assert most(ticks, limits.WORKSPACE) == pytest.approx(Arm().measure().pose[0] + 0.1 - 0.35,
+                                                          abs=1e-6)
+
+
+def test_stiffness_stays_between_its_bounds_in_every_direction(rng):
+    bounds = stiffness_bounds(LimitSettings(stiffness_min=(100.0, 10.0),
+                                            stiffness_max=(800.0, 60.0)))
+    for _ in range(50):
+        factor = rng.standard_normal((3, 3)) * np.exp(rng.uniform(0, 3.5))
+        wanted = np.zeros((6, 6))
+        wanted[:3, :3], wanted[3:, 3:] = factor @ factor.T, 0.1 * factor.T @ factor
+        wanted += 1e-3 * np.eye(6)
+        bounded, excess = wanted.reshape(-1).copy(), np.zeros(15)
+        bound_stiffness(bounded, bounds[0], bounds[1], excess)
+        values = np.linalg.eigvalsh(bounded.reshape(6, 6)[:3, :3])
+        assert values.min() > 100.0 * (1 - 1e-9) and values.max() < 800.0 * (1 + 1e-9)
+        expected = np.clip(np.linalg.eigvalsh(wanted[:3, :3]), 100.0, 800.0)
+        np.testing.assert_allclose(values, expected, rtol=1e-6)
+        assert (excess[limits.STIFFNESS_BOUNDS] > 0.0) == (
+            not np.allclose(bounded, wanted.reshape(-1), rtol=1e-8, atol=1e-8))
+
+
+def test_coupled_stiffness_is_never_above_the_upper_bound(rng):
+    settings = LimitSettings(stiffness_min=(100.0, 1.0), stiffness_max=(800.0, 60.0))
+    bounds = stiffness_bounds(settings)
+    for _ in range(50):
+        factor = 40.0 * rng.standard_normal((6, 6))
+        bounded = (factor @ factor.T + np.eye(6)).reshape(-1)
+        bound_stiffness(bounded, bounds[0], bounds[1], np.zeros(15))
+        left = bounds[1].reshape(6, 6) - bounded.reshape(6, 6)
+        assert np.linalg.eigvalsh(left).min() > -1e-6
+
+
+def test_stiffness_changes_at_a_bounded_rate():
+    loop = loop_with(stiffness_rate=2.0)
+    ticks, _ = run(loop, [reference(loop, stiffness=4.0 * HOLD_STIFFNESS)] * 1000)
+    trace = np.array([tick.stiffness[0] for tick in ticks])
+    assert np.abs(np.diff(np.log(trace))).max() <= 2.0 * DT * (1 + 1e-6)
+    assert trace[-1] == pytest.approx(1600.0)
+    assert (np.array([tick.requested[0] for tick in ticks]) == 1600.0).all()
+    assert most(ticks, limits.STIFFNESS_RATE) == pytest.approx(np.log(4.0) - 2e-3, rel=1e-6)
+
+
+def test_pose_errors_are_clipped():
+    loop = loop_with()
+    body = loop.arm.model.body('hand').id
+    loop.arm.data.xfrc_applied[body, :3] = [0.0, 60.0, 0.0]
+    start = loop.arm.measure().pose.copy()
+    ticks = [loop.tick() for _ in range(1500)]
+    assert most(ticks, limits.POSITION_ERROR) > 0.01
+    # 400 N/m times 0.1 m: the arm yields to more.
+    assert np.linalg.norm(loop.arm.measure().pose[:3] - start[:3]) > 0.1
+
+
+def test_a_fast_joint_is_braked():
+    loop = loop_with(joint_speed=0.4)
+    ticks, _ = run(loop, [reference(loop, (0, 0.25 * k * DT, 0), velocity=(0, 0.25, 0))
+                          for k in range(1200)])
+    fastest = max(np.abs(tick.measurement.velocity).max() for tick in ticks)
+    assert 0.3 < fastest < 0.4
+    assert most(ticks, limits.JOINT_SPEED) > 0.1
+
+
+def test_a_joint_pushed_by_somebody_is_braked():
+    fastest = []
+    for brake in (0.0, 20.0):
+        loop = loop_with(joint_speed=1.0, joint_brake=brake)
+        loop.arm.data.qfrc_applied[0] = 25.0
+        ticks = [loop.tick() for _ in range(800)]
+        fastest.append(max(abs(tick.measurement.velocity[0]) for tick in ticks))
+    assert fastest[1] < 0.75 * fastest[0]
+    assert most(ticks, limits.JOINT_SPEED) > 0.0
+
+
+def test_singular_value_and_its_rate(rng):
+    arm = Arm()
+    for _ in range(30):
+        q = rng.uniform(arm.limits.lower, arm.limits.upper)
+        dq = rng.standard_normal(7)
+
+        def measured(position):
+            arm.reset(position)
+            return arm.measure().jacobian.copy()
+
+        def value(position):
+            jacobian = measured(position)
+            jacobian[3:] *= SINGULAR_LENGTH
+            return np.linalg.svd(jacobian, compute_uv=False)[-1]
+
+        jacobian, direction = measured(q), np.empty(6)
+        assert singular_value(jacobian, direction) == pytest.approx(value(q), abs=1e-7)
+        rate = (value(q + 1e-6 * dq) ** 2 - value(q - 1e-6 * dq) ** 2) / 4e-6
+        assert singular_rate(jacobian, dq, direction) == pytest.approx(rate, abs=1e-6)
+
+
+def test_a_motion_into_a_singularity_slows_down_and_out_of_it_does_not():
+    loop = loop_with()
+    near = np.array([0.0, 0.3, 0.0, -0.75, 0.0, 1.2, np.pi / 4])
+    loop.reset(near)
+    start, direction = loop.arm.measure().pose.copy(), np.empty(6)
+    outward = np.array([1.0, 0.0, 0.35]) / np.linalg.norm([1.0, 0.0, 0.35])
+
+    def go(way, count):
+        values, ticks, at = [], [], loop.controller._followed[:7].copy()
+        for k in range(count):
+            target = reference(loop)
+            target[:7] = at
+            target[:3] += way * 0.2 * k * DT * outward
+            target[7:10] = way * 0.2 * outward
+            ticks += run(loop, [target])[0]
+            values.append(singular_value(loop.arm.measure().jacobian, direction))
+        return ticks, np.array(values)
+
+    ticks, values = go(1.0, 2500)
+    settings = loop.controller.settings.limits
+    assert most(ticks, limits.SINGULARITY) > 0.5
+    # It began inside the zone, and swings a little before it settles at its edge.
+    assert values[-1000:].min() > 0.9 * settings.singularity_stop
+    travelled = np.linalg.norm(loop.controller._followed[:3] - start[:3])
+    assert travelled < 0.03 and np.linalg.norm(loop.controller._followed[7:10]) < 0.01
+    for _ in range(200):
+        loop.tick()
+    ticks, values = go(-1.0, 1500)
+    assert values[-1] > settings.singularity_start
+
+
+def limiter(**changes):
+    made = TorqueLimiter(JointLimits(np.full(2, -1.0), np.full(2, 1.0), np.array([5.0, 2.0])),
+                         LimitSettings(**changes))
+    made.reset(np.zeros(2))
+    return made
+
+
+def test_torque_rate_torque_and_joint_position_are_limited():
+    middle, still, excess = np.zeros(2), np.zeros(2), np.zeros(15)
+    limited = limiter()
+    sent = limited.apply(middle, still, still, np.array([3.0, -9.0]), excess)
+    np.testing.assert_allclose(sent, [1.0, -1.0])
+    assert excess[limits.TORQUE_RATE] == 8.0 and excess[limits.TORQUE] == 0.0
+    for _ in range(10):
+        last = limited.apply(middle, still, still, np.array([30.0, -30.0]), excess)
+    np.testing.assert_allclose(last, [5.0, -2.0])
+    assert excess[limits.TORQUE] == 1.0
+    pushed = limiter(torque_rate=10.0).apply(np.array([0.85, 0.0]), still, still, still, excess)
+    np.testing.assert_allclose(pushed, [-2.5, 0.0])
+    assert excess[limits.JOINT_POSITION] == pytest.approx(0.15)
+    shared = limiter(torque_rate=10.0, torque_share=0.5)
+    np.testing.assert_allclose(shared.apply(middle, still, still, np.array([9.0, 9.0]), excess),
+                               [2.5, 1.0])
+
+
+def test_gravity_is_never_taken_from_a_fast_joint():
+    gravity, excess = np.array([4.0, 0.0]), np.zeros(15)
+    braking = limiter(torque_rate=100.0, joint_speed=1.0, joint_brake=2.0)
+    sent = braking.apply(np.zeros(2), np.array([1.0, 0.0]), gravity, gravity + [0.9, 0.0], excess)
+    np.testing.assert_allclose(sent, [4.0 - 2.0 * 0.1, 0.0])
+
+
+def test_what_has_bitten_is_told_with_amount_and_unit_once():
+    loop = loop_with(torque_rate=0.05)
+    run(loop, [reference(loop, (0.02, 0, 0))] * 50)
+    said = loop.controller.bites.recent()
+    assert 'torque_rate by ' in said and said.count('Nm') == 1
+    assert loop.controller.bites.ticks[limits.TORQUE_RATE] > 0
+    for _ in range(3000):
+        loop.follow(reference(loop, (0.02, 0, 0)))
+        loop.tick()
+    loop.controller.bites.recent()
+    loop.tick()
+    assert loop.controller.bites.recent() == ''
+
+
+@pytest.mark.parametrize('changes', [
+    {'workspace_min': (0.0, 0.0, 2.0)}, {'stiffness_min': (1.0, 900.0)},
+    {'singularity_stop': 0.06}])
+def test_limits_that_contradict_each_other_are_refused(changes):
+    with pytest.raises(ParameterError, match=next(iter(changes))):
+        LimitSettings(**changes)
+
+
+def test_the_message_names_every_limit_at_its_place():
+    message = pytest.importorskip('gdmp_msgs.msg').RobotState
+    names = {'STIFFNESS': 'stiffness'}
+    for index, limit in enumerate(limits.LIMITS):
+        constant = {v: k for k, v in names.items()}.get(limit.name, limit.name.upper())
+        assert getattr(message, constant) == index
+    assert len(message().limited) == len(limits.LIMITS)
+
+
+def test_an_arm_beyond_a_joint_limit_is_pushed_back():
+    arm = Arm()
+    arm.model.jnt_limited[:] = 0  # the controller has to do it alone
+    loop = ClosedLoop(arm, ControllerSettings(tank=TankSettings(energy=5.0)))
+    at_limit = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 2.85])
+    loop.reset(at_limit)
+    mujoco.mj_forward(arm.model, arm.data)
+    tick = loop.tick()
+    assert tick.excess[limits.JOINT_POSITION] == pytest.approx(2.85 - (2.8973 - 0.3), abs=1e-6)
+    for _ in range(1500):
+        tick = loop.tick()
+    assert tick.measurement.position[6] < 2.84
