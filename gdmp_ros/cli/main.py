@@ -1,4 +1,4 @@
-"""``gdmp VERB``: record, learn, inspect, plot, rollout, bench, paper, demo."""
+"""``gdmp VERB``: what it can do is named by `VERBS`."""
 from __future__ import annotations
 
 import argparse
@@ -9,7 +9,7 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo')
+VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo', 'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2

@@ -28,8 +28,12 @@ class Run:
     applied: np.ndarray
     poses: np.ndarray
     stiffness: np.ndarray
+    twists: np.ndarray
     joints: np.ndarray
+    velocities: np.ndarray
     torques: np.ndarray
+    tank: np.ndarray
+    limited: np.ndarray
 
 
 def read(bag: Path) -> Run:
@@ -55,7 +59,11 @@ def read(bag: Path) -> Run:
         moving=_column(references, _speed) > 0.0, state_stamps=_stamps(states),
         applied=_column(states, lambda m: m.sequence), poses=_column(states, _pose),
         stiffness=_column(states, lambda m: m.stiffness),
-        joints=_column(states, lambda m: m.position), torques=_column(states, lambda m: m.torque))
+        twists=_column(states, _twist), joints=_column(states, lambda m: m.position),
+        velocities=_column(states, lambda m: m.velocity),
+        torques=_column(states, lambda m: m.torque),
+        tank=_column(states, lambda m: m.tank_energy),
+        limited=_column(states, lambda m: m.limited))
 
 
 def _column(messages: list[Any], get: Any) -> np.ndarray:
@@ -72,6 +80,10 @@ def _pose(message: Any) -> list[float]:
     return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
 
 
-def _speed(message: Any) -> float:
+def _twist(message: Any) -> list[float]:
     v, w = message.twist.linear, message.twist.angular
-    return float(np.abs([v.x, v.y, v.z, w.x, w.y, w.z]).max())
+    return [v.x, v.y, v.z, w.x, w.y, w.z]
+
+
+def _speed(message: Any) -> float:
+    return max(abs(number) for number in _twist(message))

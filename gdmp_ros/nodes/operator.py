@@ -28,22 +28,22 @@ class Operator:
         self._check = check or (lambda: None)
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
-        self._node = Node('operator', context=self._context)
+        self.node = Node('operator', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self.state: ServerState | None = None
-        self._node.create_subscription(ServerState, f'{server}/state', self._on_state,
+        self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
                                        reliable(10))
-        self._pose = self._node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
-        self._matrix = self._node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
+        self._pose = self.node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
+        self._matrix = self.node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
                                                    reliable(10))
-        self._action = ActionClient(self._node, ExecuteSkill, f'{server}/execute')
+        self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._result: Any = None
 
     def close(self) -> None:
         """Leave the network."""
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def _on_state(self, message: ServerState) -> None:

@@ -5,6 +5,7 @@ import argparse
 from importlib import import_module
 import os
 from pathlib import Path
+import shutil
 import signal
 import sys
 import threading
@@ -19,6 +20,8 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.files.bags import BagWriter
 from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable
 
+#: Recording ends while the disk still has so much room: bags need some to be closed [MB].
+KEEP_FREE_MB = 64.0
 #: How often the histories are drained [s]: 20 messages of a 1 kHz topic at a time.
 DRAIN_S = 0.02
 
@@ -88,6 +91,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Record until SIGTERM or SIGINT; the bag appears under its name when it is complete."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('bag')
+    parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
+                        help='end the recording while the disk has so much room left '
+                             '(default %(default)g)')
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
@@ -99,14 +105,19 @@ def main(arguments: list[str] | None = None) -> int:
         with BagWriter(options.bag) as writer:
             node = Recorder(topics, writer)
             print(f'waiting for {", ".join(topics)}', flush=True)
-            said = False
-            while not ended.is_set():
+            said, full = False, False
+            while not ended.is_set() and not full:
                 node.drain()
+                full = shutil.disk_usage(writer.path.parent).free < options.keep_free * 1e6
                 if node.complete and not said:
                     print('recording', flush=True)
                     said = True
                 time.sleep(DRAIN_S)
             node.drain()
+        if full:
+            raise DataError(f'{options.bag}: the disk is nearly full (less than '
+                            f'{options.keep_free:g} MB left): the recording has ended, and what '
+                            'was recorded is kept')
     except GdmpError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1

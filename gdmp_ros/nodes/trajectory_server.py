@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -35,8 +36,9 @@ from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
 from gdmp_ros.realtime.tool_skill import PlayerSettings
 
 NS = 1_000_000_000
-#: With simulated time, a longer step of /clock moves the grid instead of the motion [s].
-CLOCK_JUMP_S = 0.01
+#: A longer step of the time, of /clock or of the machine's own after the process stood still, moves
+#: the grid instead of the motion [s].
+CLOCK_JUMP_S, STALL_S = 0.01, 0.05
 #: Ticks between two looks at the measured pose.
 POLL_EVERY = 20
 
@@ -56,6 +58,7 @@ class TrajectoryServer(ManagedNode):
         self._last_tick = 0
         self._polled = 0
         self._reports = 0
+        self._stalls: deque[float] = deque(maxlen=10)
         self._publishing: list[str] = []
         self._active = False
         self._lateness = LatenessRecorder(1_000_000)
@@ -214,6 +217,9 @@ class TrajectoryServer(ManagedNode):
         self._lateness.add(deadline_ns, now_ns)
         dt = (deadline_ns - self._last_tick) / NS if self._last_tick else self._period_ns() / NS
         self._last_tick = deadline_ns
+        if dt > STALL_S:
+            self._stalls.append(dt)
+            dt = 0.0
         self._publish(dt, time.time_ns() - (time.monotonic_ns() - deadline_ns))
 
     def _clock_tick(self, message: ClockMessage) -> None:
@@ -224,7 +230,10 @@ class TrajectoryServer(ManagedNode):
         self._last_tick = now
         self._lateness.add(self._lateness.ticks * self._period_ns(),
                            self._lateness.ticks * self._period_ns())
-        self._publish(dt if 0.0 <= dt <= CLOCK_JUMP_S else 0.0, now)
+        if not 0.0 <= dt <= CLOCK_JUMP_S:
+            self._stalls.append(dt)
+            dt = 0.0
+        self._publish(dt, now)
 
     def _publish(self, dt: float, stamp_ns: int) -> None:
         self._polled += 1
@@ -359,6 +368,11 @@ class TrajectoryServer(ManagedNode):
             message.distance_to_goal = player.distances()
         return message
 
+    def _tell_stalls(self) -> None:
+        while self._stalls:
+            self.get_logger().warning(f'the time jumped by {self._stalls.popleft():.3f} s: the '
+                                      'motion goes on from where it was')
+
     def _streaming(self) -> list[str]:
         """Who publishes on this node's topic of references, looked up once a second."""
         self._reports += 1
@@ -367,6 +381,7 @@ class TrajectoryServer(ManagedNode):
         return self._publishing
 
     def _report(self) -> None:
+        self._tell_stalls()
         figures = self._lateness.punctuality(1000)
         message = self.state(figures)
         self._state.publish(message)

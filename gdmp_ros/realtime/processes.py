@@ -34,20 +34,28 @@ class Children:
         for name in list(self.processes):
             self.stop(name)
 
-    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> None:
-        """Start ``python -m module`` under a name."""
+    def start(self, name: str, module: str, arguments: Sequence[str] = (),
+              prefix: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
+        """
+        Start ``python -m module`` under a name.
+
+        :param prefix: command that runs it
+        :param environment: added to that of all
+        """
         with self.log(name).open('ab') as out:
             self.processes[name] = subprocess.Popen(
-                [sys.executable, '-m', module, *arguments], env=self._environment, stdout=out,
+                [*prefix, sys.executable, '-m', module, *arguments],
+                env={**self._environment, **(environment or {})}, stdout=out,
                 stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, preexec_fn=_end_with_parent)
 
     def start_node(self, name: str, module: str, parameters: Mapping[str, object],
-                   extra: Sequence[str] = ()) -> None:
+                   extra: Sequence[str] = (), prefix: Sequence[str] = (),
+                   environment: Mapping[str, str] | None = None) -> None:
         """Start a ROS node with parameters."""
         words = ['--ros-args']
         for key, value in parameters.items():
             words += ['-p', f'{key}:={_yaml(value)}']
-        self.start(name, module, [*words, *extra])
+        self.start(name, module, [*words, *extra], prefix, environment)
 
     def stop(self, name: str, timeout: float = 10.0) -> int:
         """Ask a process to end, and end it if it does not; its exit code."""

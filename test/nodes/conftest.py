@@ -42,7 +42,7 @@ class World:
         self.children = children
         self.skill_file = skill_file
         self.operator = Operator(check=self._look)
-        self.node: Node = self.operator._node
+        self.node: Node = self.operator.node
         self.robot: list[RobotState] = []
         self.references: list[Reference] = []
         self._polled = []

@@ -227,6 +227,7 @@ def test_bad_references_are_refused_counted_and_the_arm_holds(world):
             "frame is 'world'", 'NaN', 'quaternion norm', 'not positive definite')), start=1):
         message = Reference()
         message.header.frame_id = 'world' if count == 1 else FRAME
+        message.header.stamp = wire.stamp_of(time.time_ns())
         wire.fill_reference(message, numbers)
         publisher.publish(message)
         world.wait(f'the refusal: {reason}',

@@ -1,0 +1,49 @@
+"""Try what can go wrong on the nodes, as processes, and judge each by what was recorded.
+
+server killed, stopped, restarted, started twice; simulation killed; the arm found late; skill file,
+bag and disk broken under them; clocks that jump or are mixed; floods of goals and garbage; two hosts
+with a lossy, slow and cut network; a stiffness profile that tries to shake the arm.
+
+examples:
+  gdmp faults --out out/faults
+  gdmp faults --list
+  gdmp faults server-killed network-cut --quick --out out/faults
+
+Writes faults.json, faults.md (the table), and for each fault a folder with logs and the recorded
+bag. Exit code 1 if one does not hold. A disk that fills up and two hosts need the rights of root;
+where they are missing these are marked as not tried.
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gdmp_ros.errors import DataError
+
+HELP = 'try what can go wrong on the nodes'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('what', nargs='*', metavar='FAULT', help='which; all by default')
+    parser.add_argument('--out', type=Path, default=Path('out/faults'), metavar='DIR',
+                        help='where table, logs and bags go (default %(default)s)')
+    parser.add_argument('--quick', action='store_true', help='fewer repetitions and shorter waits')
+    parser.add_argument('--list', action='store_true', help='name them and do nothing')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Try the faults; 0 if all that could be tried hold."""
+    try:
+        from gdmp_ros.reliability import report
+        from gdmp_ros.reliability.faults import FAULTS
+        if options.list:
+            print(report.known())
+            return 0
+    except ModuleNotFoundError as error:
+        raise DataError(f'{error.name} is missing: faults are tried on the nodes, which need ROS 2 '
+                        '(make setup)') from None
+    for name in options.what:
+        if name not in FAULTS:
+            raise DataError(f'fault {name!r} is unknown, expected one of {", ".join(FAULTS)}')
+    return 0 if report.run(options.what or list(FAULTS), options.out, options.quick) else 1

@@ -1,0 +1,4 @@
+"""x"""
+HELP=''
+def add_arguments(parser): pass
+def run(o): pass

@@ -1,0 +1,101 @@
+"""Clocks that jump, and clocks that are mixed."""
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from rosgraph_msgs.msg import Clock
+
+from gdmp_ros.nodes import wire
+from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.reliability import motion
+from gdmp_ros.reliability.outcome import Outcome
+from gdmp_ros.reliability.trial import goal_of, SERVER, SIM, Trial
+
+NS = 1_000_000_000
+
+
+def simulated_clock(trial: Trial, quick: bool) -> Outcome:
+    """/clock jumps forwards and backwards in mid-motion"""
+    outcome = Outcome()
+    trial.start(sim={'pace': 'fast'}, server={'use_sim_time': True})
+    node = trial.operator.node
+    publisher = node.create_publisher(Clock, '/clock', reliable(10))
+    trial.operator.wait('the server to listen', lambda: publisher.get_subscription_count() > 0,
+                        10.0)
+    trial.operator.execute()
+    trial.progress(0.2)
+    stamp = trial.operator.state.header.stamp
+    now = stamp.sec * NS + stamp.nanosec
+    for jump in (10 * NS, -5 * NS, 3600 * NS, -now):
+        for _ in range(5):
+            publisher.publish(Clock(clock=wire.stamp_of(now + jump)))
+            trial.spend(0.02)
+    outcome.claim('the motion reaches its goal', trial.succeeded())
+    outcome.claim('the server says that the time jumped', 'the time jumped by' in trial.log(SERVER))
+    trial.spend(0.5)
+    run = trial.recorded()
+    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
+    outcome.need('away from the goal [m]', away, lambda v: v < 0.002)
+    motion.judge(run, outcome)
+    return outcome
+
+
+def mixed_clocks(trial: Trial, quick: bool) -> Outcome:
+    """An arm on simulated time, a server on wall time"""
+    outcome = Outcome()
+    trial.start_sim(pace='fast')
+    trial.start_server()
+    trial.holding()
+    trial.record()
+    trial.operator.execute()
+    trial.succeeded()
+    outcome.claim('the arm says what is mixed', 'simulated and wall time are mixed'
+                  in trial.log(SIM))
+    run = trial.recorded()
+    path = run.poses[:, :3] - run.poses[0, :3]
+    outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
+    motion.judge(run, outcome)
+    return outcome
+
+
+def faketime_library() -> Path | None:
+    """Where libfaketime is, None where it is not installed."""
+    found = importlib.util.find_spec('libfaketime')
+    folders = found.submodule_search_locations if found is not None else None
+    for folder in folders or ():
+        for path in Path(folder).rglob('libfaketime.so.1'):
+            return path
+    return None
+
+
+def wall_clock(trial: Trial, quick: bool) -> Outcome:
+    """The wall clock of the server's machine jumps by an hour and back in mid-motion"""
+    outcome, library = Outcome(), faketime_library()
+    if library is None:
+        outcome.missing = "libfaketime is missing, it comes with pip install 'gdmp_ros[faults]'"
+        return outcome
+    setting = trial.folder / 'time'
+    setting.write_text('+0')
+    trial.start_sim()
+    trial.start_server(environment={
+        'LD_PRELOAD': str(library), 'FAKETIME_TIMESTAMP_FILE': str(setting),
+        'FAKETIME_NO_CACHE': '1', 'FAKETIME_DONT_FAKE_MONOTONIC': '1',
+        'DONT_FAKE_MONOTONIC': '1'})
+    trial.holding()
+    trial.record()
+    trial.operator.execute()
+    trial.progress(0.3)
+    setting.write_text('+3600')
+    trial.spend(1.0)
+    outcome.claim('the arm says that the stamps are of another time',
+                  's in the future, expected within' in trial.log(SIM))
+    setting.write_text('+0')
+    outcome.claim('the server finishes its motion', trial.succeeded())
+    trial.spend(3.0)
+    run = trial.recorded()
+    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
+    outcome.need('away from the goal at the end [m]', away, lambda v: v < 0.002)
+    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+    motion.judge(run, outcome)
+    return outcome

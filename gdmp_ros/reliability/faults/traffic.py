@@ -1,0 +1,46 @@
+"""More messages than anybody can use, and messages that nobody should use."""
+from __future__ import annotations
+
+import time
+
+from gdmp_ros.reliability import motion
+from gdmp_ros.reliability.outcome import Outcome
+from gdmp_ros.reliability.trial import SERVER, SIM, Trial
+
+
+def goal_flood(trial: Trial, quick: bool) -> Outcome:
+    """Goals at 1 kHz from a publisher that floods"""
+    return _flooded(trial, 'goals', 3.0 if quick else 10.0)
+
+
+def garbage_flood(trial: Trial, quick: bool) -> Outcome:
+    """Bad goals and bad references at 1 kHz beside the good ones"""
+    outcome = _flooded(trial, 'garbage', 3.0 if quick else 10.0)
+    outcome.claim('the arm says what it refuses', 'reference refused' in trial.log(SIM))
+    return outcome
+
+
+def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
+    outcome = Outcome()
+    trial.start()
+    trial.operator.execute()
+    trial.progress(0.1)
+    before = trial.operator.state
+    begun = time.monotonic()
+    trial.children.start('flood', 'gdmp_ros.reliability.flood', [what])
+    trial.operator.wait('the flood', lambda: 'flooding' in trial.log('flood'), 60.0)
+    trial.spend(seconds)
+    trial.children.stop('flood')
+    after, passed = trial.operator.state, time.monotonic() - begun
+    sent = int(trial.log('flood').split()[-1])
+    outcome.need('messages sent', sent, lambda v: v > 500 * seconds)
+    outcome.need('references per second', (after.ticks - before.ticks) / passed,
+                 lambda v: v > 950)
+    outcome.claim('the motion reaches a goal', trial.succeeded())
+    if what == 'garbage':
+        outcome.need('goals refused', after.refused - before.refused, lambda v: v > 100)
+        outcome.claim('the server says what it refuses', 'refused' in trial.log(SERVER))
+    run = trial.recorded()
+    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+    motion.judge(run, outcome)
+    return outcome

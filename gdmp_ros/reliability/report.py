@@ -1,0 +1,99 @@
+"""Tries faults one after another and writes the table: fault, what was measured, verdict."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+import os
+from pathlib import Path
+import shutil
+import time
+import traceback
+
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.reliability.faults import fault, FAULTS
+from gdmp_ros.reliability.outcome import Outcome
+from gdmp_ros.reliability.trial import short_skill, Trial
+from gdmp_ros.terminal import table
+
+WORDS = {True: 'holds', False: 'FAILS', None: 'not tried'}
+
+
+def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
+    """
+    Try faults; the report is brought up to date after each.
+
+    :returns: whether all that could be tried hold
+    :raises DataError: if the folder cannot be written
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        skill = short_skill(folder)
+    except OSError as error:
+        raise DataError(f'{folder}: cannot write the report: {error.strerror}') from None
+    outcomes: dict[str, Outcome] = {}
+    for number, name in enumerate(names, 1):
+        title = (fault(name).__doc__ or '').strip()
+        print(f'[{number}/{len(names)}] {name}: {title} …', flush=True)
+        begun = time.monotonic()
+        outcomes[name] = attempt(name, folder / name, skill, quick)
+        print(f'    {_verdict(outcomes[name])} ({time.monotonic() - begun:.0f} s)', flush=True)
+        _write(folder, outcomes)
+    table('faults', ['', 'verdict', 'measured'],
+          [[name, WORDS[one.holds], _figures(one)] for name, one in outcomes.items()])
+    print(f'report: {folder / "faults.md"}')
+    return all(one.holds is not False for one in outcomes.values())
+
+
+def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
+    """Try one fault on a DDS domain of its own; a trial that breaks down has failed."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    before = {key: os.environ.get(key) for key in ('ROS_DOMAIN_ID',
+                                                   'ROS_AUTOMATIC_DISCOVERY_RANGE')}
+    domain = Domain()
+    try:
+        with Trial(folder, domain.environment(), skill) as trial:
+            return fault(name)(trial, quick)
+    except GdmpError as error:
+        return Outcome(failed=[str(error)])
+    except Exception as error:
+        traceback.print_exc()
+        return Outcome(failed=[f'{type(error).__name__}: {error}'])
+    finally:
+        domain.release()
+        for key, value in before.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value
+
+
+def _verdict(outcome: Outcome) -> str:
+    detail = outcome.missing or '; '.join(outcome.failed)
+    return WORDS[outcome.holds] + (f': {detail}' if detail else '')
+
+
+def _figures(outcome: Outcome) -> str:
+    words = [f'{name} {value:.4g}' if isinstance(value, (int, float)) else f'{name}: {value}'
+             for name, value in outcome.measured.items()]
+    return '; '.join(words) or _verdict(outcome)
+
+
+def _write(folder: Path, outcomes: dict[str, Outcome]) -> None:
+    document = {name: {'fault': (fault(name).__doc__ or '').strip(), 'holds': one.holds,
+                       'measured': one.measured, 'failed': one.failed, 'missing': one.missing}
+                for name, one in outcomes.items()}
+    lines = ['| fault | what was measured | verdict |', '|---|---|---|']
+    lines += [f'| {entry["fault"]} | {_figures(one)} | {_verdict(one)} |'
+              for entry, one in zip(document.values(), outcomes.values())]
+    for name, text in (('faults.json', json.dumps(document, indent=1)),
+                       ('faults.md', '\n'.join(lines))):
+        partial = folder / f'.{name}.partial'
+        partial.write_text(text + '\n')
+        os.replace(partial, folder / name)
+
+
+def known() -> str:
+    """Names and descriptions of all faults."""
+    return '\n'.join(f'{name:22}{(fault(name).__doc__ or "").strip()}' for name in FAULTS)

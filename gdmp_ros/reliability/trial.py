@@ -1,0 +1,129 @@
+"""Nodes, a recorder and an operator for one trial, each of which may be killed and come back."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.files import lasa, runs
+from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
+from gdmp_ros.realtime.processes import Children
+
+SIM, SERVER, RECORDER = 'panda_sim', 'trajectory_server', 'recorder'
+START_UP_S = 120.0
+FRAME = 'panda_link0'
+
+
+def short_skill(folder: Path, seconds: float = 3.0, name: str = 'GShape') -> Path:
+    """Learn a letter of a chosen duration and save it; its file."""
+    shown = lasa.robot_demonstrations(name)[0]
+    path = folder / f'{name}.json'
+    Skill.learn(Demonstration(shown.times * (seconds / shown.duration), shown.points,
+                              shown.manifold)).save(path)
+    return path
+
+
+class Trial:
+    """The processes of a trial; leaving the context ends them all."""
+
+    def __init__(self, folder: Path, environment: Mapping[str, str], skill: Path):
+        """:param environment: of a `gdmp_ros.realtime.domain.Domain`"""
+        os.environ.update(environment)  # before rclpy is loaded: this process joins the domain
+        from gdmp_ros.nodes.operator import Operator
+        self.folder, self.skill = folder, skill
+        self.environment = dict(environment)
+        self.children = Children(environment, folder / 'logs')
+        self.operator = Operator()
+
+    def __enter__(self) -> Trial:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.operator.close()
+        for name in list(self.children.processes):
+            self.children.stop(name)
+
+    def start_sim(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
+                  **parameters: object) -> None:
+        """Start the simulated arm."""
+        self.children.start_node(SIM, 'gdmp_ros.nodes.panda_sim', parameters, extra, prefix)
+
+    def start_server(self, name: str = SERVER, extra: Sequence[str] = (),
+                     environment: Mapping[str, str] | None = None,
+                     prefix: Sequence[str] = (), **parameters: object) -> None:
+        """Start a trajectory server with the skill."""
+        chosen = {'skill': str(self.skill), 'measured_pose_topic': f'/{SIM}/measured_pose',
+                  **parameters}
+        self.children.start_node(name, 'gdmp_ros.nodes.trajectory_server', chosen, extra, prefix,
+                                 environment)
+
+    def record(self, bag: Path | None = None, keep_free: float = 64.0,
+               prefix: Sequence[str] = ()) -> None:
+        """Record references and states until the recorder is stopped."""
+        self.children.start(RECORDER, 'gdmp_ros.nodes.recorder', [
+            str(bag or self.folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
+            f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState', '--keep-free', str(keep_free)], prefix)
+        self.operator.wait('the recorder', lambda: 'recording\n' in self.log(RECORDER), START_UP_S)
+
+    def start(self, sim: Mapping[str, Any] | None = None,
+              server: Mapping[str, Any] | None = None) -> None:
+        """Start everything and wait until the server holds the arm's pose."""
+        self.start_sim(**(sim or {}))
+        self.start_server(**(server or {}))
+        self.holding()
+        self.record()
+
+    def holding(self) -> None:
+        """Wait until a server that has just been started holds the arm."""
+        self.operator.state = None
+        self.operator.wait_status('holding', START_UP_S)
+
+    def progress(self, value: float) -> None:
+        """Wait for a part of the motion."""
+        self.operator.wait(f'{value:.0%} of the motion',
+                           lambda: self.operator.state.progress >= value, 60.0)
+
+    def spend(self, seconds: float) -> None:
+        """Let time pass while the operator listens."""
+        ends = time.monotonic() + seconds
+        self.operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 5.0)
+
+    def succeeded(self, timeout: float = 60.0) -> bool:
+        """Wait for the end of the motion; whether it reached its goal."""
+        result = self.operator.result(timeout)
+        return bool(result.error_code == result.SUCCESSFUL)
+
+    def log(self, name: str) -> str:
+        """What a process has said so far."""
+        return self.children.log(name).read_text(errors='replace')
+
+    def recorded(self) -> runs.Run:
+        """End the recording and read it."""
+        self.children.stop(RECORDER, timeout=60.0)
+        return runs.read(self.folder / 'run')
+
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Call a service and return its reply."""
+        client = self.operator.node.create_client(kind, name)
+        self.operator.wait(f'the service {name}', client.service_is_ready, START_UP_S)
+        # A reply before the server has discovered this client's reader is lost.
+        self.spend(0.5)
+        future = client.call_async(kind.Request(**fields))
+        self.operator.wait(f'the reply of {name}', future.done, 60.0)
+        self.operator.node.destroy_client(client)
+        return future.result()
+
+
+def now_ns() -> int:
+    """Present wall time, as stamps have it [ns]."""
+    return time.time_ns()
+
+
+def goal_of(skill: Path) -> np.ndarray:
+    """Goal pose of a saved skill (x, y, z, qw, qx, qy, qz)."""
+    return np.asarray(Skill.load(skill).goal[:7])
