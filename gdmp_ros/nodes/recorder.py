@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 from importlib import import_module
 import os
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import DataError, GdmpError
@@ -56,15 +58,24 @@ def _share(package: str) -> Path:
 class Recorder(Node):
     """Subscribes raw and writes what arrives, stamped with the time it was published."""
 
-    def __init__(self, topics: dict[str, str], writer: BagWriter):
-        """:param topics: topic names and their types (``package/msg/Name``)"""
+    def __init__(self, topics: dict[str, str], writer: BagWriter,
+                 best_effort: Collection[str] = ()):
+        """
+        Subscribe.
+
+        :param topics: topic names and their types (``package/msg/Name``)
+        :param best_effort: topics whose publishers do not offer more
+        """
         super().__init__('recorder')
         self._writer = writer
         self._inputs = []
         self._waiting = set(topics)
         for topic, kind in topics.items():
+            quality = reliable(DEEP)
+            if topic in best_effort:
+                quality.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = self.create_subscription(
-                message_class(kind), topic, lambda _: None, reliable(DEEP), raw=True,
+                message_class(kind), topic, lambda _: None, quality, raw=True,
                 callback_group=PolledGroup())
             extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
             self._inputs.append((topic, kind, subscription, *extra))
@@ -94,6 +105,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
                         help='end the recording while the disk has so much room left '
                              '(default %(default)g)')
+    parser.add_argument('--best-effort', action='append', default=[], metavar='TOPIC',
+                        help='take a topic whose publisher is not reliable')
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
@@ -103,7 +116,7 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: ended.set())
     try:
         with BagWriter(options.bag) as writer:
-            node = Recorder(topics, writer)
+            node = Recorder(topics, writer, options.best_effort)
             print(f'waiting for {", ".join(topics)}', flush=True)
             said, full = False, False
             while not ended.is_set() and not full:

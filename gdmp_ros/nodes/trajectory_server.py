@@ -39,7 +39,8 @@ NS = 1_000_000_000
 #: A longer step of the time, of /clock or of the machine's own after the process stood still, moves
 #: the grid instead of the motion [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Ticks between two looks at the measured pose.
+#: Ticks between two looks at the measured pose, and between two at the goals. Polled, a flood of
+#: messages costs no more than a few: an executor would wake for each.
 POLL_EVERY = 20
 
 
@@ -59,6 +60,7 @@ class TrajectoryServer(ManagedNode):
         self._polled = 0
         self._reports = 0
         self._stalls: deque[float] = deque(maxlen=10)
+        self._complaints: deque[str] = deque(maxlen=10)
         self._publishing: list[str] = []
         self._active = False
         self._lateness = LatenessRecorder(1_000_000)
@@ -78,6 +80,9 @@ class TrajectoryServer(ManagedNode):
     def activate(self) -> None:
         self._lateness = LatenessRecorder(self._period_ns())
         self._last_tick = 0
+        # Goals that came while nobody looked are none.
+        take_latest(self._goal_poses)
+        take_latest(self._goal_matrices)
         self._active = True
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
@@ -239,6 +244,8 @@ class TrajectoryServer(ManagedNode):
         self._polled += 1
         if self._polled % POLL_EVERY == 0:
             self._poll_measured()
+        elif self._polled % POLL_EVERY == POLL_EVERY // 2:
+            self._poll_goals()
         player = self.player
         if player is None:
             return
@@ -257,11 +264,10 @@ class TrajectoryServer(ManagedNode):
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def _make_inputs(self) -> None:
-        # Taken every 20th tick: waking the executor 100 times a second costs 17 % of a core.
         self._measurements = self.add_subscription(PoseStamped,
                                                    self.parameters.measured_pose_topic, None)
-        self.add_subscription(PoseStamped, '~/goal_pose', self._on_goal_pose)
-        self.add_subscription(Float64MultiArray, '~/goal_stiffness', self._on_goal_stiffness)
+        self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None)
+        self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
         self.add_subscription(ClockMessage, '/clock', self._clock_tick, 10)
         self.add_report(self._report)
 
@@ -305,12 +311,13 @@ class TrajectoryServer(ManagedNode):
         return reply
 
     def _guarded(self, topic: str, action: Any) -> None:
+        """Use a message; why it is refused is told by the next report."""
         try:
             action()
         except GdmpError as error:
+            self._complaints.append(f'{topic} refused: {error}')
             if self.player is not None:
                 self.player.refuse(f'{topic}: {error}')
-            self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
 
     def _poll_measured(self) -> None:
         message = take_latest(self._measurements)
@@ -324,15 +331,17 @@ class TrajectoryServer(ManagedNode):
                 self.player.observe(self._measured[0])
         self._guarded('measured_pose', use)
 
-    def _on_goal_pose(self, message: PoseStamped) -> None:
-        self._guarded('goal_pose', lambda: self._moving().goal_pose(
-            self.checked_goal_pose(message)))
+    def _poll_goals(self) -> None:
+        pose, matrix = take_latest(self._goal_poses), take_latest(self._goal_matrices)
+        if pose is not None:
+            self._guarded('goal_pose', lambda: self._moving().goal_pose(
+                self.checked_goal_pose(pose)))
 
-    def _on_goal_stiffness(self, message: Float64MultiArray) -> None:
         def use() -> None:
             player = self._moving()
-            player.goal_stiffness(player.tool.stiffness_factor(message.data))
-        self._guarded('goal_stiffness', use)
+            player.goal_stiffness(player.tool.stiffness_factor(matrix.data))
+        if matrix is not None:
+            self._guarded('goal_stiffness', use)
 
     def _moving(self) -> Player:
         player = self._loaded()
@@ -368,10 +377,14 @@ class TrajectoryServer(ManagedNode):
             message.distance_to_goal = player.distances()
         return message
 
-    def _tell_stalls(self) -> None:
+    def _tell(self) -> None:
+        """Log what the tick has noticed."""
         while self._stalls:
             self.get_logger().warning(f'the time jumped by {self._stalls.popleft():.3f} s: the '
                                       'motion goes on from where it was')
+        if self._complaints:
+            self.get_logger().warning(self._complaints[-1], throttle_duration_sec=1.0)
+            self._complaints.clear()
 
     def _streaming(self) -> list[str]:
         """Who publishes on this node's topic of references, looked up once a second."""
@@ -381,7 +394,7 @@ class TrajectoryServer(ManagedNode):
         return self._publishing
 
     def _report(self) -> None:
-        self._tell_stalls()
+        self._tell()
         figures = self._lateness.punctuality(1000)
         message = self.state(figures)
         self._state.publish(message)

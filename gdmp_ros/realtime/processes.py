@@ -74,10 +74,15 @@ class Children:
         process.kill()
         process.wait()
 
-    def check(self) -> None:
-        """:raises GdmpError: if a process has ended by itself; with the end of its log"""
+    def check(self, but: str = '') -> None:
+        """
+        Look after all processes.
+
+        :param but: the name of one that may end
+        :raises GdmpError: if a process has ended by itself; with the end of its log
+        """
         for name, process in self.processes.items():
-            if process.poll() is not None:
+            if name != but and process.poll() is not None:
                 tail = '\n  '.join(self.log(name).read_text(errors='replace').splitlines()[-6:])
                 raise GdmpError(f'{name} ended with code {process.returncode}; its last words:\n'
                                 f'  {tail}')

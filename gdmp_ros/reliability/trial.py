@@ -80,6 +80,7 @@ class Trial:
 
     def holding(self) -> None:
         """Wait until a server that has just been started holds the arm."""
+        self.spend(0.2)  # words of one that is gone may still be on their way
         self.operator.state = None
         self.operator.wait_status('holding', START_UP_S)
 

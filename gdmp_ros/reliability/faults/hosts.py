@@ -1,1 +1,154 @@
-x=1
+"""Server and arm on two hosts, with a network between them that is good, bad or gone."""
+from __future__ import annotations
+
+from pathlib import Path
+import time
+
+import numpy as np
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.files import runs
+from gdmp_ros.files.runs import REFERENCE_TOPIC, Run, STATE_TOPIC
+from gdmp_ros.realtime.processes import Children
+from gdmp_ros.reliability import motion
+from gdmp_ros.reliability.network import Quality, TwoHosts
+from gdmp_ros.reliability.outcome import Outcome
+from gdmp_ros.reliability.trial import goal_of, Trial
+
+RELIABILITIES = ('reliable', 'best_effort')
+START_UP_S = 120.0
+
+
+def good_network(trial: Trial, quick: bool) -> Outcome:
+    """Server and arm on two hosts"""
+    return _both(trial, quick, Quality(), 0.999, 10.0)
+
+
+def lossy_network(trial: Trial, quick: bool) -> Outcome:
+    """Two hosts, and a network that loses one frame in twenty"""
+    return _both(trial, quick, Quality(loss=0.05), 0.93, 200.0)
+
+
+def slow_network(trial: Trial, quick: bool) -> Outcome:
+    """Two hosts, and a network that takes 20 to 30 ms"""
+    return _both(trial, quick, Quality(delay=0.02, jitter=0.01), 0.99, 60.0)
+
+
+def network_cut(trial: Trial, quick: bool) -> Outcome:
+    """Two hosts, and a network that is cut for 1.5 s in mid-motion"""
+    outcome = Outcome()
+    try:
+        for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
+            run, said = _run(trial, trial.folder / reliability, reliability, Quality(), 1.5)
+            _judge(run, said, trial, outcome, f'{reliability}: ', None, None)
+            outcome.claim(f'{reliability}: the arm held without references',
+                          bool((_gaps(run) > 1.0).any()))
+    except NotPossible as problem:
+        outcome.missing = str(problem)
+    return outcome
+
+
+class NotPossible(GdmpError):
+    """Two hosts cannot be made here."""
+
+
+def _both(trial: Trial, quick: bool, quality: Quality, arrive: float, late: float) -> Outcome:
+    outcome = Outcome()
+    try:
+        for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
+            run, said = _run(trial, trial.folder / reliability, reliability, quality)
+            _judge(run, said, trial, outcome, f'{reliability}: ', arrive, late)
+    except NotPossible as problem:
+        outcome.missing = str(problem)
+    return outcome
+
+
+def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float = 0.0
+         ) -> tuple[Run, str]:
+    """Execute the skill across the network; the recorded run and what the operator said."""
+    folder.mkdir(parents=True)
+    environment = {**trial.environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
+    try:
+        hosts = TwoHosts(Quality())
+        hosts.__enter__()
+    except (GdmpError, OSError) as error:
+        raise NotPossible(str(error)) from None
+    try:
+        with Children(environment, folder / 'logs') as children:
+            return _execute(trial, folder, reliability, quality, cut, hosts, children)
+    finally:
+        hosts.__exit__()
+
+
+def _execute(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float,
+             hosts: TwoHosts, children: Children) -> tuple[Run, str]:
+    server, robot = hosts.on('server'), hosts.on('robot')
+    children.start_node('panda_sim', 'gdmp_ros.nodes.panda_sim', {
+        f'qos_overrides.{REFERENCE_TOPIC}.subscription.reliability': reliability}, prefix=robot)
+    children.start_node('trajectory_server', 'gdmp_ros.nodes.trajectory_server', {
+        'skill': str(trial.skill), 'measured_pose_topic': '/panda_sim/measured_pose',
+        f'qos_overrides.{REFERENCE_TOPIC}.publisher.reliability': reliability}, prefix=server)
+    loose = ['--best-effort', REFERENCE_TOPIC] if reliability == 'best_effort' else []
+    children.start('recorder', 'gdmp_ros.nodes.recorder', [
+        str(folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
+        f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState', *loose], robot)
+    _wait(trial, children, 'the recorder', 'recorder', 'recording\n', START_UP_S)
+    # Discovery is over: from here on the network is what it is.
+    hosts.cable.quality = quality
+    children.start('operator', 'gdmp_ros.reliability.operate', ['60'], server)
+    _wait(trial, children, 'the motion', 'operator', 'executing', START_UP_S)
+    if cut:
+        time.sleep(1.0)
+        hosts.cable.quality = Quality(cut=True)
+        time.sleep(cut)
+        hosts.cable.quality = quality
+    _wait(trial, children, 'the end of the motion', 'operator', 'ended with', 90.0)
+    time.sleep(3.0)
+    children.stop('recorder', timeout=60.0)
+    return runs.read(folder / 'run'), children.log('operator').read_text()
+
+
+def _wait(trial: Trial, children: Children, what: str, name: str, word: str,
+          timeout: float) -> None:
+    def look() -> bool:
+        children.check(but=name)
+        text = children.log(name).read_text(errors='replace')
+        if 'error:' in text:
+            raise GdmpError(f'{name}: {text.strip()}')
+        return word in text
+    trial.operator.wait(what, look, timeout)
+
+
+def _judge(run: Run, said: str, trial: Trial, outcome: Outcome, which: str,
+           arrive: float | None, late_ms: float | None) -> None:
+    outcome.claim(f'{which}the motion reaches its goal', 'ended with 0' in said)
+    numbers = np.unique(run.sequences)
+    arrived = len(numbers) / float(numbers[-1] - numbers[0] + 1)
+    age = 1e3 * _ages(run)
+    median, high = np.percentile(age, [50.0, 99.0])
+    outcome.need(f'{which}references that arrived [%]', 100.0 * arrived,
+                 lambda v: arrive is None or v >= 100.0 * arrive)
+    outcome.measured[f'{which}age when followed, median [ms]'] = float(median)
+    outcome.need(f'{which}age when followed, 99 % [ms]', float(high),
+                 lambda v: late_ms is None or v <= late_ms)
+    away = float(np.abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
+    outcome.need(f'{which}away from the goal at the end [m]', away, lambda v: v < 0.002)
+    judged = Outcome()
+    motion.judge(run, judged)
+    outcome.measured.update({which + name: value for name, value in judged.measured.items()})
+    outcome.failed += [which + text for text in judged.failed]
+
+
+def _ages(run: Run) -> np.ndarray:
+    """How old each reference was when the arm first followed it [s]."""
+    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+    at = np.searchsorted(run.sequences, run.applied[first])
+    known = (run.applied[first] > 0) & (at < len(run.sequences))
+    first, at = first[known], at[known]
+    return np.asarray((run.state_stamps[first] - run.reference_stamps[at]) * 1e-9)
+
+
+def _gaps(run: Run) -> np.ndarray:
+    """Times between two references that were followed [s]."""
+    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+    return np.asarray(np.diff(run.state_stamps[first]) * 1e-9)
