@@ -23,9 +23,9 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error; the value is called once per step done."""
+def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error; the value is called with what was done, 1 by default."""
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=total)
-        yield lambda: bar.advance(task)
+        yield lambda done=1: bar.advance(task, done)

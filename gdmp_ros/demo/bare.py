@@ -10,9 +10,9 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 PERIOD_NS = 1_000_000
 
 
-def main(path: str) -> int:
-    """Run until SIGTERM or SIGINT, then write deadline and lateness of all ticks to ``path``."""
-    recorder = LatenessRecorder(PERIOD_NS)
+def main(path: str, capacity: str = '131072') -> int:
+    """Run until SIGTERM or SIGINT, then write deadline and lateness of the ticks to ``path``."""
+    recorder = LatenessRecorder(PERIOD_NS, int(capacity))
     ended: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda got, _: ended.append(got))
@@ -22,4 +22,4 @@ def main(path: str) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:]))

@@ -78,6 +78,10 @@ class Operator:
         self.handle = sent.result()
         self._result = self.handle.get_result_async()
 
+    def done(self) -> bool:
+        """Whether the motion that was executed has ended."""
+        return self._result is not None and bool(self._result.done())
+
     def result(self, timeout: float) -> ExecuteSkill.Result:
         """Wait for the action's result."""
         self.wait('the motion to finish', self._result.done, timeout)

@@ -175,6 +175,22 @@ class Patched:
         return bytes(memoryview(self._data)[:self._size])
 
 
+    def sequence_of(self, data: bytes) -> int:
+        """Sequence number of a serialised message with these strings."""
+        return int.from_bytes(data[_HEADER + 8 * self._sequence:][:8], 'little')
+
+    def numbers_of(self, data: bytes) -> np.ndarray:
+        """Numbers of a serialised message with these strings."""
+        count = (len(data) - _HEADER) // 8
+        return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._where])
+
+
+def stamp_ns_of(data: bytes) -> int:
+    """Stamp of a serialised message that begins with a header [ns]."""
+    seconds, ns = struct.unpack_from('<iI', data, _HEADER)
+    return int(seconds) * NS + int(ns)
+
+
 def _find(values: np.ndarray, mark: Any) -> int:
     found = np.flatnonzero(values == mark)
     if len(found) != 1:

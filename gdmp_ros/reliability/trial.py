@@ -39,6 +39,7 @@ class Trial:
         self.environment = dict(environment)
         self.children = Children(environment, folder / 'logs')
         self.operator = Operator()
+        self._clients: dict[str, Any] = {}
 
     def __enter__(self) -> Trial:
         return self
@@ -110,13 +111,14 @@ class Trial:
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Call a service and return its reply."""
-        client = self.operator.node.create_client(kind, name)
-        self.operator.wait(f'the service {name}', client.service_is_ready, START_UP_S)
-        # A reply before the server has discovered this client's reader is lost.
-        self.spend(0.5)
-        future = client.call_async(kind.Request(**fields))
+        if name not in self._clients:
+            client = self.operator.node.create_client(kind, name)
+            self.operator.wait(f'the service {name}', client.service_is_ready, START_UP_S)
+            # A reply before the server has discovered this client's reader is lost.
+            self.spend(0.5)
+            self._clients[name] = client
+        future = self._clients[name].call_async(kind.Request(**fields))
         self.operator.wait(f'the reply of {name}', future.done, 60.0)
-        self.operator.node.destroy_client(client)
         return future.result()
 
 

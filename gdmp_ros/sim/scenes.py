@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gdmp_ros.sim.panda import PANDA
+from gdmp_ros.sim.panda import Arm, PANDA
 
 _BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER,
                              mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -96,6 +96,21 @@ def boxes(where: list[Box]) -> mujoco.MjSpec:
         body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
                       pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
         _walls(body, box.half, box.height, shade, f'box{number}')
+    return spec
+
+
+def hard_table(below: float) -> mujoco.MjSpec:
+    """
+    Put a table under the Panda's tool, hard, and losing little energy in a contact.
+
+    :param below: from the tool of the first keyframe down to the top [m]
+    """
+    spec, half = mujoco.MjSpec.from_file(str(PANDA)), 0.2
+    tool = Arm().measure().pose[:3]
+    # Negative numbers are stiffness and damping themselves, per unit of mass.
+    spec.worldbody.add_geom(name='table', type=_BOX, size=[half] * 3, rgba=_WOOD,
+                            pos=[tool[0], tool[1], tool[2] - below - half],
+                            solref=[-2e4, -5.0], **_SOLID)
     return spec
 
 
