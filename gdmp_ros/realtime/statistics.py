@@ -30,8 +30,9 @@ class LatenessRecorder:
     def __init__(self, period_ns: int, capacity: int = 1 << 17):
         """:param capacity: ticks kept; older ones are overwritten"""
         self._period = period_ns
-        self._deadlines = np.zeros(capacity, dtype=np.int64)
-        self._lateness = np.zeros(capacity, dtype=np.int64)
+        # Filled, not just asked for: memory that is touched for the first time costs a page fault.
+        self._deadlines = np.full(capacity, 0, dtype=np.int64)
+        self._lateness = np.full(capacity, 0, dtype=np.int64)
         self._last = 0
         self.ticks = 0
         self.missed = 0

@@ -129,4 +129,4 @@ def now_ns() -> int:
 
 def goal_of(skill: Path) -> np.ndarray:
     """Goal pose of a saved skill (x, y, z, qw, qx, qy, qz)."""
-    return np.asarray(Skill.load(skill).goal[:7])
+    return np.array(Skill.load(skill).goal[:7])
