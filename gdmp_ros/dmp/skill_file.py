@@ -20,6 +20,8 @@ FORMAT = 'gdmp skill'
 #: Version 2 has segments; files of version 1 are read as well.
 VERSION = 2
 READABLE = (1, 2)
+#: A skill of 2000 basis functions on SPD(20) takes a tenth of it [bytes].
+LARGEST = 100_000_000
 _UNITS = {'duration': 's', 'euclidean': 'm', 'sphere': 'rad', 'rotation': 'rad',
           'quaternion': 'wxyz, tangents half-angle rad', 'spd': 'of the matrix (N/m, Nm/rad)',
           'velocity': 'per duration, in the frame at the start'}
@@ -55,7 +57,15 @@ def write(skill: Skill, path: Path) -> None:
 def read(path: Path) -> Skill:
     """Read and validate a skill file; `DataError` names the file, the field and the reason."""
     try:
+        size = path.stat().st_size if path.is_file() else None
+        if size is None and path.exists():
+            raise DataError(f'{path}: not a skill file: it is not a file')
+        if size is not None and size > LARGEST:
+            raise DataError(f'{path}: not a skill file: it has {size} bytes, expected at most '
+                            f'{LARGEST}')
         document = json.loads(path.read_text())
+    except GdmpError:
+        raise
     except OSError as error:
         raise DataError(f'{path}: cannot read the skill: {error.strerror}') from None
     except (ValueError, RecursionError) as error:

@@ -11,6 +11,7 @@ from typing import Any, TYPE_CHECKING
 from gdmp_msgs.srv import LearnSkill
 from rclpy.task import Future
 
+from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:
@@ -33,13 +34,7 @@ class LearningProcess:
         """
         if self._process is not None:
             raise ParameterError('a skill is being learned already')
-        if not request.bags:
-            raise ParameterError('no bags were named')
-        parameters = self._node.parameters
-        output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
-        command = [sys.executable, '-m', 'gdmp_ros.cli.main', 'learn', *request.bags, '-o', output,
-                   '--json', '--n-basis', str(request.n_basis or parameters.n_basis),
-                   '--connection', request.connection or parameters.connection]
+        output, command = self.command(request)
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                          text=True)
         done: Future = Future(executor=self._node.executor)
@@ -61,6 +56,28 @@ class LearningProcess:
                             else f'learning failed with code {process.returncode}')
         report: dict[str, Any] = json.loads(out)
         return output, float(report['mean_relative_error'])
+
+    def command(self, request: LearnSkill.Request) -> tuple[str, list[str]]:
+        """
+        Path of the skill file and the command that writes it; nothing in it can be an option.
+
+        :raises ParameterError: if the request is not one to learn from
+        """
+        parameters = self._node.parameters
+        if not request.bags:
+            raise ParameterError('no bags were named')
+        connection = request.connection or parameters.connection
+        if connection not in CONNECTIONS:
+            raise ParameterError(f'connection is {connection!r}, expected one of '
+                                 f'{", ".join(CONNECTIONS)}')
+        for name in (*request.bags, request.output):
+            if '\0' in name or not name.isprintable():
+                raise ParameterError(f'{name!r} is not the name of a file')
+        output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
+        return output, [
+            sys.executable, '-m', 'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
+            f'--n-basis={request.n_basis or parameters.n_basis}', f'--connection={connection}',
+            '--', *request.bags]
 
     def cancel(self) -> None:
         """End a learning process."""

@@ -321,9 +321,18 @@ class TrajectoryServer(ManagedNode):
 
     def _poll_measured(self) -> None:
         message = take_latest(self._measurements)
-        if message is None:
-            return
+        if message is not None:
+            self.take_measured(message)
 
+    def _poll_goals(self) -> None:
+        pose, matrix = take_latest(self._goal_poses), take_latest(self._goal_matrices)
+        if pose is not None:
+            self.take_goal_pose(pose)
+        if matrix is not None:
+            self.take_goal_stiffness(matrix)
+
+    def take_measured(self, message: PoseStamped) -> None:
+        """Use a measured pose, or refuse it."""
         def use() -> None:
             self._measured = (wire.checked_pose(message, self.parameters.frame_id),
                               time.monotonic())
@@ -331,17 +340,17 @@ class TrajectoryServer(ManagedNode):
                 self.player.observe(self._measured[0])
         self._guarded('measured_pose', use)
 
-    def _poll_goals(self) -> None:
-        pose, matrix = take_latest(self._goal_poses), take_latest(self._goal_matrices)
-        if pose is not None:
-            self._guarded('goal_pose', lambda: self._moving().goal_pose(
-                self.checked_goal_pose(pose)))
+    def take_goal_pose(self, message: PoseStamped) -> None:
+        """Switch the pose goal, or refuse it."""
+        self._guarded('goal_pose', lambda: self._moving().goal_pose(
+            self.checked_goal_pose(message)))
 
+    def take_goal_stiffness(self, message: Float64MultiArray) -> None:
+        """Switch the stiffness goal, or refuse it."""
         def use() -> None:
             player = self._moving()
-            player.goal_stiffness(player.tool.stiffness_factor(matrix.data))
-        if matrix is not None:
-            self._guarded('goal_stiffness', use)
+            player.goal_stiffness(player.tool.stiffness_factor(message.data))
+        self._guarded('goal_stiffness', use)
 
     def _moving(self) -> Player:
         player = self._loaded()

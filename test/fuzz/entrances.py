@@ -1,0 +1,430 @@
+"""
+Every entrance through which something from outside comes in, and seeds of what is valid there.
+
+An entrance takes bytes. Whatever they are, only a `GdmpError` may come out, and the nodes' next tick
+must work.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import json
+import os
+from pathlib import Path
+import random
+import struct
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.files import bags, lasa, recordings
+
+TOOL = lasa.TOOL
+FRAME = 'panda_link0'
+#: Files are written to memory, thousands of times a second.
+MEMORY = '/dev/shm' if os.access('/dev/shm', os.W_OK) else None
+
+
+@dataclass
+class Entrance:
+    """
+    One entrance.
+
+    :ivar feed: takes bytes; raises only what it should not
+    :ivar seeds: valid inputs
+    """
+
+    feed: Callable[[bytes], None]
+    seeds: list[bytes] = field(default_factory=list)
+
+
+def demonstration(count: int = 12) -> Demonstration:
+    times = np.linspace(0.0, 1.0, count)
+    turn = 0.3 * times
+    points = np.zeros((count, 16))
+    points[:, 0] = 0.3 + 0.1 * times ** 2
+    points[:, 2] = 0.5 - 0.05 * times
+    points[:, 3], points[:, 4] = np.sin(turn), np.cos(turn)
+    points[:, [7, 11, 15]] = 300.0 + 100.0 * times[:, None]
+    return Demonstration(times, points, TOOL)
+
+
+def short_skill() -> Skill:
+    return Skill.learn(demonstration(), n_basis=4)
+
+
+def _folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix='gdmp-fuzz-', dir=MEMORY))
+
+
+def skill_file() -> Entrance:
+    """Bytes of a skill file; what loads must also move."""
+    folder = _folder()
+    path, made = folder / 'skill.json', folder / 'made.json'
+    short_skill().save(made)
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        try:
+            skill = Skill.load(path)
+            skill.reproduce(skill.duration / 5.0)
+        except GdmpError:
+            pass
+    return Entrance(feed, [made.read_bytes()])
+
+
+_VALUES: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2 ** 63, -2 ** 70, 1e308, -1e-308, 0.5, '',
+                            'x', 'parallel', [], [[]], [1.0], [[1.0, 2.0]], {}, {'a': 1}, 'spd',
+                            float('nan'), float('inf'))
+
+
+def edited(document: Any, choose: random.Random, depth: int = 0) -> Any:
+    """The same document with one value somewhere replaced, taken out or doubled."""
+    keys = (list(document) if isinstance(document, dict)
+            else list(range(len(document))) if isinstance(document, list) else [])
+    if not keys or (depth and choose.random() < 0.2):
+        return choose.choice(_VALUES)
+    copy, key = document.copy(), choose.choice(keys)
+    deed = choose.random()
+    if deed < 0.1:
+        del copy[key]
+    elif deed < 0.15 and isinstance(copy, list):
+        copy.insert(key, copy[key])
+    else:
+        copy[key] = edited(copy[key], choose, depth + 1)
+    return copy
+
+
+def skill_fields() -> Entrance:
+    """A valid skill file with a few fields changed: the bytes are the seed of the changes."""
+    inner = skill_file()
+    document = json.loads(inner.seeds[0])
+
+    def feed(data: bytes) -> None:
+        choose, changed = random.Random(data), document
+        for _ in range(choose.randint(1, 3)):
+            changed = edited(changed, choose)
+        inner.feed(json.dumps(changed).encode())
+    return Entrance(feed, [bytes([i]) for i in range(8)])
+
+
+def _bag(storage: str) -> Entrance:
+    folder = _folder()
+    bag = folder / 'bag'
+    recordings.write(bag, demonstration(), FRAME, 10 ** 18, storage)
+    data = next(path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
+
+    def feed(content: bytes) -> None:
+        data.write_bytes(content)
+        try:
+            bags.topics(bag)
+            recordings.read(bag)
+        except GdmpError:
+            pass
+    return Entrance(feed, [data.read_bytes()])
+
+
+def bag_mcap() -> Entrance:
+    """Bytes of an MCAP file in a bag."""
+    return _bag('mcap')
+
+
+def bag_sqlite3() -> Entrance:
+    """Bytes of an sqlite3 file in a bag."""
+    return _bag('sqlite3')
+
+
+def bag_metadata() -> Entrance:
+    """Bytes of a bag's metadata."""
+    folder = _folder()
+    bag = folder / 'bag'
+    recordings.write(bag, demonstration(), FRAME, 10 ** 18)
+    metadata = bag / 'metadata.yaml'
+    made = metadata.read_bytes()
+
+    def feed(content: bytes) -> None:
+        metadata.write_bytes(content)
+        try:
+            bags.topics(bag)
+        except GdmpError:
+            pass
+    return Entrance(feed, [made])
+
+
+_nodes: dict[str, Any] = {}
+
+
+def node(name: str) -> Any:
+    """A node of this process, active, whose ticks are taken by hand."""
+    if name in _nodes:
+        return _nodes[name]
+    import rclpy
+    from gdmp_ros.nodes.panda_sim import PandaSim
+    from gdmp_ros.nodes.trajectory_server import TrajectoryServer
+    if not rclpy.ok():
+        rclpy.init(args=[])
+    made: Any = TrajectoryServer() if name == 'server' else PandaSim()
+    if name == 'server':
+        path = _folder() / 'skill.json'
+        short_skill().save(path)
+        made.set_parameters([_parameter('skill', str(path)), _parameter('start_from', 'skill')])
+    made.configure()
+    made._active = True
+    made.get_logger().set_level(50)
+    _nodes[name] = made
+    return made
+
+
+def _parameter(name: str, value: Any) -> Any:
+    from rclpy.parameter import Parameter
+    return Parameter(name, value=value)
+
+
+def tick(name: str) -> None:
+    """One tick and, now and then, a report: whatever came in, these must work."""
+    made = node(name)
+    if name == 'server':
+        made._publish(1e-3, time.time_ns())
+    else:
+        made._advance(time.time_ns())
+    _ticks[name] = _ticks.get(name, 0) + 1
+    if _ticks[name] % 50 == 0:
+        made._report()
+
+
+_ticks: dict[str, int] = {}
+
+
+def _message(kind: Any, valid: list[Any], name: str, use: Callable[[Any, Any], None]) -> Entrance:
+    """Raw bytes as CDR, decoded as the middleware does, given to what handles the message."""
+    from rclpy.serialization import deserialize_message, serialize_message
+    made = node(name)
+
+    def feed(data: bytes) -> None:
+        try:
+            message = deserialize_message(data, kind)
+        except Exception:
+            return  # the middleware never hands it on
+        try:
+            use(made, message)
+        except GdmpError:
+            pass
+        tick(name)
+    return Entrance(feed, [serialize_message(message) for message in valid])
+
+
+def _pose(frame: str = FRAME) -> Any:
+    from geometry_msgs.msg import PoseStamped
+    message = PoseStamped()
+    message.header.frame_id = frame
+    message.pose.position.x, message.pose.position.z = 0.4, 0.4
+    message.pose.orientation.w, message.pose.orientation.x = 0.0, 1.0
+    return message
+
+
+def _array(values: Any) -> Any:
+    from std_msgs.msg import Float64MultiArray
+    return Float64MultiArray(data=[float(v) for v in np.ravel(values)])
+
+
+def _moving(server: Any) -> None:
+    if server.player.rollout is None or server.player.rollout.finished:
+        server.begin()
+
+
+def topic_goal_pose() -> Entrance:
+    """``~/goal_pose`` while a skill is executed."""
+    from geometry_msgs.msg import PoseStamped
+
+    def use(server: Any, message: Any) -> None:
+        _moving(server)
+        server.take_goal_pose(message)
+    return _message(PoseStamped, [_pose(), _pose('world')], 'server', use)
+
+
+def topic_goal_stiffness() -> Entrance:
+    """``~/goal_stiffness`` while a skill is executed."""
+    from std_msgs.msg import Float64MultiArray
+
+    def use(server: Any, message: Any) -> None:
+        _moving(server)
+        server.take_goal_stiffness(message)
+    return _message(Float64MultiArray, [_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))],
+                    'server', use)
+
+
+def topic_measured_pose() -> Entrance:
+    """``~/measured_pose``, and a start from it."""
+    from geometry_msgs.msg import PoseStamped
+    return _message(PoseStamped, [_pose()], 'server',
+                    lambda server, message: server.take_measured(message))
+
+
+def topic_clock() -> Entrance:
+    """``/clock`` of a server on simulated time."""
+    from builtin_interfaces.msg import Time
+    from rosgraph_msgs.msg import Clock
+
+    def use(server: Any, message: Any) -> None:
+        server.set_parameters([_parameter('use_sim_time', True)])
+        server._clock_tick(message)
+    valid = [Clock(clock=Time(sec=100, nanosec=i * 10 ** 6)) for i in range(3)]
+    return _message(Clock, valid, 'server', use)
+
+
+def topic_reference() -> Entrance:
+    """Reference of the simulated arm."""
+    from gdmp_msgs.msg import Reference
+    from gdmp_ros.control.controller import HOLD_STIFFNESS
+    from gdmp_ros.control.reference import Origin
+    from gdmp_ros.nodes import wire
+    numbers = np.zeros(56)
+    numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
+    numbers[55] = 0.7
+    valid = Reference()
+    valid.header.frame_id = FRAME
+    wire.fill_reference(valid, numbers)
+
+    def use(sim: Any, message: Any) -> None:
+        # The stamp is as old as it says in every other input: it would refuse nearly all.
+        stamp = message.header.stamp
+        age = 0.0 if message.sequence % 2 == 0 else stamp.sec + 1e-9 * stamp.nanosec
+        sim._loop.controller.guard.offer(wire.reference_target(message),
+                                         Origin(message.header.frame_id, age, 0))
+        state = sim._loop.arm.data
+        if not np.isfinite(state.qpos).all():
+            raise AssertionError(f'the arm is nowhere: {state.qpos}')
+    return _message(Reference, [valid], 'sim', use)
+
+
+def service_set_speed() -> Entrance:
+    """``~/set_speed``."""
+    from gdmp_msgs.srv import SetSpeed
+    return _message(SetSpeed.Request, [SetSpeed.Request(scale=0.5)], 'server',
+                    lambda server, request: server._set_speed(request.scale))
+
+
+def service_pause() -> Entrance:
+    """``~/pause``, ``~/start`` and ``~/stop``, one after the other."""
+    from std_srvs.srv import SetBool
+
+    def use(server: Any, request: Any) -> None:
+        _moving(server)
+        server.player.pause(request.data)
+        if not request.data:
+            server.player.stop()
+            server.begin()
+    return _message(SetBool.Request, [SetBool.Request(data=True), SetBool.Request()], 'server',
+                    use)
+
+
+def service_load_skill() -> Entrance:
+    """``~/load_skill``: names of files."""
+    from gdmp_msgs.srv import LoadSkill
+    path = _folder() / 'skill.json'
+    short_skill().save(path)
+    valid = [LoadSkill.Request(path=str(p)) for p in (path, '/dev/zero', '/', '..', '/dev/stdin')]
+    return _message(LoadSkill.Request, valid, 'server',
+                    lambda server, request: server.load_skill(request.path))
+
+
+def service_learn_skill() -> Entrance:
+    """``~/learn_skill``: the command it makes has no option that it was not to have."""
+    from gdmp_msgs.srv import LearnSkill
+    valid = [LearnSkill.Request(bags=['demo'], n_basis=30, connection='parallel', output='x.json'),
+             LearnSkill.Request(bags=['--each', '-o', '/etc/x'], connection='published')]
+
+    def use(server: Any, request: Any) -> None:
+        request.output = request.output or 'skill.json'
+        _, command = server._learning.command(request)
+        after = command[command.index('--') + 1:]
+        if after != list(request.bags) or sum(w.startswith('-') for w in
+                                              command[:command.index('--')]) != 5:
+            raise AssertionError(f'an option came in: {command}')
+    return _message(LearnSkill.Request, valid, 'server', use)
+
+
+def action_execute() -> Entrance:
+    """Goals of ``~/execute``."""
+    from gdmp_msgs.action import ExecuteSkill
+    whole = ExecuteSkill.Goal(use_goal_pose=True, goal_pose=_pose(), duration=2.0,
+                              goal_stiffness=list((300.0 * np.eye(3)).ravel()),
+                              position_tolerance=0.01, rotation_tolerance=0.01)
+    return _message(ExecuteSkill.Goal, [ExecuteSkill.Goal(), whole], 'server',
+                    lambda server, goal: server._action._begin(goal))
+
+
+def services_of_the_simulation() -> Entrance:
+    """``~/set_pause``, ``~/reset_world`` and ``~/step_simulation``."""
+    from gdmp_msgs.srv import StepSimulation
+
+    def use(sim: Any, request: Any) -> None:
+        reply = StepSimulation.Response()
+        sim._on_step(request, reply)  # refused, as it is not paused
+        if reply.success:
+            raise AssertionError('stepped though not paused')
+        sim._reset = request.steps % 3 == 0
+    return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
+                    'sim', use)
+
+
+def _parameters(name: str, module: str) -> Entrance:
+    import importlib
+    specs = importlib.import_module(f'gdmp_ros.nodes.{module}').SPECS
+    names = [spec.name for spec in specs]
+
+    def value(choose: random.Random) -> Any:
+        number = choose.choice([0.0, -0.0, 1e308, -1e308, float('nan'), float('inf'),
+                                choose.gauss(0, 1), choose.gauss(0, 1e3)])
+        count = choose.randint(0, 8)
+        return choose.choice([
+            number, int(choose.gauss(0, 100)), choose.random() < 0.5, 2 ** 63 - 1,
+            ''.join(chr(choose.choice([0, 10, 32, 65, 233, 0x4E2D, 0x1F600]))
+                    for _ in range(count)),
+            [number] * count, [True] * count, ['x'] * count, [1] * count,
+            bytes(range(count))])
+
+    def feed(data: bytes) -> None:
+        choose, made = random.Random(data), node(name)
+        made.parameters.locked = choose.random() < 0.5
+        for _ in range(3):
+            which = choose.choice(names)
+            before = getattr(made.parameters, which)
+            try:
+                changes = [_parameter(which, value(choose))]
+            except (TypeError, ValueError, AttributeError):
+                continue  # rclpy has no such parameter value
+            result = made.set_parameters(changes)[0]
+            after = getattr(made.parameters, which)
+            if not result.successful and after != before and after == after:
+                raise AssertionError(f'{which}: refused, and changed to {after!r}')
+            if result.successful:
+                problem = {s.name: s for s in specs}[which].problem(after)
+                if problem:
+                    raise AssertionError(f'accepted: {problem}')
+                made.set_parameters([_parameter(which, before)])
+        tick(name)
+    return Entrance(feed, [struct.pack('<I', i) for i in range(8)])
+
+
+def parameters_of_the_server() -> Entrance:
+    """Parameters of ``trajectory_server``."""
+    return _parameters('server', 'server_parameters')
+
+
+def parameters_of_the_simulation() -> Entrance:
+    """Parameters of ``panda_sim``."""
+    return _parameters('sim', 'sim_parameters')
+
+
+ENTRANCES: dict[str, Callable[[], Entrance]] = {
+    made.__name__: made for made in (
+        skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
+        topic_goal_stiffness, topic_measured_pose, topic_clock, topic_reference,
+        service_set_speed, service_pause, service_load_skill, service_learn_skill,
+        action_execute, services_of_the_simulation, parameters_of_the_server,
+        parameters_of_the_simulation)}

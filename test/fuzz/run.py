@@ -1,0 +1,142 @@
+"""
+The long run: a coverage-guided fuzzer on every entrance, and raw bytes over DDS on live nodes.
+
+    python -m test.fuzz.run --runs 100000 --out out/fuzz [ENTRANCE ...]
+
+Writes fuzz.json and fuzz.md; an input that brings out anything but a named error is kept in
+DIR/ENTRANCE. Exit code 1 if there is one.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+#: Watched for new branches; kernels are compiled and cannot be.
+WATCHED = ['gdmp_ros.nodes', 'gdmp_ros.files', 'gdmp_ros.realtime.player',
+           'gdmp_ros.realtime.tool_skill', 'gdmp_ros.dmp.skill_file', 'gdmp_ros.dmp.demonstration',
+           'rosbags']
+LIVE = 'raw_bytes_over_dds'
+
+
+def fuzz_here(name: str, runs: int, folder: Path) -> None:
+    """Fuzz one entrance in this process, which does not return."""
+    import atheris
+    with atheris.instrument_imports(include=WATCHED):
+        from test.fuzz.entrances import ENTRANCES
+        entrance = ENTRANCES[name]()
+    corpus = folder / 'corpus'
+    corpus.mkdir(parents=True, exist_ok=True)
+    for number, seed in enumerate(entrance.seeds):
+        (corpus / f'seed{number}').write_bytes(seed)
+    longest = max(4096, 2 * max(map(len, entrance.seeds)))
+    atheris.Setup([sys.argv[0], f'-runs={runs}', f'-max_len={longest}', '-timeout=60',
+                   '-rss_limit_mb=4096', f'-artifact_prefix={folder}/', '-print_final_stats=1',
+                   str(corpus)], entrance.feed)
+    atheris.Fuzz()
+
+
+def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
+    """Damaged messages over DDS to every topic of running nodes, which have to go on."""
+    import random
+    from gdmp_ros.realtime.domain import Domain
+    from gdmp_ros.reliability.trial import SERVER, short_skill, SIM, Trial
+    domain = Domain()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with Trial(folder, domain.environment(), short_skill(folder)) as trial:
+            from gdmp_msgs.msg import Reference
+            from geometry_msgs.msg import PoseStamped
+            from rclpy.serialization import serialize_message
+            from rosgraph_msgs.msg import Clock
+            from std_msgs.msg import Float64MultiArray
+            from gdmp_ros.nodes.managed import reliable
+            trial.start_sim()
+            trial.start_server()
+            trial.holding()
+            node, choose = trial.operator.node, random.Random(0)
+            topics = {f'{SERVER}/goal_pose': PoseStamped(),
+                      f'{SERVER}/goal_stiffness': Float64MultiArray(data=[1.0] * 9),
+                      f'{SIM}/measured_pose': PoseStamped(), '/clock': Clock(),
+                      f'{SERVER}/reference': Reference()}
+            publishers = [(node.create_publisher(type(m), topic, reliable(1)),
+                           bytes(serialize_message(m))) for topic, m in topics.items()]
+            trial.spend(2.0)
+            before, begun = trial.operator.state.ticks, time.monotonic()
+            for number in range(runs):
+                for publisher, valid in publishers:
+                    data = bytearray(valid)
+                    for _ in range(choose.randint(0, 6)):
+                        at = choose.randrange(len(data) + 1)
+                        data[at:at + choose.randint(0, 9)] = choose.randbytes(choose.randint(0, 9))
+                    publisher.publish(bytes(data))
+                if number % 100 == 0:
+                    trial.children.check()
+                    trial.spend(0.01)
+            seconds = time.monotonic() - begun
+            trial.spend(1.0)
+            rate = (trial.operator.state.ticks - before) / (seconds + 1.0)
+            trial.operator.execute()
+            reached = trial.succeeded()
+    finally:
+        domain.release()
+    return {'inputs': runs * len(topics), 'seconds': seconds, 'crashes': 0 if reached else 1,
+            'notes': f'{rate:.0f} ticks per second meanwhile, then a motion reached its goal'
+                     if reached else 'the motion afterwards did not reach its goal'}
+
+
+def fuzz_apart(name: str, runs: int, folder: Path) -> dict[str, object]:
+    """Fuzz one entrance in a process of its own."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    begun = time.monotonic()
+    environment = dict(os.environ, ROS_DOMAIN_ID='99', ROS_AUTOMATIC_DISCOVERY_RANGE='OFF')
+    with (folder / 'log').open('w') as log:
+        code = subprocess.run([sys.executable, '-m', 'test.fuzz.run', '--here', name, '--runs',
+                               str(runs), '--out', str(folder)], stdout=log,
+                              stderr=subprocess.STDOUT, env=environment).returncode
+    text = (folder / 'log').read_text(errors='replace')
+    counted = re.search(r'number_of_executed_units:\s*(\d+)', text)
+    features = re.findall(r'cov: (\d+) ft: (\d+)', text)
+    found = sorted(p.name for p in folder.iterdir() if p.name.startswith(('crash', 'timeout',
+                                                                          'oom', 'leak')))
+    shutil.rmtree(folder / 'corpus', ignore_errors=True)
+    return {'inputs': int(counted[1]) if counted else 0, 'seconds': time.monotonic() - begun,
+            'crashes': max(len(found), int(code != 0)),
+            'notes': ' '.join(found) or (f'{features[-1][0]} branches' if features else '')}
+
+
+def main() -> int:
+    """Fuzz every entrance, or those named."""
+    from test.fuzz.entrances import ENTRANCES
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('what', nargs='*', metavar='ENTRANCE')
+    parser.add_argument('--runs', type=int, default=100_000)
+    parser.add_argument('--out', type=Path, default=Path('out/fuzz'))
+    options = parser.parse_args()
+    results: dict[str, dict[str, object]] = {}
+    for name in options.what or [*ENTRANCES, LIVE]:
+        print(f'{name} …', flush=True)
+        folder = options.out / name
+        results[name] = (fuzz_live(options.runs // 5, folder) if name == LIVE
+                         else fuzz_apart(name, options.runs, folder))
+        print(f'    {results[name]}', flush=True)
+        lines = ['| entrance | inputs | seconds | crashes | notes |', '|---|---|---|---|---|']
+        lines += [f'| {key} | {r["inputs"]} | {r["seconds"]:.0f} | {r["crashes"]} | {r["notes"]} |'
+                  for key, r in results.items()]
+        (options.out / 'fuzz.md').write_text('\n'.join(lines) + '\n')
+        (options.out / 'fuzz.json').write_text(json.dumps(results, indent=1) + '\n')
+    return int(any(r['crashes'] for r in results.values()))
+
+
+if __name__ == '__main__':
+    if '--here' in sys.argv:  # before anything is imported that is to be watched
+        words = dict(zip(sys.argv[1::2], sys.argv[2::2]))
+        fuzz_here(words['--here'], int(words['--runs']), Path(words['--out']))
+    sys.exit(main())
