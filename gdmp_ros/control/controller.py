@@ -17,7 +17,14 @@ from gdmp_ros.control.impedance import (
     TARGET_SIZE,
     TWIST,
 )
-from gdmp_ros.control.limits import Bites, ENERGY, LIMITS, LimitSettings, TorqueLimiter
+from gdmp_ros.control.limits import (
+    Bites,
+    ENERGY,
+    LIMITS,
+    LimitSettings,
+    TORQUE,
+    TorqueLimiter,
+)
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.passivity import (
     admit,
@@ -118,12 +125,23 @@ class ImpedanceController:
         filling = self._spring_power(measured, twist, spring, dt)
         torque, short = tank.hold_back(measured, torque, filling, dt)
         excess[ENERGY] += short
+        if not np.isfinite(torque).all():
+            torque = self._recover(measured)
+            excess[TORQUE] = np.inf
         torque = self._limiter.apply(measured.position, measured.velocity, measured.bias, torque,
                                      excess)
         tank.sent(measured, torque, spring)
         self.bites.add(excess)
         return Tick(measured, twist, wrench, self._stiffness.copy(), requested, torque, spring,
                     tank.energy, excess)
+
+    def _recover(self, measured: Measurement) -> np.ndarray:
+        """Hold the measured pose, weightless: no torque could be computed."""
+        self._followed[:] = 0.0
+        self._followed[POSE:POSE + 7] = measured.pose
+        self._stiffness[:] = HOLD_STIFFNESS.reshape(-1)
+        self.tank.forget()
+        return measured.bias.copy()
 
     def _torque(self, measured: Measurement, damping_ratio: float
                 ) -> tuple[np.ndarray, np.ndarray]:

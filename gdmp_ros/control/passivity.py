@@ -335,6 +335,12 @@ class EnergyTank:
             return torque, 0.0
         return torque - min(short / (dt * moving), MOST_DAMPING) * velocity, short
 
+    def forget(self) -> None:
+        """Start metering anew with an empty tank: what was drawn is not known."""
+        self._before = None
+        self.energy = 0.0
+        self.drawn = 0.0
+
     def sent(self, measured: Measurement, torque: np.ndarray, stored: float) -> None:
         """Remember what is being sent, for `meter` to look at its effect."""
         self._before = (measured.velocity.copy(), measured.potential, stored)

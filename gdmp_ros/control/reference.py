@@ -25,6 +25,9 @@ QUATERNION_TOLERANCE = 1e-3
 SKEW = 1e-6
 #: Pivots of a stiffness below this share of its largest entry count as not positive.
 PIVOT = 1e-9
+#: No number of a reference is larger; their products stay finite.
+LARGEST = 1e6
+MOST_DAMPED = 2.0
 #: Between two references the last one is carried on with its acceleration for so long [s].
 ACCELERATED_S = 0.01
 #: A stream may skip this many sequence numbers while it is being followed.
@@ -87,11 +90,11 @@ def refusal(target: np.ndarray, origin: Origin, settings: GuardSettings) -> str 
 @compiled
 def _unfit(target):
     """Whether a target has a number that is not finite, or a part that is not on its manifold."""
-    total = 0.0
     for i in range(target.size):
-        total += abs(target[i])
-    # Not finite either where a number is NaN.
-    if not total < math.inf or not target[DAMPING_RATIO] >= 0.0:
+        # False for NaN too.
+        if not abs(target[i]) <= LARGEST:
+            return True
+    if not 0.0 <= target[DAMPING_RATIO] <= MOST_DAMPED:
         return True
     norm = 0.0
     for i in range(POSE + 3, POSE + 7):
@@ -121,6 +124,9 @@ def _describe(target: np.ndarray) -> str:
     """Say what makes a target unfit."""
     if not np.isfinite(target).all():
         return 'a number is NaN or infinite'
+    largest = float(np.abs(target).max())
+    if largest > LARGEST:
+        return f'a number is {largest:.3g}, expected at most {LARGEST:g}'
     norm = float(np.linalg.norm(target[POSE + 3:POSE + 7]))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         return f'quaternion norm is {norm:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}'
@@ -128,11 +134,10 @@ def _describe(target: np.ndarray) -> str:
     skew = np.abs(stiffness - stiffness.T).max()
     if skew > SKEW * np.abs(stiffness).max():
         return f'stiffness is not symmetric: entries differ by {skew:.3g}'
-    if not target[DAMPING_RATIO] >= 0.0:
-        return f'damping ratio is {target[DAMPING_RATIO]:.3g}, expected at least 0'
-    # Huge numbers too end here: their products overflow.
-    with np.errstate(all='ignore'):
-        least = np.linalg.eigvalsh(stiffness)[0]
+    if not 0.0 <= target[DAMPING_RATIO] <= MOST_DAMPED:
+        return f'damping ratio is {target[DAMPING_RATIO]:.3g}, expected 0 to {MOST_DAMPED:g}'
+    scale = max(float(np.abs(stiffness).max()), 1e-300)
+    least = scale * np.linalg.eigvalsh(stiffness / scale)[0]
     return f'stiffness is not positive definite: smallest eigenvalue is {least:.4g}'
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from gdmp_ros.errors import CutLocusError, GdmpError, ManifoldError
 from gdmp_ros.manifolds import operations as ops
 
+#: Larger ones are mistakes: nobody has the memory for their frames.
+LARGEST_M = 1000
 _NOTHING = np.empty(0)
 
 
@@ -286,8 +288,10 @@ class Manifold(ABC):
 
     @classmethod
     def _size(cls, m: int, least: int) -> int:
-        if not isinstance(m, (int, np.integer)) or isinstance(m, bool) or m < least:
-            raise ManifoldError(f'{cls.__name__}: m must be an integer >= {least}, got {m!r}')
+        if (not isinstance(m, (int, np.integer)) or isinstance(m, bool)
+                or not least <= m <= LARGEST_M):
+            raise ManifoldError(f'{cls.__name__}: m must be an integer from {least} to '
+                                f'{LARGEST_M}, got {m!r}')
         return int(m)
 
     def __repr__(self) -> str:

@@ -96,7 +96,8 @@ class Product(Manifold):
         if names is None:
             return tuple(kind if kinds.count(kind) == 1 else f'{kind}{kinds[:i].count(kind) + 1}'
                          for i, kind in enumerate(kinds))
-        if len(names) != len(kinds) or len(set(names)) != len(kinds):
+        if (not isinstance(names, (list, tuple)) or len(names) != len(kinds)
+                or len(set(map(str, names))) != len(kinds)):
             raise ManifoldError(f'Product: expected {len(kinds)} different names, got {names!r}')
         return tuple(str(name) for name in names)
 

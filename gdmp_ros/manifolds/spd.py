@@ -160,7 +160,9 @@ class SymmetricPositiveDefinite(Manifold):
         super().__init__(m, dim=dim, point_shape=(m, m), tangent_size=dim, frame_size=2 * m * m)
 
     def _project(self, array: np.ndarray) -> np.ndarray:
-        values, vectors = np.linalg.eigh(0.5 * (array + array.T))
+        scale = max(float(np.abs(array).max()), EPS)
+        values, vectors = np.linalg.eigh(0.5 * (array / scale + array.T / scale))
+        values *= scale
         if not values[-1] > 0.0:
             raise self._no_point(f'the largest eigenvalue is {values[-1]:.3g}, expected > 0')
         values = np.maximum(values, self.floor * values[-1])
@@ -169,10 +171,11 @@ class SymmetricPositiveDefinite(Manifold):
 
     def _defect(self, point: np.ndarray) -> str | None:
         scale = max(float(np.abs(point).max()), EPS)
-        skew = float(np.abs(point - point.T).max()) / scale
+        skew = float(np.abs(point / scale - point.T / scale).max())
         if not skew <= self.tolerance:
             return f'asymmetry is {skew:.3g} of the largest entry, expected <= {self.tolerance:g}'
-        least = float(np.linalg.eigvalsh(0.5 * (point + point.T))[0])
+        # Scaled: the sum of two large entries may be infinite, and no eigenvalue found then.
+        least = scale * float(np.linalg.eigvalsh(0.5 * (point / scale + point.T / scale))[0])
         if not least > 0.0:
             return f'smallest eigenvalue is {least:.3g}, expected > 0'
         return None

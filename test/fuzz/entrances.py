@@ -121,7 +121,6 @@ def _bag(storage: str) -> Entrance:
     def feed(content: bytes) -> None:
         data.write_bytes(content)
         try:
-            bags.topics(bag)
             recordings.read(bag)
         except GdmpError:
             pass

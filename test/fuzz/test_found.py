@@ -1,0 +1,110 @@
+"""What fuzzing has brought out, each mended and held here."""
+import copy
+import json
+
+from gdmp_msgs.srv import LearnSkill
+import numpy as np
+import pytest
+
+from gdmp_ros.control import limits
+from gdmp_ros.control.controller import HOLD_STIFFNESS
+from gdmp_ros.control.impedance import TARGET_SIZE
+from gdmp_ros.control.reference import GuardSettings, Origin, ReferenceGuard
+from gdmp_ros.dmp import Skill
+from gdmp_ros.errors import DataError, ManifoldError, ParameterError
+from gdmp_ros.manifolds import from_spec, Product, Sphere, SymmetricPositiveDefinite
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.panda import Arm
+
+from .entrances import node, short_skill
+
+
+@pytest.fixture
+def document(tmp_path):
+    path = tmp_path / 'skill.json'
+    short_skill().save(path)
+    return json.loads(path.read_text())
+
+
+@pytest.mark.parametrize('names', [1, 2.5, True, [[], 'a', 'b'], [{}, {}, {}], 'abc'])
+def test_names_of_factors_that_are_none(document, tmp_path, names):
+    changed = copy.deepcopy(document)
+    changed['manifold']['names'] = names
+    path = tmp_path / 'changed.json'
+    path.write_text(json.dumps(changed))
+    try:
+        Skill.load(path)
+    except DataError as error:
+        assert str(path) in str(error) and 'names' in str(error)
+
+
+@pytest.mark.parametrize('m', [2 ** 70, 10 ** 6, -1])
+def test_sizes_nobody_has_memory_for(m):
+    with pytest.raises(ManifoldError, match='m must be an integer from 1 to 1000'):
+        from_spec({'kind': 'spd', 'm': m})
+    assert Sphere(1000).dim == 1000
+
+
+@pytest.mark.parametrize('size', [1e308, 1e200, 1e-300])
+def test_matrices_whose_sums_overflow(size):
+    manifold = SymmetricPositiveDefinite(2)
+    with pytest.raises(ManifoldError, match='smallest eigenvalue'):
+        manifold.check_point(size * np.array([[1.0, 1.5], [1.5, 1.0]]))
+    assert np.isfinite(manifold.check_point(size * np.eye(2))).all()
+
+
+def reference():
+    target = np.zeros(TARGET_SIZE)
+    target[:7], target[19:55], target[55] = (Arm().measure().pose, HOLD_STIFFNESS.reshape(-1),
+                                             0.7)
+    return target
+
+
+@pytest.mark.parametrize('index, value, reason', [
+    (8, 1e300, 'a number is 1e+300'), (15, -1e12, 'a number is 1e+12'),
+    (2, 1e9, 'a number is 1e+09'), (55, 1e5, 'damping ratio is 1e+05, expected 0 to 2')])
+def test_finite_numbers_whose_products_are_not(index, value, reason):
+    guard = ReferenceGuard(GuardSettings(), reference()[:7], HOLD_STIFFNESS, 0.7)
+    target = reference()
+    target[index] = value
+    assert not guard.offer(target, Origin('panda_link0'))
+    assert reason in guard.last_refusal
+
+
+def test_a_torque_that_cannot_be_computed_is_never_sent():
+    loop = ClosedLoop(Arm())
+    for _ in range(50):
+        loop.tick()
+    loop.controller._followed[:6] = np.nan
+    tick = loop.tick()
+    assert np.isfinite(tick.torque).all() and tick.excess[limits.TORQUE] == np.inf
+    assert 'torque by inf Nm' in loop.controller.bites.recent()
+    start = loop.arm.measure().pose.copy()
+    for _ in range(1000):
+        tick = loop.tick()
+        assert np.isfinite(tick.torque).all()
+    assert np.linalg.norm(loop.arm.measure().pose - start) < 1e-3
+
+
+@pytest.mark.parametrize('fields', [
+    {'bags': ['--each', '-o', 'elsewhere.json']}, {'bags': ['demo'], 'output': '--resume'}])
+def test_names_of_bags_are_never_options(fields):
+    _, command = node('server')._learning.command(LearnSkill.Request(**fields))
+    named = command[command.index('--') + 1:]
+    assert named == fields['bags']
+    assert not {'--each', '--resume', '-o'} & set(command[:command.index('--')])
+
+
+def test_a_connection_that_is_none_is_refused_before_anything_is_started():
+    with pytest.raises(ParameterError, match="connection is '--help'"):
+        node('server')._learning.command(LearnSkill.Request(bags=['x'], connection='--help'))
+
+
+@pytest.mark.parametrize('path', ['/dev/zero', '/', '/dev/stdin'])
+def test_a_skill_file_that_is_not_a_file(path):
+    with pytest.raises(DataError, match='it is not a file'):
+        Skill.load(path)
+
+
+def test_products_with_names_as_a_tuple_still_work():
+    assert Product(Sphere(2), Sphere(1), names=('a', 'b')).names == ('a', 'b')
