@@ -21,7 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from gdmp_ros.control.reference import QUATERNION_TOLERANCE
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, GdmpError
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -85,7 +85,7 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield reader
-    except DataError:
+    except GdmpError:
         raise
     except Exception as error:  # rosbags lets errors of sqlite3, struct, zstd, yaml … through
         raise DataError(f'{path}: damaged or not a rosbag2 recording '
@@ -95,27 +95,37 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
 def topics(path: str | Path) -> list[tuple[str, str, int]]:
     """Topic, type and message count of everything in a bag."""
     with opened(path) as reader:
-        return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
+        return topics_in(reader)
+
+
+def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
+    """Topic, type and message count of everything in an open bag."""
+    return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
 
 
 def read_series(path: str | Path, topic: str, *wanted: str) -> Series:
+    """Read a topic of a bag as numbers; see `series_in`."""
+    with opened(path) as reader:
+        return series_in(reader, path, topic, *wanted)
+
+
+def series_in(reader: AnyReader, path: str | Path, topic: str, *wanted: str) -> Series:
     """
-    Read a topic as numbers.
+    Read a topic of an open bag as numbers.
 
     :param wanted: message types that will do; any known type by default
     :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
     """
-    with opened(path) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
-        known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
-        if not connections:
-            raise DataError(f'{path}: no topic {topic}; the bag has {known}')
-        allowed = wanted or tuple(_DECODERS)
-        for connection in connections:
-            if connection.msgtype not in allowed:
-                raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '
-                                f'{" or ".join(allowed)}')
-        return _decode(reader, connections, str(path), topic)
+    connections = [c for c in reader.connections if c.topic == topic]
+    known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
+    if not connections:
+        raise DataError(f'{path}: no topic {topic}; the bag has {known}')
+    allowed = wanted or tuple(_DECODERS)
+    for connection in connections:
+        if connection.msgtype not in allowed:
+            raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '
+                            f'{" or ".join(allowed)}')
+    return _decode(reader, connections, str(path), topic)
 
 
 def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: str) -> Series:

@@ -62,17 +62,18 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Re
         default; a Reference brings its own
     :raises DataError: naming bag, topic, sample and reason
     """
-    found = bags.topics(bag)
-    pose_topic = pose_topic or _only(bag, found, 'pose', bags.POSE, bags.REFERENCE)
-    poses = bags.read_series(bag, pose_topic, bags.POSE, bags.REFERENCE)
-    matrices, block = None, None
-    if poses.values.shape[1] > 7:
-        matrices, block = _matrices(poses, poses.values[:, 7:])
-    elif stiffness_topic or any(kind == bags.ARRAY for _, kind, _ in found):
-        stiffness_topic = stiffness_topic or _only(bag, found, 'stiffness', bags.ARRAY)
-        series = bags.read_series(bag, stiffness_topic, bags.ARRAY)
-        matrices, block = _matrices(series, series.values)
-        matrices = _at_stamps(matrices, series, poses)
+    with bags.opened(bag) as reader:
+        found = bags.topics_in(reader)
+        pose_topic = pose_topic or _only(bag, found, 'pose', bags.POSE, bags.REFERENCE)
+        poses = bags.series_in(reader, bag, pose_topic, bags.POSE, bags.REFERENCE)
+        matrices, block = None, None
+        if poses.values.shape[1] > 7:
+            matrices, block = _matrices(poses, poses.values[:, 7:])
+        elif stiffness_topic or any(kind == bags.ARRAY for _, kind, _ in found):
+            stiffness_topic = stiffness_topic or _only(bag, found, 'stiffness', bags.ARRAY)
+            series = bags.series_in(reader, bag, stiffness_topic, bags.ARRAY)
+            matrices, block = _matrices(series, series.values)
+            matrices = _at_stamps(matrices, series, poses)
     demonstration = _trim(_joined(poses, matrices), f'{poses.bag}, topic {poses.topic}')
     return Recording(demonstration, str(bag), poses.frame, block)
 

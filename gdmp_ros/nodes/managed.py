@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import os
 import signal
 import sys
 import threading
@@ -20,6 +21,9 @@ from rclpy.signals import SignalHandlerOptions
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.statistics import Punctuality
 
+#: With one of these the user has chosen who can reach the nodes; otherwise it is this machine.
+CHOSEN_REACH = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY',
+                'ROS_DISCOVERY_SERVER', 'FASTRTPS_DEFAULT_PROFILES_FILE', 'CYCLONEDDS_URI')
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
 DEEP = 2000
 
@@ -203,8 +207,12 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
     """
     Run nodes until Ctrl-C or SIGTERM, then deactivate them properly.
 
+    Only this machine can reach them, unless the user has chosen otherwise.
+
     :returns: exit code
     """
+    if not any(name in os.environ for name in CHOSEN_REACH):
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -162,6 +162,7 @@ def node(name: str) -> Any:
     if name in _nodes:
         return _nodes[name]
     import rclpy
+
     from gdmp_ros.nodes.panda_sim import PandaSim
     from gdmp_ros.nodes.trajectory_server import TrajectoryServer
     if not rclpy.ok():
@@ -278,6 +279,7 @@ def topic_clock() -> Entrance:
 def topic_reference() -> Entrance:
     """Reference of the simulated arm."""
     from gdmp_msgs.msg import Reference
+
     from gdmp_ros.control.controller import HOLD_STIFFNESS
     from gdmp_ros.control.reference import Origin
     from gdmp_ros.nodes import wire

@@ -27,9 +27,8 @@ LIVE = 'raw_bytes_over_dds'
 def fuzz_here(name: str, runs: int, folder: Path) -> None:
     """Fuzz one entrance in this process, which does not return."""
     import atheris
+
     # Kernels first: what has been imported is left as it is.
-    import gdmp_ros.control.controller
-    import gdmp_ros.sim.closed_loop
     import gdmp_ros.dmp.skill_file as skill_file
     for key, function in list(vars(skill_file).items()):
         if inspect.isfunction(function) and function.__module__ == skill_file.__name__:
@@ -37,6 +36,8 @@ def fuzz_here(name: str, runs: int, folder: Path) -> None:
     with atheris.instrument_imports(include=WATCHED):
         from test.fuzz.entrances import ENTRANCES
         entrance = ENTRANCES[name]()
+    for seed in entrance.seeds:
+        entrance.feed(seed)  # kernels are compiled before anybody takes the time
     corpus = folder / 'corpus'
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(entrance.seeds):
@@ -51,6 +52,7 @@ def fuzz_here(name: str, runs: int, folder: Path) -> None:
 def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     """Damaged messages over DDS to every topic of running nodes, which have to go on."""
     import random
+
     from gdmp_ros.realtime.domain import Domain
     from gdmp_ros.reliability.trial import SERVER, short_skill, SIM, Trial
     domain = Domain()
@@ -62,6 +64,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
             from rclpy.serialization import serialize_message
             from rosgraph_msgs.msg import Clock
             from std_msgs.msg import Float64MultiArray
+
             from gdmp_ros.nodes.managed import reliable
             trial.start_sim()
             trial.start_server()

@@ -1,5 +1,6 @@
 """A bounded share of `make fuzz`: every entrance with bytes near valid ones, and with any bytes."""
-from hypothesis import given, HealthCheck, settings, strategies as st
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
 import pytest
 
 from .entrances import ENTRANCES
