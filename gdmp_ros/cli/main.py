@@ -9,7 +9,8 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo', 'faults', 'soak')
+VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo', 'faults',
+         'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
@@ -23,6 +24,10 @@ all of it on a simulated robot:
 
 the experiments of the paper:
   gdmp paper all
+
+what can go wrong on a robot, tried:
+  gdmp faults
+  gdmp soak --minutes 30
 """
 
 

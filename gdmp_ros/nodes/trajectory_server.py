@@ -36,8 +36,8 @@ from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
 from gdmp_ros.realtime.tool_skill import PlayerSettings
 
 NS = 1_000_000_000
-#: A longer step of the time, of /clock or of the machine's own after the process stood still, moves
-#: the grid instead of the motion [s].
+#: A longer step of the time, of /clock or of the machine's own after the process stood still,
+#: moves the grid instead of the motion [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
 #: Ticks between two looks at the measured pose, and between two at the goals. Polled, a flood of
 #: messages costs no more than a few: an executor would wake for each.

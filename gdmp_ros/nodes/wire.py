@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import struct
-from typing import Any
+from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time
 from gdmp_msgs.msg import Reference, RobotState
@@ -24,6 +24,8 @@ from gdmp_ros.control.reference import QUATERNION_TOLERANCE
 from gdmp_ros.errors import ManifoldError
 
 NS = 1_000_000_000
+#: Serialised data (`Patched.bytes` takes the name inside the class).
+Buffer: TypeAlias = bytes
 _HEADER = 4  # bytes of CDR encapsulation; alignment counts from behind it
 _MARK = 1e-200
 #: Numbers of a robot state before those of its joints.
@@ -175,17 +177,17 @@ class Patched:
         return bytes(memoryview(self._data)[:self._size])
 
 
-    def sequence_of(self, data: bytes) -> int:
+    def sequence_of(self, data: Buffer) -> int:
         """Sequence number of a serialised message with these strings."""
-        return int.from_bytes(data[_HEADER + 8 * self._sequence:][:8], 'little')
+        return int(struct.unpack_from('<Q', data, _HEADER + 8 * self._sequence)[0])
 
-    def numbers_of(self, data: bytes) -> np.ndarray:
+    def numbers_of(self, data: Buffer) -> np.ndarray:
         """Numbers of a serialised message with these strings."""
         count = (len(data) - _HEADER) // 8
         return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._where])
 
 
-def stamp_ns_of(data: bytes) -> int:
+def stamp_ns_of(data: Buffer) -> int:
     """Stamp of a serialised message that begins with a header [ns]."""
     seconds, ns = struct.unpack_from('<iI', data, _HEADER)
     return int(seconds) * NS + int(ns)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import array
 from collections import deque
+import contextlib
 from dataclasses import dataclass
 import fcntl
 import os
@@ -114,11 +115,10 @@ def _plain_checksums(interface: str) -> None:
 def _ethtool(control: socket.socket, interface: str, command: int) -> None:
     value = array.array('B', struct.pack('II', command, 0))
     address, _ = value.buffer_info()
-    try:
+    # An interface without the feature has nothing to switch off.
+    with contextlib.suppress(OSError):
         fcntl.ioctl(control, _SIOCETHTOOL,
                     struct.pack('16sP', interface.encode(), address) + b'\0' * 16)
-    except OSError:
-        pass  # an interface without the feature has nothing to switch off
 
 
 class TwoHosts:

@@ -8,7 +8,7 @@ from gdmp_ros.nodes.operator import Operator
 
 
 def main(timeout: str) -> int:
-    """Execute the loaded skill once; the words ``executing`` and ``ended with N`` tell about it."""
+    """Execute the loaded skill once, and say so: ``executing``, then ``ended with N``."""
     operator = Operator()
     try:
         operator.wait_status('holding', 120.0)

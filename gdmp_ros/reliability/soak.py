@@ -1,7 +1,6 @@
-"""Hours of work in one run: random skills, goals, tempo changes and pauses, watched all the time."""
+"""Hours of work in one run: random skills, goals, tempo changes and pauses, all watched."""
 from __future__ import annotations
 
-from collections.abc import Callable
 import json
 import os
 from pathlib import Path
@@ -83,11 +82,11 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
     trial.children.start('bare', 'gdmp_ros.demo.bare', [str(folder / 'bare.npy'),
                                                         str(2 * wanted + 100_000)])
     trial.spend(1.0)
-    first = trial.operator.state.ticks
+    first = trial.state.ticks
     worker, samples, begun = Worker(trial, skills, rng), [], time.monotonic()
     with progress('soaking', wanted) as step:
         shown, due = 0, 0.0
-        while (done := trial.operator.state.ticks - first) < wanted:
+        while (done := trial.state.ticks - first) < wanted:
             trial.children.check()
             for _ in range(done // 1000 - shown // 1000):
                 step(1000)
@@ -95,7 +94,7 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
             if time.monotonic() - begun >= due:
                 samples.append(_sample(trial, time.monotonic() - begun))
                 due += SAMPLE_S
-            worker.work(lambda: time.monotonic() - begun >= due)
+            worker.work(begun + due)
     samples.append(_sample(trial, time.monotonic() - begun))
     for name in ('monitor', 'bare'):
         trial.children.stop(name, timeout=60.0)
@@ -103,7 +102,7 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
 
 
 def _sample(trial: Trial, seconds: float) -> dict[str, float]:
-    state, result = trial.operator.state, {'seconds': seconds}
+    state, result = trial.state, {'seconds': seconds}
     for name in (SERVER, SIM):
         process = psutil.Process(trial.children.processes[name].pid)
         result[f'{name} memory'] = process.memory_info().rss
@@ -122,9 +121,9 @@ class Worker:
         self._skill = skills[0]
         self._running = False
 
-    def work(self, until: Callable[[], bool]) -> None:
-        """Go on until it is time to look."""
-        while not until():
+    def work(self, until: float) -> None:
+        """Go on until it is time to look, on the monotonic clock [s]."""
+        while time.monotonic() < until:
             if not self._running:
                 self._begin()
             elif self._trial.operator.done():

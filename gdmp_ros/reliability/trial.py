@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import lasa, runs
 from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.realtime.processes import Children
@@ -79,6 +80,17 @@ class Trial:
         self.holding()
         self.record()
 
+    @property
+    def state(self) -> Any:
+        """
+        Last state of the server.
+
+        :raises GdmpError: if there is none
+        """
+        if self.operator.state is None:
+            raise GdmpError('the server has not said anything yet')
+        return self.operator.state
+
     def holding(self) -> None:
         """Wait until a server that has just been started holds the arm."""
         self.spend(0.2)  # words of one that is gone may still be on their way
@@ -88,7 +100,7 @@ class Trial:
     def progress(self, value: float) -> None:
         """Wait for a part of the motion."""
         self.operator.wait(f'{value:.0%} of the motion',
-                           lambda: self.operator.state.progress >= value, 60.0)
+                           lambda: self.state.progress >= value, 60.0)
 
     def spend(self, seconds: float) -> None:
         """Let time pass while the operator listens."""

@@ -1,12 +1,13 @@
 """
 Every entrance through which something from outside comes in, and seeds of what is valid there.
 
-An entrance takes bytes. Whatever they are, only a `GdmpError` may come out, and the nodes' next tick
-must work.
+An entrance takes bytes. Whatever they are, only a `GdmpError` may come out, and the nodes' next
+tick must work.
 """
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 import json
 import os
@@ -22,6 +23,7 @@ import numpy as np
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import bags, lasa, recordings
+from gdmp_ros.realtime.domain import Domain
 
 TOOL = lasa.TOOL
 FRAME = 'panda_link0'
@@ -69,17 +71,15 @@ def skill_file() -> Entrance:
 
     def feed(data: bytes) -> None:
         path.write_bytes(data)
-        try:
+        with suppress(GdmpError):
             skill = Skill.load(path)
             skill.reproduce(skill.duration / 5.0)
-        except GdmpError:
-            pass
     return Entrance(feed, [made.read_bytes()])
 
 
-_VALUES: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2 ** 63, -2 ** 70, 1e308, -1e-308, 0.5, '',
-                            'x', 'parallel', [], [[]], [1.0], [[1.0, 2.0]], {}, {'a': 1}, 'spd',
-                            float('nan'), float('inf'))
+_VALUES: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2 ** 63, -2 ** 70, 1e308, -1e-308, 0.5,
+                            '', 'x', 'parallel', [], [[]], [1.0], [[1.0, 2.0]], {}, {'a': 1},
+                            'spd', float('nan'), float('inf'))
 
 
 def edited(document: Any, choose: random.Random, depth: int = 0) -> Any:
@@ -120,10 +120,8 @@ def _bag(storage: str) -> Entrance:
 
     def feed(content: bytes) -> None:
         data.write_bytes(content)
-        try:
+        with suppress(GdmpError):
             recordings.read(bag)
-        except GdmpError:
-            pass
     return Entrance(feed, [data.read_bytes()])
 
 
@@ -147,10 +145,8 @@ def bag_metadata() -> Entrance:
 
     def feed(content: bytes) -> None:
         metadata.write_bytes(content)
-        try:
+        with suppress(GdmpError):
             bags.topics(bag)
-        except GdmpError:
-            pass
     return Entrance(feed, [made])
 
 
@@ -166,7 +162,9 @@ def node(name: str) -> Any:
     from gdmp_ros.nodes.panda_sim import PandaSim
     from gdmp_ros.nodes.trajectory_server import TrajectoryServer
     if not rclpy.ok():
-        rclpy.init(args=[])
+        # A domain of one's own, kept to the end of the process.
+        _nodes['domain'] = domain = Domain()
+        rclpy.init(args=[], domain_id=domain.id)
     made: Any = TrajectoryServer() if name == 'server' else PandaSim()
     if name == 'server':
         path = _folder() / 'skill.json'
@@ -209,10 +207,8 @@ def _message(kind: Any, valid: list[Any], name: str, use: Callable[[Any, Any], N
             message = deserialize_message(data, kind)
         except Exception:
             return  # the middleware never hands it on
-        try:
+        with suppress(GdmpError):
             use(made, message)
-        except GdmpError:
-            pass
         tick(name)
     return Entrance(feed, [serialize_message(message) for message in valid])
 

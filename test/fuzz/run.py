@@ -105,7 +105,7 @@ def fuzz_apart(name: str, runs: int, folder: Path) -> dict[str, object]:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     begun = time.monotonic()
-    environment = dict(os.environ, ROS_DOMAIN_ID='99', ROS_AUTOMATIC_DISCOVERY_RANGE='OFF')
+    environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='OFF')
     with (folder / 'log').open('w') as log:
         code = subprocess.run([sys.executable, '-m', 'test.fuzz.run', '--here', name, '--runs',
                                str(runs), '--out', str(folder)], stdout=log,

@@ -1,4 +1,4 @@
-"""A bounded share of `make fuzz`: every entrance with bytes near valid ones, and with any bytes."""
+"""A bounded share of `make fuzz`: every entrance with bytes near valid ones, and with any."""
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import pytest

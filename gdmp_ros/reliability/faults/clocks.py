@@ -25,14 +25,15 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
                         10.0)
     trial.operator.execute()
     trial.progress(0.2)
-    stamp = trial.operator.state.header.stamp
+    stamp = trial.state.header.stamp
     now = stamp.sec * NS + stamp.nanosec
     for jump in (10 * NS, -5 * NS, 3600 * NS, -now):
         for _ in range(5):
             publisher.publish(Clock(clock=wire.stamp_of(now + jump)))
             trial.spend(0.02)
     outcome.claim('the motion reaches its goal', trial.succeeded())
-    outcome.claim('the server says that the time jumped', 'the time jumped by' in trial.log(SERVER))
+    outcome.claim('the server says that the time jumped',
+                  'the time jumped by' in trial.log(SERVER))
     trial.spend(0.5)
     run = trial.recorded()
     away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class History:
     @property
     def robot(self) -> np.ndarray:
         """Kinetic energy and spring."""
-        return self.kinetic + self.spring
+        return np.asarray(self.kinetic + self.spring)
 
 
 def adversary(last: Tick | None, target: np.ndarray) -> float:
@@ -92,7 +93,7 @@ def margin(history: History) -> float:
 
 
 def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
-    """A stiffness profile that shakes the arm against a stiff contact, with and without the tank"""
+    """A stiffness profile that shakes the arm against a stiff contact"""
     outcome = Outcome()
     plain, ours = shaken(False), shaken(True)
     total = ours.robot + ours.tank
@@ -115,7 +116,7 @@ def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def draw(plain: History, ours: History, path: object) -> None:
+def draw(plain: History, ours: History, path: Path) -> None:
     """Energies, heights and stiffness, plain law and ours side by side."""
     figure, axes = plots.panels(3, 2, (5.4, 2.5))
     for column, (history, title) in enumerate(((plain, 'plain impedance law'),

@@ -50,10 +50,10 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     trial.start()
     trial.operator.execute()
     trial.progress(0.3)
-    ticks = trial.operator.state.ticks
+    ticks = trial.state.ticks
     trial.children.kill(SIM)
     trial.spend(1.0)
-    outcome.need('references a second without the arm', trial.operator.state.ticks - ticks,
+    outcome.need('references a second without the arm', trial.state.ticks - ticks,
                  lambda v: v > 900)
     trial.start_sim()
     outcome.claim('the server finishes its motion', trial.succeeded())
@@ -78,7 +78,8 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
         time.sleep(seconds)
         process.send_signal(signal.SIGCONT)
         outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
-    outcome.claim('the server says that the time jumped', 'the time jumped by' in trial.log(SERVER))
+    outcome.claim('the server says that the time jumped',
+                  'the time jumped by' in trial.log(SERVER))
     run = trial.recorded()
     outcome.need('references lost', motion.lost(run), lambda v: v == 0)
     away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())

@@ -26,9 +26,9 @@ def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
     trial.children.start('flood', 'gdmp_ros.reliability.flood', [what])
     trial.operator.wait('the flood', lambda: 'flooding' in trial.log('flood'), 60.0)
     trial.spend(0.5)
-    before = trial.operator.state
+    before = trial.state
     trial.spend(seconds)
-    after = trial.operator.state
+    after = trial.state
     trial.children.stop('flood')
     sent = int(trial.log('flood').split()[-1])
     outcome.need('messages sent', sent, lambda v: v > 500 * seconds)
