@@ -14,6 +14,8 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import lasa, runs
 from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.realtime.processes import Children
+from gdmp_ros.reliability import motion
+from gdmp_ros.reliability.outcome import Outcome
 
 SIM, SERVER, RECORDER = 'panda_sim', 'trajectory_server', 'recorder'
 START_UP_S = 120.0
@@ -120,6 +122,20 @@ class Trial:
         """End the recording and read it."""
         self.children.stop(RECORDER, timeout=60.0)
         return runs.read(self.folder / 'run')
+
+    def closing(self, outcome: Outcome, away: float | None = 0.002) -> runs.Run:
+        """
+        End the recording and hold it against what every trial asks for.
+
+        :param away: how far from the skill's goal the arm may be at the end [m]; None: anywhere
+        """
+        run = self.recorded()
+        if away is not None:
+            far = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
+            outcome.need('away from the goal at the end [m]', far, lambda v: v < away)
+        outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+        motion.judge(run, outcome)
+        return run
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Call a service and return its reply."""

@@ -8,9 +8,8 @@ from rosgraph_msgs.msg import Clock
 
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import reliable
-from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
-from gdmp_ros.reliability.trial import goal_of, SERVER, SIM, Trial
+from gdmp_ros.reliability.trial import SERVER, SIM, Trial
 
 NS = 1_000_000_000
 
@@ -35,10 +34,7 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     outcome.claim('the server says that the time jumped',
                   'the time jumped by' in trial.log(SERVER))
     trial.spend(0.5)
-    run = trial.recorded()
-    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need('away from the goal [m]', away, lambda v: v < 0.002)
-    motion.judge(run, outcome)
+    trial.closing(outcome)
     return outcome
 
 
@@ -53,10 +49,9 @@ def mixed_clocks(trial: Trial, quick: bool) -> Outcome:
     trial.succeeded()
     outcome.claim('the arm says what is mixed', 'simulated and wall time are mixed'
                   in trial.log(SIM))
-    run = trial.recorded()
+    run = trial.closing(outcome, None)
     path = run.poses[:, :3] - run.poses[0, :3]
     outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
-    motion.judge(run, outcome)
     return outcome
 
 
@@ -94,9 +89,5 @@ def wall_clock(trial: Trial, quick: bool) -> Outcome:
     setting.write_text('+0')
     outcome.claim('the server finishes its motion', trial.succeeded())
     trial.spend(3.0)
-    run = trial.recorded()
-    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need('away from the goal at the end [m]', away, lambda v: v < 0.002)
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    trial.closing(outcome)
     return outcome

@@ -6,9 +6,7 @@ import shutil
 import subprocess
 import time
 
-from gdmp_ros.files import lasa, recordings
-from gdmp_ros.files.bags import opened
-from gdmp_ros.files.runs import REFERENCE_TOPIC
+from gdmp_ros.files import lasa, recordings, runs
 from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import FRAME, RECORDER, SERVER, Trial
@@ -33,9 +31,7 @@ def skill_file(trial: Trial, quick: bool) -> Outcome:
     outcome.claim('the motion under way reaches its goal', trial.succeeded())
     trial.operator.execute()
     outcome.claim('the skill in memory can be executed again', trial.succeeded())
-    run = trial.recorded()
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    trial.closing(outcome, None)
     return outcome
 
 
@@ -59,9 +55,7 @@ def bag_file(trial: Trial, quick: bool) -> Outcome:
         outcome.claim(f'{storage} removed: refused, naming the bag',
                       not reply.success and bag.name in reply.message)
     outcome.claim('the motion under way reaches its goal', trial.succeeded())
-    run = trial.recorded()
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    trial.closing(outcome, None)
     return outcome
 
 
@@ -92,10 +86,10 @@ def _fill(trial: Trial, disk: Path, outcome: Outcome) -> Outcome:
     seconds = time.monotonic() - begun
     outcome.need('exit code of the recorder', recorder.returncode, lambda v: v == 1)
     outcome.claim('it says so', 'the disk is nearly full' in trial.log(RECORDER))
-    with opened(bag) as reader:
-        count = sum(1 for connection in reader.connections
-                    if connection.topic == REFERENCE_TOPIC for _ in reader.messages([connection]))
-    outcome.need('references kept, of 1000 per second', count / seconds,
+    run = runs.read(bag)
+    outcome.need('references kept, of 1000 per second', len(run.sequences) / seconds,
                  lambda v: v > 950)
+    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+    motion.judge(run, outcome)
     outcome.claim('the motion reaches its goal', trial.succeeded())
     return outcome

@@ -11,7 +11,7 @@ import psutil
 from gdmp_ros.files.runs import Run
 from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
-from gdmp_ros.reliability.trial import goal_of, now_ns, SERVER, SIM, Trial
+from gdmp_ros.reliability.trial import now_ns, SERVER, SIM, Trial
 
 
 def server_killed(trial: Trial, quick: bool) -> Outcome:
@@ -58,11 +58,7 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     trial.start_sim()
     outcome.claim('the server finishes its motion', trial.succeeded())
     trial.spend(6.0)
-    run = trial.recorded()
-    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need('the new arm away from the goal [m]', away, lambda v: v < 0.002)
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    trial.closing(outcome)
     return outcome
 
 
@@ -80,11 +76,7 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
         outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
     outcome.claim('the server says that the time jumped',
                   'the time jumped by' in trial.log(SERVER))
-    run = trial.recorded()
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need('away from the goal at the end [m]', away, lambda v: v < 0.01)
-    motion.judge(run, outcome)
+    trial.closing(outcome, 0.01)
     return outcome
 
 
@@ -104,9 +96,7 @@ def late_discovery(trial: Trial, quick: bool) -> Outcome:
     trial.record()
     trial.operator.execute()
     outcome.claim('then the motion reaches its goal', trial.succeeded())
-    run = trial.recorded()
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    trial.closing(outcome, None)
     return outcome
 
 
@@ -131,10 +121,9 @@ def restarts(trial: Trial, quick: bool) -> Outcome:
         _shared_files() - shared) / (count // 2), lambda v: v <= 12)
     outcome.need('memory of the simulation grew by, per restart [KiB]',
                  (_memory(trial) - memory) / count / 1024, lambda v: v < 256)
-    run = trial.recorded()
+    run = trial.closing(outcome, None)
     path = run.poses[:, :3] - run.poses[0, :3]
     outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
-    motion.judge(run, outcome)
     return outcome
 
 
@@ -160,8 +149,5 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     outcome.claim('the arm says so', 'more than one publisher of references (published by '
                   '/second_server, /trajectory_server)' in trial.log(SIM))
     outcome.claim('the servers say so', '2 nodes publish references' in trial.log(SERVER))
-    run = trial.recorded()
-    away = float(abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need('away from the goal of the first [m]', away, lambda v: v < 0.002)
-    motion.judge(run, outcome)
+    trial.closing(outcome)
     return outcome
