@@ -23,9 +23,11 @@ import numpy as np
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import bags, lasa, recordings
+from gdmp_ros.manifolds import Product
 from gdmp_ros.realtime.domain import Domain
 
 TOOL = lasa.TOOL
+POSE = Product(*TOOL.factors[:2], names=TOOL.names[:2])
 FRAME = 'panda_link0'
 #: Files are written to memory, thousands of times a second.
 MEMORY = '/dev/shm' if os.access('/dev/shm', os.W_OK) else None
@@ -115,7 +117,10 @@ def skill_fields() -> Entrance:
 def _bag(storage: str) -> Entrance:
     folder = _folder()
     bag = folder / 'bag'
-    recordings.write(bag, demonstration(), FRAME, 10 ** 18, storage)
+    # Poses alone, and few of them: what is read again and again should be short.
+    shown = demonstration(6)
+    recordings.write(bag, Demonstration(shown.times, shown.points[:, :7], POSE), FRAME, 10 ** 18,
+                     storage)
     data = next(path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
 
     def feed(content: bytes) -> None:

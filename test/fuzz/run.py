@@ -9,6 +9,7 @@ DIR/ENTRANCE. Exit code 1 if there is one.
 from __future__ import annotations
 
 import argparse
+import importlib
 import inspect
 import json
 import os
@@ -29,7 +30,8 @@ def fuzz_here(name: str, runs: int, folder: Path) -> None:
     import atheris
 
     # Kernels first: what has been imported is left as it is.
-    import gdmp_ros.dmp.skill_file as skill_file
+    importlib.import_module('gdmp_ros.sim.closed_loop')
+    skill_file = importlib.import_module('gdmp_ros.dmp.skill_file')
     for key, function in list(vars(skill_file).items()):
         if inspect.isfunction(function) and function.__module__ == skill_file.__name__:
             setattr(skill_file, key, atheris.instrument_func(function))

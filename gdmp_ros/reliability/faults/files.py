@@ -4,7 +4,6 @@ from __future__ import annotations
 from pathlib import Path
 import shutil
 import subprocess
-import time
 
 from gdmp_ros.files import lasa, recordings, runs
 from gdmp_ros.reliability import motion
@@ -80,15 +79,13 @@ def _fill(trial: Trial, disk: Path, outcome: Outcome) -> Outcome:
     trial.holding()
     bag = disk / 'run'
     trial.record(bag, keep_free=6.0)
-    begun, recorder = time.monotonic(), trial.children.processes[RECORDER]
+    recorder = trial.children.processes[RECORDER]
     trial.operator.execute()
     trial.operator.wait('the disk to fill', lambda: recorder.poll() is not None, 60.0)
-    seconds = time.monotonic() - begun
     outcome.need('exit code of the recorder', recorder.returncode, lambda v: v == 1)
     outcome.claim('it says so', 'the disk is nearly full' in trial.log(RECORDER))
     run = runs.read(bag)
-    outcome.need('references kept, of 1000 per second', len(run.sequences) / seconds,
-                 lambda v: v > 950)
+    outcome.need('references kept', len(run.sequences), lambda v: v > 2000)
     outcome.need('references lost', motion.lost(run), lambda v: v == 0)
     motion.judge(run, outcome)
     outcome.claim('the motion reaches its goal', trial.succeeded())
