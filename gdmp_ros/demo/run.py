@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 import platform
 import shutil
-import signal
 import time
 from typing import Any, cast
 
@@ -25,7 +24,7 @@ from gdmp_ros.files.bags import NS
 from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternion
 from gdmp_ros.nodes.session import pause, session
 from gdmp_ros.realtime.domain import Domain
-from gdmp_ros.realtime.processes import Children
+from gdmp_ros.realtime.processes import Children, interrupt_on_sigterm
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
 from gdmp_ros.sim.render import render_to
 from gdmp_ros.terminal import table
@@ -68,7 +67,7 @@ def run_demo(folder: Path, name: str) -> int:
     :returns: exit code
     :raises GdmpError: if something ended early or did not happen in time
     """
-    signal.signal(signal.SIGTERM, _interrupt)
+    interrupt_on_sigterm()
     _clear(folder)
     print(f'demonstrations: LASA {name}, recorded as rosbag2')
     bags = _record(folder, name)
@@ -92,10 +91,6 @@ def run_demo(folder: Path, name: str) -> int:
     _closing_table(document)
     print(f'report, pictures and bag: {folder}')
     return 0
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def _clear(folder: Path) -> None:

@@ -17,6 +17,13 @@ def _end_with_parent() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def interrupt_on_sigterm() -> None:
+    """Make SIGTERM end this process as Ctrl-C does: what it has begun is cleared away."""
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+    signal.signal(signal.SIGTERM, interrupt)
+
+
 class Children:
     """Processes of Python modules; leaving the context ends them all."""
 

@@ -11,6 +11,7 @@ import traceback
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.realtime.processes import interrupt_on_sigterm
 from gdmp_ros.reliability.faults import fault, FAULTS
 from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import short_skill, Trial
@@ -26,6 +27,7 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
     :returns: whether all that could be tried hold
     :raises DataError: if the folder cannot be written
     """
+    interrupt_on_sigterm()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         skill = short_skill(folder)

@@ -15,6 +15,7 @@ from gdmp_ros import plots
 from gdmp_ros.control.limits import LimitSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.realtime.processes import interrupt_on_sigterm
 from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.reliability.monitor import WINDOW_S
 from gdmp_ros.reliability.outcome import Outcome
@@ -37,6 +38,7 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     :returns: whether everything that was asked for holds
     :raises DataError: if the folder cannot be written
     """
+    interrupt_on_sigterm()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in ('logs', 'skills'):

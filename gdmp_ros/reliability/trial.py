@@ -102,7 +102,8 @@ class Trial:
     def progress(self, value: float) -> None:
         """Wait for a part of the motion."""
         self.operator.wait(f'{value:.0%} of the motion',
-                           lambda: self.state.progress >= value, 60.0)
+                           lambda: self.state.status == 'moving' and self.state.progress >= value,
+                           60.0)
 
     def spend(self, seconds: float) -> None:
         """Let time pass while the operator listens."""
