@@ -22,6 +22,7 @@ from gdmp_ros.control.limits import (
     ENERGY,
     LIMITS,
     LimitSettings,
+    STIFFNESS_RATE,
     TORQUE,
     TorqueLimiter,
 )
@@ -104,6 +105,7 @@ class ImpedanceController:
         self.guard = ReferenceGuard(self.settings.guard, measured.pose.copy(), HOLD_STIFFNESS,
                                     self.settings.damping_ratio)
         self.tank = EnergyTank(self.settings.tank, self._friction)
+        self._last_pose = measured.pose.copy()
         self._followed = np.zeros(TARGET_SIZE)
         self._followed[POSE:POSE + 7] = measured.pose
         self._stiffness = HOLD_STIFFNESS.reshape(-1).copy()
@@ -126,11 +128,14 @@ class ImpedanceController:
         torque, short = tank.hold_back(measured, torque, filling, dt)
         excess[ENERGY] += short
         if not np.isfinite(torque).all():
-            torque = self._recover(measured)
+            torque, spring = self._recover(measured), 0.0
             excess[TORQUE] = np.inf
         torque = self._limiter.apply(measured.position, measured.velocity, measured.bias, torque,
                                      excess)
+        excess[STIFFNESS_RATE] /= dt
         tank.sent(measured, torque, spring)
+        if np.isfinite(measured.pose).all():
+            self._last_pose = measured.pose.copy()
         self.bites.add(excess)
         return Tick(measured, twist, wrench, self._stiffness.copy(), requested, torque, spring,
                     tank.energy, excess)
@@ -138,16 +143,19 @@ class ImpedanceController:
     def _recover(self, measured: Measurement) -> np.ndarray:
         """Hold the measured pose, weightless: no torque could be computed."""
         self._followed[:] = 0.0
-        self._followed[POSE:POSE + 7] = measured.pose
+        self._followed[POSE:POSE + 7] = np.where(np.isfinite(measured.pose), measured.pose,
+                                                 self._last_pose)
         self._stiffness[:] = HOLD_STIFFNESS.reshape(-1)
         self.tank.forget()
-        return measured.bias.copy()
+        return self._limiter.last if not np.isfinite(measured.bias).all() else measured.bias.copy()
 
     def _torque(self, measured: Measurement, damping_ratio: float
                 ) -> tuple[np.ndarray, np.ndarray]:
         target = self._followed.copy()
         target[STIFFNESS:STIFFNESS + 36] = self._stiffness
         target[DAMPING_RATIO] = damping_ratio
+        # An empty tank pays for a spring and a damper, and for nothing that drives.
+        target[TWIST:ACCELERATION + 6] *= self.tank.valve()
         # What the joints' velocity brings by itself need not be pushed for.
         target[ACCELERATION:ACCELERATION + 6] -= measured.drift
         torque, wrench = np.empty(len(self._rest)), np.empty(6)

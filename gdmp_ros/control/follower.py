@@ -91,6 +91,16 @@ def _shortened(v, limit):
 
 
 @compiled
+def _before_walls(followed, velocity, limits):
+    """Slow down before a wall of the workspace so that the acceleration allows to stop there."""
+    for i in range(3):
+        above = max(limits[_HIGH + i] - followed[POSE + i], 0.0)
+        below = max(followed[POSE + i] - limits[_LOW + i], 0.0)
+        velocity[i] = min(velocity[i], math.sqrt(limits[_ACCELERATION] * above))
+        velocity[i] = max(velocity[i], -math.sqrt(limits[_ACCELERATION] * below))
+
+
+@compiled
 def _joint_velocity(jacobian, inertia, twist, out):
     """``M⁻¹ Jᵀ Λ ẋ``: how the joints move with a twist."""
     n = inertia.shape[0]
@@ -221,6 +231,7 @@ def follow(followed, wanted, jacobian, inertia, limits, dt, excess):
     _approach(lag[:3], 0.5 * limits[_ACCELERATION], limits[_CATCH_UP], velocity[:3])
     _approach(lag[3:], 0.5 * limits[_TURN_ACCELERATION], limits[_CATCH_UP_TURN], velocity[3:])
     _slowed(velocity, jacobian, inertia, limits, excess)
+    _before_walls(followed, velocity, limits)
     excess[SPEED] = _shortened(velocity[:3], limits[_SPEED])
     excess[TURN_SPEED] = _shortened(velocity[3:], limits[_TURN_SPEED])
     change = np.empty(6)
@@ -231,6 +242,8 @@ def follow(followed, wanted, jacobian, inertia, limits, dt, excess):
     for i in range(6):
         followed[TWIST + i] += dt * change[i]
         followed[ACCELERATION + i] = wanted[ACCELERATION + i]
+    _shortened(followed[ACCELERATION:ACCELERATION + 3], limits[_ACCELERATION])
+    _shortened(followed[ACCELERATION + 3:ACCELERATION + 6], limits[_TURN_ACCELERATION])
     if _behind(excess):
         for i in range(6):
             followed[ACCELERATION + i] = 0.0

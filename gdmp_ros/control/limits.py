@@ -101,7 +101,7 @@ class Bites:
     def add(self, excess: np.ndarray) -> None:
         """Count a tick."""
         self.ticks += excess > 0.0
-        np.maximum(self._recent, excess, out=self._recent)
+        np.fmax(self._recent, excess, out=self._recent)
 
     def recent(self) -> str:
         """Say which limits have bitten since the last call, and by how much; empty: none."""
@@ -142,12 +142,13 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, numbers,
             if driving * velocity[i] > 0.0:
                 driving *= max(1.0 - above / (fastest - slow), 0.0)
             torque[i] = bias[i] + driving - math.copysign(brake * above, velocity[i])
+        if abs(torque[i]) > largest[i]:
+            excess[TORQUE] = max(excess[TORQUE], abs(torque[i]) - largest[i])
         change = torque[i] - last[i]
         if abs(change) > rate:
             excess[TORQUE_RATE] = max(excess[TORQUE_RATE], abs(change) - rate)
             torque[i] = last[i] + math.copysign(rate, change)
         if abs(torque[i]) > largest[i]:
-            excess[TORQUE] = max(excess[TORQUE], abs(torque[i]) - largest[i])
             torque[i] = math.copysign(largest[i], torque[i])
 
 
@@ -161,6 +162,11 @@ class TorqueLimiter:
                                   settings.joint_repulsion, settings.joint_speed,
                                   settings.joint_brake])
         self._last = np.zeros_like(joints.torque)
+
+    @property
+    def last(self) -> np.ndarray:
+        """Torque that was sent last [Nm]."""
+        return self._last.copy()
 
     def reset(self, torque: np.ndarray) -> None:
         """Begin at ``torque``: the next one may differ from it by the rate."""

@@ -42,6 +42,8 @@ from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 #: At most dt over this share of the content is spent in a tick: the tank empties smoothly [s].
 SPENDING_S = 0.01
+#: Feed-forward fades out below this share of the energy at the start.
+LEAST_SHARE = 0.1
 #: Largest damping with which an empty tank holds back what still draws from it [Nm s/rad].
 MOST_DAMPING = 20.0
 _HALVINGS = 20
@@ -293,12 +295,21 @@ class EnergyTank:
             return math.inf
         return max(self.energy, 0.0) * min(1.0, dt / SPENDING_S)
 
+    def valve(self) -> float:
+        """Share of the feed-forward that may act: it closes with the last tenth of the energy."""
+        if not self.settings.passive:
+            return 1.0
+        least = LEAST_SHARE * max(self.settings.energy, 1e-9)
+        return min(max(self.energy, 0.0) / least, 1.0)
+
     def meter(self, measured: Measurement, stored: float, dt: float) -> None:
         """
         Draw what the last torque did between the last tick and this one.
 
         :param stored: in the spring now, with the target and stiffness of the last tick [J]
         """
+        if not math.isfinite(stored + measured.potential + float(measured.velocity.sum())):
+            self._before = None
         if self._before is not None:
             velocity, height, spring = self._before
             # With the mean velocity this is the change of kinetic energy, to rounding.
@@ -310,6 +321,9 @@ class EnergyTank:
 
     def draw(self, energy: float) -> None:
         """Draw energy [J]; negative: it comes back, and is lost where the tank is full."""
+        if not math.isfinite(energy):
+            self.forget()
+            return
         self.drawn += energy
         content = self.energy - energy
         self.energy = min(content, self.settings.capacity)

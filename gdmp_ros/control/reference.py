@@ -28,6 +28,8 @@ PIVOT = 1e-9
 #: No number of a reference is larger; their products stay finite.
 LARGEST = 1e6
 MOST_DAMPED = 2.0
+#: No reference moves faster, before any limit of the arm's own [m/s, rad/s].
+FASTEST = 10.0
 #: Between two references the last one is carried on with its acceleration for so long [s].
 ACCELERATED_S = 0.01
 #: A stream may skip this many sequence numbers while it is being followed.
@@ -96,6 +98,9 @@ def _unfit(target):
             return True
     if not 0.0 <= target[DAMPING_RATIO] <= MOST_DAMPED:
         return True
+    for i in range(TWIST, ACCELERATION):
+        if abs(target[i]) > FASTEST:
+            return True
     norm = 0.0
     for i in range(POSE + 3, POSE + 7):
         norm += target[i] * target[i]
@@ -127,6 +132,9 @@ def _describe(target: np.ndarray) -> str:
     largest = float(np.abs(target).max())
     if largest > LARGEST:
         return f'a number is {largest:.3g}, expected at most {LARGEST:g}'
+    fastest = float(np.abs(target[TWIST:ACCELERATION]).max())
+    if fastest > FASTEST:
+        return f'the twist is {fastest:.3g} m/s or rad/s, expected at most {FASTEST:g}'
     norm = float(np.linalg.norm(target[POSE + 3:POSE + 7]))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         return f'quaternion norm is {norm:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}'
@@ -226,7 +234,7 @@ class ReferenceGuard:
     def _strange(self, origin: Origin) -> str | None:
         """Why a reference does not belong to the stream that is being followed."""
         ahead = origin.sequence - self._sequence
-        if not origin.sequence or not self._sequence or 0 < ahead <= MOST_SKIPPED:
+        if not self._sequence or 0 < ahead <= MOST_SKIPPED:
             return None
         return (f'sequence number {origin.sequence} does not follow {self._sequence}: there is '
                 'more than one publisher of references')

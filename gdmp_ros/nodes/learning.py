@@ -35,8 +35,11 @@ class LearningProcess:
         if self._process is not None:
             raise ParameterError('a skill is being learned already')
         output, command = self.command(request)
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                         text=True)
+        try:
+            self._process = subprocess.Popen(command, stdout=subprocess.PIPE,
+                                             stderr=subprocess.PIPE, text=True)
+        except (OSError, ValueError) as error:
+            raise ParameterError(f'learning cannot be started: {error}') from None
         done: Future = Future(executor=self._node.executor)
 
         def look() -> None:

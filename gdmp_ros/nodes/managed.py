@@ -202,6 +202,12 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     return result
 
 
+def stay_local() -> None:
+    """Let only this machine reach what is started now, unless the user has chosen otherwise."""
+    if not any(name in os.environ for name in CHOSEN_REACH):
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
 def run(makes: Sequence[Callable[[], ManagedNode]],
         arguments: Sequence[str] | None = None) -> int:
     """
@@ -211,8 +217,7 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
 
     :returns: exit code
     """
-    if not any(name in os.environ for name in CHOSEN_REACH):
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    stay_local()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -18,7 +18,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference import Origin
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take_latest
+from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import controller_settings, SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -32,6 +32,8 @@ NS = 1_000_000_000
 STEP_WAIT_S = 5.0
 #: Catching up more periods than this at once would only delay the next tick further.
 MOST_STEPS = 10
+#: References looked at in a tick, and waiting at most.
+MOST_REFERENCES = 20
 
 
 class PandaSim(ManagedNode):
@@ -130,17 +132,24 @@ class PandaSim(ManagedNode):
             if self._steps_wanted == 0:
                 return False
             self._steps_wanted -= 1
-        message = take_latest(self._reference)
-        if message is not None:
-            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            origin = Origin(message.header.frame_id, (stamp_ns - stamp) / NS, message.sequence)
-            if self._loop.controller.guard.offer(wire.reference_target(message), origin):
-                self._sequence = message.sequence
+        # All, in order: who publishes beside must not hide the one that is followed.
+        for _ in range(MOST_REFERENCES):
+            message = take(self._reference)
+            if message is None:
+                break
+            self.take_reference(message, stamp_ns)
         tick = self._loop.tick()
         self._publish(tick, stamp_ns)
         if self._paused and self._steps_wanted == 0:
             self._stepped.set()
         return True
+
+    def take_reference(self, message: Reference, now_ns: int) -> None:
+        """Follow a reference from now on, or refuse it."""
+        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        origin = Origin(message.header.frame_id, (now_ns - stamp) / NS, message.sequence)
+        if self._loop.controller.guard.offer(wire.reference_target(message), origin):
+            self._sequence = message.sequence
 
     def _publish(self, tick: Tick, stamp_ns: int) -> None:
         measured = tick.measurement
@@ -178,7 +187,8 @@ class PandaSim(ManagedNode):
         self._joint_message = JointState(name=names)
 
     def _make_inputs(self) -> None:
-        self._reference = self.add_subscription(Reference, self.parameters.reference_topic, None)
+        self._reference = self.add_subscription(Reference, self.parameters.reference_topic, None,
+                                                MOST_REFERENCES)
         self.add_service(SetBool, 'set_pause', self._on_pause)
         self.add_service(Trigger, 'reset_world', self._on_reset)
         self.add_service(StepSimulation, 'step_simulation', self._on_step)

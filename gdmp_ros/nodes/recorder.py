@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.files.bags import BagWriter
-from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable
+from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable, stay_local
 
 #: Recording ends while the disk still has so much room: bags need some to be closed [MB].
 KEEP_FREE_MB = 64.0
@@ -110,6 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
+    stay_local()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

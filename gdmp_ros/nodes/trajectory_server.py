@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+import shutil
 import sys
 import time
 from typing import Any
@@ -268,7 +269,8 @@ class TrajectoryServer(ManagedNode):
                                                    self.parameters.measured_pose_topic, None)
         self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None)
         self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
-        self.add_subscription(ClockMessage, '/clock', self._clock_tick, 10)
+        if self.get_parameter('use_sim_time').value:
+            self.add_subscription(ClockMessage, '/clock', self._clock_tick, 10)
         self.add_report(self._report)
 
     def _make_services(self) -> None:
@@ -303,9 +305,9 @@ class TrajectoryServer(ManagedNode):
             path, error = await self._learning.learn(request)
             self.load_skill(path)
             if not request.output:
-                Path(path).unlink()
+                shutil.rmtree(Path(path).parent, ignore_errors=True)
             reply.success, reply.mean_relative_error = True, error
-        except GdmpError as problem:
+        except (GdmpError, OSError, ValueError) as problem:
             reply.success, reply.message = False, str(problem)
             self.get_logger().warning(str(problem))
         return reply

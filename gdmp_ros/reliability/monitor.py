@@ -34,12 +34,13 @@ class Extremes:
         self.torque = np.zeros(JOINTS)
         self.rate = self.joint_speed = self.speed = 0.0
         self.tank = np.inf
+        self.states = 0
         self.lower, self.upper = np.full(JOINTS, np.inf), np.full(JOINTS, -np.inf)
 
     def document(self) -> dict[str, Any]:
         """As plain values."""
-        return {'torque': self.torque.tolist(), 'rate': self.rate, 'speed': self.speed,
-                'joint_speed': self.joint_speed, 'tank': self.tank,
+        return {'states': self.states, 'torque': self.torque.tolist(), 'rate': self.rate,
+                'speed': self.speed, 'joint_speed': self.joint_speed, 'tank': self.tank,
                 'lower': self.lower.tolist(), 'upper': self.upper.tolist()}
 
 
@@ -72,8 +73,7 @@ class Monitor(Node):
 
     def close_window(self) -> None:
         """Keep the extremes since the last time."""
-        if self.states:
-            self.windows.append(self._extremes.document())
+        self.windows.append(self._extremes.document())
         self._extremes, self._opened = Extremes(), time.monotonic()
 
     def _on_reference(self, data: bytes) -> None:
@@ -96,6 +96,7 @@ class Monitor(Node):
         worst.speed = max(worst.speed, float(np.sqrt(numbers[7:10] @ numbers[7:10])))
         worst.tank = min(worst.tank, float(numbers[92]))
         self._torque, self._stamp = torque, stamp
+        worst.states += 1
         self.states += 1
 
 

@@ -12,6 +12,8 @@ from gdmp_ros.sim.panda import Arm
 GAP_NS = 5_000_000
 #: A measured speed may exceed the reference's limit by this: the arm swings.
 SWING = 1.1
+#: Sequence numbers of one publisher lie within this many of each other.
+ONE_STREAM = 1 << 20
 
 
 def judge(run: Run, outcome: Outcome, limits: LimitSettings | None = None) -> None:
@@ -38,7 +40,22 @@ def lost(run: Run) -> int:
     # Wall time may have jumped: the order of the bag is not that of the numbers. Numbers of
     # different publishers are far apart.
     steps = np.diff(np.unique(run.sequences.astype(np.int64)))
-    return int((steps[steps < 1 << 20] - 1).sum())
+    return int((steps[steps < ONE_STREAM] - 1).sum())
+
+
+def gaps(run: Run) -> np.ndarray:
+    """Times between two references that were followed, and when each ended [s, ns]."""
+    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+    ends = run.state_stamps[first[1:]]
+    return np.column_stack([np.diff(run.state_stamps[first]) * 1e-9, ends])
+
+
+def behind(run: Run) -> float:
+    """Distance at the end between the arm and the last reference that it followed [m]."""
+    at = np.flatnonzero(run.sequences == run.applied[-1])
+    if not len(at):
+        return float('nan')
+    return float(np.linalg.norm(run.poses[-1, :3] - run.references[at[-1], :3]))
 
 
 def at_rest(run: Run, since_ns: int, speed: float = 2e-3) -> float:

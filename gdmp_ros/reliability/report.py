@@ -49,12 +49,12 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
 
 def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
     """Try one fault on a DDS domain of its own; a trial that breaks down has failed."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
     before = {key: os.environ.get(key) for key in ('ROS_DOMAIN_ID',
                                                    'ROS_AUTOMATIC_DISCOVERY_RANGE')}
     domain = Domain()
     try:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
         with Trial(folder, domain.environment(), skill) as trial:
             return fault(name)(trial, quick)
     except GdmpError as error:

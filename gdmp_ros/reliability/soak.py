@@ -90,6 +90,8 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
         shown, due = 0, 0.0
         while (done := trial.state.ticks - first) < wanted:
             trial.children.check()
+            if time.monotonic() - begun > 1.25 * 60.0 * minutes + 60.0:
+                break  # the stream has slowed down, or ended: the figures will say so
             for _ in range(done // 1000 - shown // 1000):
                 step(1000)
             shown = done
@@ -191,6 +193,10 @@ def judge(document: dict[str, Any]) -> Outcome:
                          bare['missed'] / (bare['ticks'] + bare['missed']))
     outcome.need('ticks', ticks, lambda v: v >= 0.99 * 60_000 * document['minutes'])
     outcome.need('references lost', seen['lost'], lambda v: v == 0)
+    outcome.need('states of the arm', seen['states'],
+                 lambda v: v >= 0.9 * 60_000 * document['minutes'])
+    outcome.need('least states in a window', min(w['states'] for w in seen['windows'][:-1]),
+                 lambda v: v >= 500 * WINDOW_S)
     outcome.need('missed ticks [%]', 100 * share, lambda v: v <= 100 * bare_share + 0.5)
     outcome.measured['missed ticks of a bare loop [%]'] = 100 * bare_share
     rate = ticks / (last['seconds'] - first['seconds'])

@@ -48,9 +48,11 @@ class Trial:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.operator.close()
-        for name in list(self.children.processes):
-            self.children.stop(name)
+        try:
+            for name in list(self.children.processes):
+                self.children.stop(name)
+        finally:
+            self.operator.close()
 
     def start_sim(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
                   **parameters: object) -> None:
@@ -131,6 +133,8 @@ class Trial:
         :param away: how far from the skill's goal the arm may be at the end [m]; None: anywhere
         """
         run = self.recorded()
+        outcome.need('behind the last reference followed [m]', motion.behind(run),
+                     lambda v: v < 0.01)
         if away is not None:
             far = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
             outcome.need('away from the goal at the end [m]', far, lambda v: v < away)

@@ -13,6 +13,10 @@ from gdmp_ros.errors import DataError
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
 #: Posture of the Panda's ready pose [rad].
+#: Warnings after which MuJoCo resets its state, or ignores the torques.
+_BROKEN = [int(kind) for kind in (
+    mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
 READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
 
 
@@ -111,6 +115,11 @@ class Arm:
         self.data.ctrl[:] = torque
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
+        if self.data.warning.number[_BROKEN].any():
+            # MuJoCo has put the arm back to where it began, without a word.
+            self.data.warning.number[:] = 0
+            raise DataError('the simulation is unstable: a position, velocity, acceleration or '
+                            'torque was not finite or huge')
 
     def site_pose(self, name: str) -> np.ndarray:
         """Pose (x, y, z, qw, qx, qy, qz) of a site in the base frame."""

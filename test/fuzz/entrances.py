@@ -6,6 +6,7 @@ tick must work.
 """
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ import json
 import os
 from pathlib import Path
 import random
+import shutil
 import struct
 import tempfile
 import time
@@ -62,7 +64,9 @@ def short_skill() -> Skill:
 
 
 def _folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix='gdmp-fuzz-', dir=MEMORY))
+    made = Path(tempfile.mkdtemp(prefix='gdmp-fuzz-', dir=MEMORY))
+    atexit.register(shutil.rmtree, made, True)
+    return made
 
 
 def skill_file() -> Entrance:
@@ -282,7 +286,6 @@ def topic_reference() -> Entrance:
     from gdmp_msgs.msg import Reference
 
     from gdmp_ros.control.controller import HOLD_STIFFNESS
-    from gdmp_ros.control.reference import Origin
     from gdmp_ros.nodes import wire
     numbers = np.zeros(56)
     numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
@@ -292,14 +295,13 @@ def topic_reference() -> Entrance:
     wire.fill_reference(valid, numbers)
 
     def use(sim: Any, message: Any) -> None:
-        # The stamp is as old as it says in every other input: it would refuse nearly all.
+        # In every other input the clock says what the stamp says: it would refuse nearly all.
         stamp = message.header.stamp
-        age = 0.0 if message.sequence % 2 == 0 else stamp.sec + 1e-9 * stamp.nanosec
-        sim._loop.controller.guard.offer(wire.reference_target(message),
-                                         Origin(message.header.frame_id, age, 0))
-        state = sim._loop.arm.data
-        if not np.isfinite(state.qpos).all():
-            raise AssertionError(f'the arm is nowhere: {state.qpos}')
+        now = time.time_ns()
+        if message.sequence % 2 == 0:
+            now = stamp.sec * 10 ** 9 + stamp.nanosec
+            sim._loop.controller.guard._sequence = 0
+        sim.take_reference(message, now)
     return _message(Reference, [valid], 'sim', use)
 
 
@@ -363,12 +365,16 @@ def action_execute() -> Entrance:
 def services_of_the_simulation() -> Entrance:
     """``~/set_pause``, ``~/reset_world`` and ``~/step_simulation``."""
     from gdmp_msgs.srv import StepSimulation
+    from std_srvs.srv import SetBool
 
     def use(sim: Any, request: Any) -> None:
         reply = StepSimulation.Response()
         sim._on_step(request, reply)  # refused, as it is not paused
         if reply.success:
             raise AssertionError('stepped though not paused')
+        for paused in (True, False):
+            sim._on_pause(SetBool.Request(data=paused), SetBool.Response())
+            tick('sim')
         sim._reset = request.steps % 3 == 0
     return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
                     'sim', use)

@@ -26,16 +26,14 @@ def document(tmp_path):
     return json.loads(path.read_text())
 
 
-@pytest.mark.parametrize('names', [1, 2.5, True, [[], 'a', 'b'], [{}, {}, {}], 'abc'])
+@pytest.mark.parametrize('names', [1, 2.5, True, [{}, {}, {}], 'abc', ['a']])
 def test_names_of_factors_that_are_none(document, tmp_path, names):
     changed = copy.deepcopy(document)
     changed['manifold']['names'] = names
     path = tmp_path / 'changed.json'
     path.write_text(json.dumps(changed))
-    try:
+    with pytest.raises(DataError, match='names'):
         Skill.load(path)
-    except DataError as error:
-        assert str(path) in str(error) and 'names' in str(error)
 
 
 @pytest.mark.parametrize('m', [2 ** 70, 10 ** 6, -1])
@@ -78,12 +76,60 @@ def test_a_torque_that_cannot_be_computed_is_never_sent():
     loop.controller._followed[:6] = np.nan
     tick = loop.tick()
     assert np.isfinite(tick.torque).all() and tick.excess[limits.TORQUE] == np.inf
+    assert np.isfinite(loop.tick().tank)
     assert 'torque by inf Nm' in loop.controller.bites.recent()
     start = loop.arm.measure().pose.copy()
     for _ in range(1000):
         tick = loop.tick()
         assert np.isfinite(tick.torque).all()
     assert np.linalg.norm(loop.arm.measure().pose - start) < 1e-3
+
+
+def test_a_measurement_that_is_none_is_answered_with_the_last_torque():
+    loop = ClosedLoop(Arm())
+    for _ in range(50):
+        last = loop.tick()
+    measured = loop.arm.measure()
+    broken = measured._replace(bias=np.full(7, np.nan), potential=np.nan)
+    for _ in range(3):
+        tick = loop.controller.tick(broken, 1e-3)
+        np.testing.assert_array_equal(tick.torque, last.torque)
+    for _ in range(500):
+        tick = loop.tick()
+        assert np.isfinite(tick.torque).all() and np.isfinite(tick.tank)
+
+
+@pytest.mark.parametrize('acceleration', [13.0, 100.0, 1e5])
+@pytest.mark.parametrize('damping_ratio', [0.1, 0.7])
+def test_an_acceleration_that_the_pose_does_not_have_drives_nothing_far(acceleration,
+                                                                        damping_ratio):
+    loop = ClosedLoop(Arm())
+    start, target = loop.arm.measure().pose.copy(), reference()
+    ticks, furthest = [], 0.0
+    for k in range(3000):
+        push = acceleration * (1.0 if k // 150 % 2 else -1.0)
+        target[55], target[7], target[13] = damping_ratio, min(5e-4 * push, 9.0), push
+        loop.follow(target)
+        ticks.append(loop.tick())
+        furthest = max(furthest, float(np.linalg.norm(ticks[-1].measurement.pose[:3]
+                                                      - start[:3])))
+    assert min(tick.tank for tick in ticks) > -0.5
+    assert furthest < 0.3
+    assert max(np.abs(tick.measurement.velocity).max() for tick in ticks) < 2.6
+
+
+def test_a_wall_is_kept_by_a_fast_reference():
+    loop = ClosedLoop(Arm())
+    wall = loop.controller.settings.limits.workspace_max[0]
+    start = loop.arm.measure().pose[0]
+    loop.controller._limits[12] = start + 0.1
+    target = reference()
+    for k in range(600):
+        target[0], target[7] = start + 1e-3 * k, 1.0
+        loop.follow(target)
+        loop.tick()
+        assert loop.controller._followed[0] <= start + 0.1 + 1e-6
+    assert wall > 0.9
 
 
 @pytest.mark.parametrize('fields', [

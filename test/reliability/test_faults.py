@@ -1,5 +1,6 @@
 """The bounded part of `gdmp faults`: most faults once, quickly, judged as the long run is."""
 import json
+import os
 
 import pytest
 
@@ -99,4 +100,4 @@ def test_a_cable_loses_delays_and_is_cut():
     finally:
         hosts.__exit__()
     left = subprocess.run(['ip', 'netns'], capture_output=True, text=True).stdout
-    assert 'gdmp-' not in left
+    assert f'gdmp-{os.getpid()}-' not in left

@@ -62,10 +62,12 @@ def disk_full(trial: Trial, quick: bool) -> Outcome:
     """Disk full while recording"""
     outcome, disk = Outcome(), trial.folder / 'disk'
     disk.mkdir()
-    mounted = subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=16m', 'tmpfs', str(disk)],
-                             capture_output=True, text=True)
-    if mounted.returncode != 0:
-        outcome.missing = f'a small disk cannot be mounted: {mounted.stderr.strip()}'
+    try:
+        subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=16m', 'tmpfs', str(disk)],
+                       capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        outcome.missing = (f'a small disk cannot be mounted: '
+                           f'{(getattr(error, "stderr", "") or str(error)).strip()}')
         return outcome
     try:
         return _fill(trial, disk, outcome)

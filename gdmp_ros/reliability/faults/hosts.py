@@ -41,8 +41,8 @@ def network_cut(trial: Trial, quick: bool) -> Outcome:
         for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
             run, said = _run(trial, trial.folder / reliability, reliability, Quality(), 1.5)
             _judge(run, said, trial, outcome, f'{reliability}: ', None, None)
-            outcome.claim(f'{reliability}: the arm held without references',
-                          bool((_gaps(run) > 1.0).any()))
+            outcome.need(f'{reliability}: at rest after a second without references [m/s]',
+                         _speed_in_gap(run), lambda v: v < 5e-3)
     except NotPossible as problem:
         outcome.missing = str(problem)
     return outcome
@@ -148,7 +148,11 @@ def _ages(run: Run) -> np.ndarray:
     return np.asarray((run.state_stamps[first] - run.reference_stamps[at]) * 1e-9)
 
 
-def _gaps(run: Run) -> np.ndarray:
-    """Times between two references that were followed [s]."""
-    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
-    return np.asarray(np.diff(run.state_stamps[first]) * 1e-9)
+def _speed_in_gap(run: Run) -> float:
+    """Largest speed of the tool from a second into the longest gap to its end; NaN: no gap."""
+    gaps = motion.gaps(run)
+    length, ends = gaps[int(np.argmax(gaps[:, 0]))]
+    inside = ((run.state_stamps > ends - (length - 1.0) * 1e9) & (run.state_stamps < ends))
+    if length < 1.2 or not inside.any():
+        return float('nan')
+    return float(np.linalg.norm(run.twists[inside, :3], axis=1).max())

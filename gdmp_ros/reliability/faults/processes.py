@@ -6,12 +6,13 @@ import os
 import signal
 import time
 
+import numpy as np
 import psutil
 
 from gdmp_ros.files.runs import Run
 from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
-from gdmp_ros.reliability.trial import now_ns, SERVER, SIM, Trial
+from gdmp_ros.reliability.trial import now_ns, SERVER, short_skill, SIM, Trial
 
 
 def server_killed(trial: Trial, quick: bool) -> Outcome:
@@ -71,8 +72,10 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
         trial.progress(0.4)
         process = trial.children.processes[SERVER]
         process.send_signal(signal.SIGSTOP)
-        time.sleep(seconds)
-        process.send_signal(signal.SIGCONT)
+        try:
+            time.sleep(seconds)
+        finally:
+            process.send_signal(signal.SIGCONT)
         outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
     outcome.claim('the server says that the time jumped',
                   'the time jumped by' in trial.log(SERVER))
@@ -139,7 +142,8 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     """A second server streams to the same arm"""
     outcome = Outcome()
     trial.start()
-    trial.start_server('second_server', extra=[
+    other = short_skill(trial.folder, name='Angle')
+    trial.start_server('second_server', skill=str(other), extra=[
         '-r', '__node:=second_server', '-r', '~/reference:=/trajectory_server/reference'],
         start_from='skill', execute_on_activate=True)
     trial.operator.wait('the second server', lambda: 'does not follow' in trial.log(SIM), 60.0)
@@ -149,5 +153,9 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     outcome.claim('the arm says so', 'more than one publisher of references (published by '
                   '/second_server, /trajectory_server)' in trial.log(SIM))
     outcome.claim('the servers say so', '2 nodes publish references' in trial.log(SERVER))
-    trial.closing(outcome)
+    run = trial.closing(outcome)
+    followed = run.applied[run.applied > 0].astype(np.int64)
+    foreign = np.abs(followed - int(run.sequences[0])) > motion.ONE_STREAM
+    outcome.need('references of the second that were followed', int(foreign.sum()),
+                 lambda v: v == 0)
     return outcome

@@ -1,6 +1,7 @@
 """More messages than anybody can use, and messages that nobody should use."""
 from __future__ import annotations
 
+from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import SERVER, SIM, Trial
 
@@ -37,5 +38,7 @@ def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
     if what == 'garbage':
         outcome.need('goals refused', after.refused - before.refused, lambda v: v > 100)
         outcome.claim('the server says what it refuses', 'refused' in trial.log(SERVER))
-    trial.closing(outcome, None)
+    run = trial.closing(outcome, None)
+    outcome.need('longest time without a good reference [s]', float(motion.gaps(run)[:, 0].max()),
+                 lambda v: v < 0.1)
     return outcome
