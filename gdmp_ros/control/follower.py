@@ -34,6 +34,11 @@ from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 #: What falls behind is caught up with in about this time, more slowly where it is far [s].
 CATCH_UP_S = 0.02
+#: A given acceleration is believed as far as it is within this of the mean of what the reference
+#: has done over about so long [m/s^2, rad/s^2, s]: a false one would drive the arm.
+SLACK, TURN_SLACK, MEAN_S = 3.0, 15.0, 0.03
+#: Where the follower keeps that mean, in its own reference: a target has its stiffness there.
+MEAN_ACCELERATION = 19
 #: Rotations count as motions of a point at this distance, in the Jacobian's singular values [m].
 SINGULAR_LENGTH = 0.3
 (_SPEED, _TURN_SPEED, _ACCELERATION, _TURN_ACCELERATION, _CATCH_UP, _CATCH_UP_TURN, _JOINT_SPEED,
@@ -213,8 +218,8 @@ def follow(followed, wanted, jacobian, inertia, limits, dt, excess):
     """
     Twist and acceleration of the follower's reference for the next tick.
 
-    :param followed: the follower's reference: pose 7, twist 6, acceleration 6; the latter two are
-        written, the pose is moved with `moved`
+    :param followed: the follower's reference: pose 7, twist 6, acceleration 6, mean acceleration
+        6; all but the pose are written, the pose is moved with `moved`
     :param wanted: the given reference; its position is pulled into the workspace
     :param limits: `limit_numbers`
     :param excess: written: by how much each limit has bitten
@@ -241,12 +246,26 @@ def follow(followed, wanted, jacobian, inertia, limits, dt, excess):
     excess[TURN_ACCELERATION] = _shortened(change[3:], limits[_TURN_ACCELERATION])
     for i in range(6):
         followed[TWIST + i] += dt * change[i]
-        followed[ACCELERATION + i] = wanted[ACCELERATION + i]
-    _shortened(followed[ACCELERATION:ACCELERATION + 3], limits[_ACCELERATION])
-    _shortened(followed[ACCELERATION + 3:ACCELERATION + 6], limits[_TURN_ACCELERATION])
+        followed[MEAN_ACCELERATION + i] += dt / MEAN_S * (change[i]
+                                                          - followed[MEAN_ACCELERATION + i])
+    _believed(followed, wanted, 0, limits[_ACCELERATION], SLACK)
+    _believed(followed, wanted, 3, limits[_TURN_ACCELERATION], TURN_SLACK)
     if _behind(excess):
         for i in range(6):
             followed[ACCELERATION + i] = 0.0
+
+
+@compiled
+def _believed(followed, wanted, part, limit, slack):
+    """Acceleration to feed forward: the given one, as far as the motion has it."""
+    deviation = followed[ACCELERATION + part:ACCELERATION + part + 3]
+    for i in range(3):
+        deviation[i] = (wanted[ACCELERATION + part + i]
+                        - followed[MEAN_ACCELERATION + part + i])
+    _shortened(deviation, slack)
+    for i in range(3):
+        deviation[i] += followed[MEAN_ACCELERATION + part + i]
+    _shortened(deviation, limit)
 
 
 @compiled

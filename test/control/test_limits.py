@@ -242,7 +242,7 @@ def test_torque_rate_torque_and_joint_position_are_limited():
     limited = limiter()
     sent = limited.apply(middle, still, still, np.array([3.0, -9.0]), excess)
     np.testing.assert_allclose(sent, [1.0, -1.0])
-    assert excess[limits.TORQUE_RATE] == 8.0 and excess[limits.TORQUE] == 0.0
+    assert excess[limits.TORQUE_RATE] == 8.0 and excess[limits.TORQUE] == 7.0
     for _ in range(10):
         last = limited.apply(middle, still, still, np.array([30.0, -30.0]), excess)
     np.testing.assert_allclose(last, [5.0, -2.0])

@@ -113,9 +113,9 @@ def test_an_acceleration_that_the_pose_does_not_have_drives_nothing_far(accelera
         ticks.append(loop.tick())
         furthest = max(furthest, float(np.linalg.norm(ticks[-1].measurement.pose[:3]
                                                       - start[:3])))
-    assert min(tick.tank for tick in ticks) > -0.5
-    assert furthest < 0.3
-    assert max(np.abs(tick.measurement.velocity).max() for tick in ticks) < 2.6
+    assert min(tick.tank for tick in ticks) > -0.05
+    assert furthest < (0.15 if acceleration < 1e4 else 0.7)
+    assert max(np.abs(tick.measurement.velocity).max() for tick in ticks) < 2.175
 
 
 def test_a_wall_is_kept_by_a_fast_reference():
