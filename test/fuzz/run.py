@@ -63,6 +63,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
         with Trial(folder, domain.environment(), short_skill(folder)) as trial:
             from gdmp_msgs.msg import Reference
             from geometry_msgs.msg import PoseStamped
+            from rclpy._rclpy_pybind11 import RCLError
             from rclpy.serialization import serialize_message
             from rosgraph_msgs.msg import Clock
             from std_msgs.msg import Float64MultiArray
@@ -79,14 +80,18 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
             publishers = [(node.create_publisher(type(m), topic, reliable(1)),
                            bytes(serialize_message(m))) for topic, m in topics.items()]
             trial.spend(2.0)
-            before, begun = trial.operator.state.ticks, time.monotonic()
+            sent, before, begun = 0, trial.operator.state.ticks, time.monotonic()
             for number in range(runs):
                 for publisher, valid in publishers:
                     data = bytearray(valid)
                     for _ in range(choose.randint(0, 6)):
                         at = choose.randrange(len(data) + 1)
                         data[at:at + choose.randint(0, 9)] = choose.randbytes(choose.randint(0, 9))
-                    publisher.publish(bytes(data))
+                    try:
+                        publisher.publish(bytes(data))
+                        sent += 1
+                    except RCLError:
+                        pass  # longer than its type may be: the middleware does not send it
                 if number % 100 == 0:
                     trial.children.check()
                     trial.spend(0.01)
@@ -97,7 +102,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
             reached = trial.succeeded()
     finally:
         domain.release()
-    return {'inputs': runs * len(topics), 'seconds': seconds, 'crashes': 0 if reached else 1,
+    return {'inputs': sent, 'seconds': seconds, 'crashes': 0 if reached else 1,
             'notes': f'{rate:.0f} ticks per second meanwhile, then a motion reached its goal'
                      if reached else 'the motion afterwards did not reach its goal'}
 
@@ -135,7 +140,7 @@ def main() -> int:
     for name in options.what or [*ENTRANCES, LIVE]:
         print(f'{name} …', flush=True)
         folder = options.out / name
-        results[name] = (fuzz_live(options.runs // 5, folder) if name == LIVE
+        results[name] = (fuzz_live(options.runs // 4, folder) if name == LIVE
                          else fuzz_apart(name, options.runs, folder))
         print(f'    {results[name]}', flush=True)
         lines = ['| entrance | inputs | seconds | crashes | notes |', '|---|---|---|---|---|']
