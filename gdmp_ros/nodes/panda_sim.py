@@ -76,6 +76,8 @@ class PandaSim(ManagedNode):
         body = self._in_step if self.parameters.pace == 'wall' else self._fast
         self._thread = RealtimeThread(body, self.parameters.realtime_priority)
         self._thread.start()
+        topic = self.resolve_topic_name(self.parameters.reference_topic)
+        self.get_logger().info(f'the arm follows {topic}')
         if self.parameters.realtime_priority != 0:
             self.log_scheduler(self._thread.scheduler)
 

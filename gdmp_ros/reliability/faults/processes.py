@@ -23,7 +23,7 @@ def server_killed(trial: Trial, quick: bool) -> Outcome:
     trial.progress(0.4)
     killed = now_ns()
     trial.children.kill(SERVER)
-    trial.spend(2.0)
+    trial.spend(3.0)
     trial.start_server()
     trial.holding()
     trial.operator.execute()
@@ -33,8 +33,8 @@ def server_killed(trial: Trial, quick: bool) -> Outcome:
     outcome.need('references lost before the fault',
                  float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
                  lambda v: v == 0)
-    outcome.need('at rest after [s]', motion.at_rest(_until(run, killed + 2_000_000_000), killed),
-                 lambda v: v < 1.5)
+    outcome.need('at rest after [s]', motion.at_rest(_until(run, killed + 3_000_000_000), killed),
+                 lambda v: v < 2.5)
     motion.judge(run, outcome)
     return outcome
 
@@ -57,6 +57,7 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     outcome.need('references a second without the arm', trial.state.ticks - ticks,
                  lambda v: v > 900)
     trial.start_sim()
+    trial.operator.wait('the new arm', lambda: trial.log(SIM).count('the arm follows') == 2, 60.0)
     outcome.claim('the server finishes its motion', trial.succeeded())
     trial.spend(6.0)
     trial.closing(outcome)
