@@ -1,7 +1,10 @@
 """The two 1 kHz topics of a recorded run as arrays."""
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +47,7 @@ def read(bag: Path) -> Run:
     """
     references: list[Any] = []
     states: list[Any] = []
-    with opened(bag) as reader:
+    with opened(bag) as reader, _uncollected():
         for connection, _, raw in reader.messages():
             message: Any = reader.deserialize(raw, connection.msgtype)
             {REFERENCE_TOPIC: references, STATE_TOPIC: states}.get(connection.topic, []).append(
@@ -64,6 +67,18 @@ def read(bag: Path) -> Run:
         torques=_column(states, lambda m: m.torque),
         tank=_column(states, lambda m: m.tank_energy),
         limited=_column(states, lambda m: m.limited))
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Leave the garbage collector out: it would walk all of tens of thousands of messages."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def _column(messages: list[Any], get: Any) -> np.ndarray:

@@ -18,9 +18,8 @@ def skill(tmp_path_factory):
 
 
 #: The others take longer, or differ from one of these in little but their figures.
-BOUNDED = ('server-killed', 'simulation-killed', 'server-stopped', 'late-discovery', 'restarts',
-           'two-servers', 'skill-file', 'disk-full', 'simulated-clock', 'wall-clock',
-           'garbage-flood', 'network-cut', 'adversarial-stiffness')
+BOUNDED = ('server-killed', 'server-stopped', 'two-servers', 'skill-file', 'disk-full',
+           'wall-clock', 'garbage-flood', 'network-cut', 'adversarial-stiffness')
 
 
 @pytest.mark.parametrize('name', BOUNDED)
