@@ -14,8 +14,8 @@ from gdmp_ros.nodes.managed import CHOSEN_REACH
 from gdmp_ros.reliability.network import Quality, TwoHosts
 
 ROOT = Path(__file__).parents[2]
-#: Beyond what a node has by itself: where the launch file takes the pose from, and pace: fast.
-EXTRA = {'trajectory_server': {'/panda_sim/measured_pose'}, 'panda_sim': {'/clock'}}
+#: Beyond what a node has by itself: the launch file's measured pose, and simulated time.
+EXTRA = {'trajectory_server': {'/panda_sim/measured_pose', '/clock'}, 'panda_sim': {'/clock'}}
 
 
 def allowed(node):
