@@ -41,8 +41,8 @@ def network_cut(trial: Trial, quick: bool) -> Outcome:
         for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
             run, said = _run(trial, trial.folder / reliability, reliability, Quality(), 1.5)
             _judge(run, said, trial, outcome, f'{reliability}: ', None, None)
-            outcome.need(f'{reliability}: at rest after a second without references [m/s]',
-                         _speed_in_gap(run), lambda v: v < 5e-3)
+            outcome.need(f'{reliability}: speed after a second without references [m/s]',
+                         _speed_in_gap(run), lambda v: v < 0.02)
     except NotPossible as problem:
         outcome.missing = str(problem)
     return outcome
