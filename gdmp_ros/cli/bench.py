@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 from pathlib import Path
 from typing import Any
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.terminal import table
+from gdmp_ros.writing import write_json
 
 HELP = 'measure speed, accuracy and calm beside the peers'
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
@@ -107,7 +107,7 @@ def _measure(what: str, settings: Any) -> dict[str, Any]:
 
 def _write(path: Path, document: dict[str, Any]) -> None:
     try:
-        path.write_text(json.dumps(document, indent=1) + '\n')
+        write_json(path, document)
     except OSError as error:
         raise DataError(f'{path}: cannot write the figures: {error.strerror}') from None
 

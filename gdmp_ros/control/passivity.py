@@ -37,7 +37,7 @@ from gdmp_ros.control.limits import (
     STIFFNESS_RATE,
 )
 from gdmp_ros.control.measurement import Measurement
-from gdmp_ros.manifolds.linalg import cholesky, invert_lower, multiply
+from gdmp_ros.manifolds.linalg import cholesky, congruence, invert_lower, multiply_transposed
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 #: At most dt over this share of the content is spent in a tick: the tank empties smoothly [s].
@@ -96,24 +96,9 @@ def relative_modes(old, new, values, modes):
                                           np.empty(36))
     cholesky(6, old, lower)
     invert_lower(6, lower, inverse)
-    multiply(6, inverse, new, half)
-    for i in range(6):
-        for j in range(6):
-            total = 0.0
-            for k in range(6):
-                total += half[6 * i + k] * inverse[6 * j + k]
-            turned[6 * i + j] = total
-    for i in range(6):
-        for j in range(i):
-            mean = 0.5 * (turned[6 * i + j] + turned[6 * j + i])
-            turned[6 * i + j], turned[6 * j + i] = mean, mean
+    congruence(6, inverse, new, turned, half)
     symmetric_eigen(6, turned, values, half, work)
-    for k in range(6):
-        for j in range(6):
-            total = 0.0
-            for i in range(6):
-                total += half[6 * k + i] * lower[6 * j + i]
-            modes[6 * k + j] = total
+    multiply_transposed(6, half, lower, modes)
 
 
 @compiled
@@ -271,11 +256,9 @@ def stiffness_bounds(settings: LimitSettings) -> np.ndarray:
 
 class EnergyTank:
     """
-    Energy that may be given away, and what has been drawn so far.
+    Energy that may be given away.
 
     :ivar energy: content [J]
-    :ivar drawn: net energy that the active terms have drawn, less what came back [J]
-    :ivar spilled: energy that came back when the tank was full, and is gone [J]
     """
 
     def __init__(self, settings: TankSettings, friction: np.ndarray):
@@ -283,8 +266,6 @@ class EnergyTank:
         self.settings = settings
         self._friction = friction
         self.energy = min(settings.energy, settings.capacity)
-        self.drawn = 0.0
-        self.spilled = 0.0
         self._before: tuple[np.ndarray, float, float] | None = None
         self._torque = np.zeros_like(friction)
         self._fall = 0.0
@@ -324,10 +305,7 @@ class EnergyTank:
         if not math.isfinite(energy):
             self.forget()
             return
-        self.drawn += energy
-        content = self.energy - energy
-        self.energy = min(content, self.settings.capacity)
-        self.spilled += content - self.energy
+        self.energy = min(self.energy - energy, self.settings.capacity)
 
     def hold_back(self, measured: Measurement, torque: np.ndarray, spring_power: float,
                   dt: float) -> tuple[np.ndarray, float]:
@@ -353,7 +331,6 @@ class EnergyTank:
         """Start metering anew with an empty tank: what was drawn is not known."""
         self._before = None
         self.energy = 0.0
-        self.drawn = 0.0
 
     def sent(self, measured: Measurement, torque: np.ndarray, stored: float) -> None:
         """Remember what is being sent, for `meter` to look at its effect."""

@@ -1,10 +1,10 @@
 """The yardstick: a process of ordinary priority that only sleeps to 1 kHz deadlines."""
 from __future__ import annotations
 
-import signal
 import sys
 
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.realtime.processes import ended_by_signal
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
 PERIOD_NS = 1_000_000
@@ -13,10 +13,7 @@ PERIOD_NS = 1_000_000
 def main(path: str, capacity: str = '131072') -> int:
     """Run until SIGTERM or SIGINT, then write deadline and lateness of the ticks to ``path``."""
     recorder = LatenessRecorder(PERIOD_NS, int(capacity))
-    ended: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda got, _: ended.append(got))
-    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), lambda: bool(ended))
+    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), ended_by_signal().is_set)
     recorder.save(path)
     return 0
 

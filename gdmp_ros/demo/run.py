@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import json
 import os
 from pathlib import Path
 import platform
@@ -28,6 +27,7 @@ from gdmp_ros.realtime.processes import Children, interrupt_on_sigterm
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
 from gdmp_ros.sim.render import render_to
 from gdmp_ros.terminal import table
+from gdmp_ros.writing import write_json
 
 FRAME = 'panda_link0'
 PERIOD_NS = 1_000_000
@@ -85,7 +85,7 @@ def run_demo(folder: Path, name: str) -> int:
     run = runs.read(folder / 'run')
     document = _report(folder, run, timeline, switch, cpu)
     document['learning'] = {'mean_relative_error': error, 'demonstration': bags[0].name}
-    (folder / 'report.json').write_text(json.dumps(document, indent=1) + '\n')
+    write_json(folder / 'report.json', document)
     print('drawing')
     _draw(folder, run, timeline, document)
     _closing_table(document)

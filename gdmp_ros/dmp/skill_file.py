@@ -4,9 +4,7 @@ from __future__ import annotations
 from dataclasses import asdict
 import json
 import math
-import os
 from pathlib import Path
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.skill import Gains, Skill
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
+from gdmp_ros.writing import write_text
 
 FORMAT = 'gdmp skill'
 #: Version 2 has segments; files of version 1 are read as well.
@@ -28,7 +27,7 @@ _UNITS = {'duration': 's', 'euclidean': 'm', 'sphere': 'rad', 'rotation': 'rad',
 
 
 def write(skill: Skill, path: Path) -> None:
-    """Write ``skill`` beside ``path`` first and move it there: no half-written file is left."""
+    """Write ``skill`` whole or not at all."""
     document = {
         'format': FORMAT, 'version': VERSION, 'manifold': skill.manifold.spec(),
         'connection': skill.connection, 'gains': asdict(skill.gains), 'duration': skill.duration,
@@ -40,17 +39,8 @@ def write(skill: Skill, path: Path) -> None:
                      'waypoints': skill.segments.waypoints.tolist()},
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
-        text = json.dumps(document, indent=1, allow_nan=False)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+        write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
     except (OSError, ValueError) as error:
-        raise DataError(f'{path}: cannot write the skill: {error}') from None
-    try:
-        with os.fdopen(handle, 'w') as out:
-            out.write(text + '\n')
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except OSError as error:
-        os.unlink(name)
         raise DataError(f'{path}: cannot write the skill: {error}') from None
 
 

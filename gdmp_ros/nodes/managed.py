@@ -3,9 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import os
-import signal
 import sys
-import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -19,11 +17,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.domain import network
+from gdmp_ros.realtime.processes import ended_by_signal
 from gdmp_ros.realtime.statistics import Punctuality
 
-#: With one of these the user has chosen who can reach the nodes; otherwise it is this machine.
-CHOSEN_REACH = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY',
-                'ROS_DISCOVERY_SERVER', 'FASTRTPS_DEFAULT_PROFILES_FILE', 'CYCLONEDDS_URI')
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
 DEEP = 2000
 
@@ -202,26 +199,18 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     return result
 
 
-def stay_local() -> None:
-    """Let only this machine reach what is started now, unless the user has chosen otherwise."""
-    if not any(name in os.environ for name in CHOSEN_REACH):
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-
-
 def run(makes: Sequence[Callable[[], ManagedNode]],
         arguments: Sequence[str] | None = None) -> int:
     """
     Run nodes until Ctrl-C or SIGTERM, then deactivate them properly.
 
-    Only this machine can reach them, unless the user has chosen otherwise.
+    Who can reach them: `gdmp_ros.realtime.domain.network`.
 
     :returns: exit code
     """
-    stay_local()
+    os.environ.update(network())
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = ended_by_signal()
     try:
         nodes = [make() for make in makes]
     except (GdmpError, ValueError) as error:

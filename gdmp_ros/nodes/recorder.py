@@ -7,9 +7,7 @@ from importlib import import_module
 import os
 from pathlib import Path
 import shutil
-import signal
 import sys
-import threading
 import time
 from typing import Any
 
@@ -20,7 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.files.bags import BagWriter
-from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable, stay_local
+from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable
+from gdmp_ros.realtime.domain import network
+from gdmp_ros.realtime.processes import ended_by_signal
 
 #: Recording ends while the disk still has so much room: bags need some to be closed [MB].
 KEEP_FREE_MB = 64.0
@@ -110,11 +110,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
-    stay_local()
+    os.environ.update(network())
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    ended = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.set())
+    ended = ended_by_signal()
     try:
         with BagWriter(options.bag) as writer:
             node = Recorder(topics, writer, options.best_effort)

@@ -176,7 +176,6 @@ class Patched:
             self._integers[self._sequence] = sequence
         return bytes(memoryview(self._data)[:self._size])
 
-
     def sequence_of(self, data: Buffer) -> int:
         """Sequence number of a serialised message with these strings."""
         return int(struct.unpack_from('<Q', data, _HEADER + 8 * self._sequence)[0])

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 import importlib
 import json
 import math
-import os
 from pathlib import Path
 import time
 import traceback
@@ -21,6 +20,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.files import archives
 from gdmp_ros.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros.terminal import table
+from gdmp_ros.writing import write_json, write_text
 
 #: Experiments whose module has another name: ``baselines`` are the methods themselves.
 _MODULES = {'baselines': 'comparison'}
@@ -147,15 +147,8 @@ def _earlier(folder: Path) -> dict[str, Any]:
 def _write(folder: Path, entries: dict[str, Any]) -> None:
     ordered = {name: entries[name] for name in IDS if name in entries}
     document = {'gdmp_ros': __version__, 'experiments': ordered}
-    _replace(folder / 'report.json', json.dumps(document, indent=1) + '\n')
-    _replace(folder / 'index.html', page(folder, ordered))
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    partial = path.with_name(f'.{path.name}.partial')
-    partial.write_text(text)
-    os.replace(partial, path)
+    write_json(folder / 'report.json', document)
+    write_text(folder / 'index.html', page(folder, ordered))
 
 
 def page(folder: Path, entries: dict[str, Any]) -> str:

@@ -1,6 +1,7 @@
-"""A DDS domain of one's own, claimed by a file lock: runs side by side do not meet."""
+"""Who meets whom over DDS: domains of one's own, and how far nodes reach by default."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 import fcntl
 import os
 from pathlib import Path
@@ -11,6 +12,34 @@ from gdmp_ros.errors import GdmpError
 
 #: Ids whose ports do not collide with ephemeral ones on Linux.
 IDS = range(1, 102)
+#: With one of these the user has chosen who can reach the nodes, or how; otherwise we do.
+CHOSEN = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY',
+          'ROS_DISCOVERY_SERVER', 'FASTRTPS_DEFAULT_PROFILES_FILE',
+          'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS', 'CYCLONEDDS_URI')
+#: Sockets on 127.0.0.1 alone.
+PROFILE = Path(__file__).with_name('this_machine.xml')
+
+
+def network() -> dict[str, str]:
+    """
+    Environment that keeps nodes to this machine and to UDP, where the user has not chosen.
+
+    In shared memory a process that is killed in the middle of a message can leave a lock behind
+    that silences others, also those that are started in its place.
+    """
+    if any(os.environ.get(name) for name in CHOSEN):
+        return {}
+    if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+        return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+                'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE)}
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+def any_machine(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment changed so that it reaches other machines too, over UDP."""
+    kept = {name: value for name, value in environment.items() if name not in CHOSEN}
+    return {**kept, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+            'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
 
 
 class Domain:
@@ -37,10 +66,8 @@ class Domain:
     _handle: IO[str]
 
     def environment(self) -> dict[str, str]:
-        """Environment of processes in this domain: this machine only, unless the user chose."""
-        result = dict(os.environ, ROS_DOMAIN_ID=str(self.id))
-        result.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        return result
+        """Environment of processes in this domain."""
+        return {**os.environ, **network(), 'ROS_DOMAIN_ID': str(self.id)}
 
     def release(self) -> None:
         """Give the id back."""

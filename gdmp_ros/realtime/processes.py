@@ -7,6 +7,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import threading
 
 from gdmp_ros.errors import GdmpError
 
@@ -22,6 +23,14 @@ def interrupt_on_sigterm() -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
     signal.signal(signal.SIGTERM, interrupt)
+
+
+def ended_by_signal() -> threading.Event:
+    """Event that SIGINT and SIGTERM set from now on, in place of ending this process."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    return ended
 
 
 class Children:

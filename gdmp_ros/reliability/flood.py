@@ -1,7 +1,6 @@
 """Publishes goals, or garbage, at 1 kHz until it is asked to end."""
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from typing import Any
@@ -15,6 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.realtime.processes import ended_by_signal
 
 FRAME = 'panda_link0'
 CENTRE = np.array([0.5, 0.0, 0.42, 0.0, 1.0, 0.0, 0.0])
@@ -52,20 +52,18 @@ def garbage(rng: np.random.Generator) -> tuple[Any, Any, Any]:
 def main(what: str) -> int:
     """Flood; print how many messages were sent at the end."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda got, _: ended.append(got))
+    ended = ended_by_signal()
     node = Node('flood')
     publishers = [node.create_publisher(kind, f'trajectory_server/{name}', reliable(1))
                   for kind, name in ((PoseStamped, 'goal_pose'),
                                      (Float64MultiArray, 'goal_stiffness'),
                                      (Reference, 'reference'))]
-    while not ended and not all(p.get_subscription_count() for p in publishers):
+    while not ended.is_set() and not all(p.get_subscription_count() for p in publishers):
         time.sleep(0.05)
     print('flooding', flush=True)
     rng, sent, deadline = np.random.default_rng(0), 0, time.monotonic()
     messages = [goals(rng) if what == 'goals' else garbage(rng) for _ in range(500)]
-    while not ended:
+    while not ended.is_set():
         for publisher, message in zip(publishers, messages[sent % len(messages)]):
             publisher.publish(message)
         sent += 1

@@ -1,10 +1,7 @@
 """Watches references and states for as long as it takes, in little memory: counts and extremes."""
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
-import signal
 import sys
 import time
 from typing import Any
@@ -19,10 +16,11 @@ from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import DEEP, PolledGroup, reliable, take
 from gdmp_ros.nodes.recorder import DRAIN_S
+from gdmp_ros.realtime.processes import ended_by_signal
+from gdmp_ros.reliability.motion import GAP_NS
+from gdmp_ros.writing import write_json
 
 JOINTS = 7
-#: Steps of the tool or of a torque over a longer pause are none [ns].
-GAP_NS = 5_000_000
 #: Extremes are kept for windows of this length [s].
 WINDOW_S = 10.0
 
@@ -103,11 +101,9 @@ class Monitor(Node):
 def main(path: str, frame: str) -> int:
     """Watch until SIGTERM or SIGINT, then write what was seen to ``path``."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda got, _: ended.append(got))
+    ended = ended_by_signal()
     monitor, said = Monitor(frame), False
-    while not ended:
+    while not ended.is_set():
         monitor.drain()
         if monitor.received and monitor.states and not said:
             print('watching', flush=True)
@@ -115,11 +111,8 @@ def main(path: str, frame: str) -> int:
         time.sleep(DRAIN_S)
     monitor.drain()
     monitor.close_window()
-    partial = f'{path}.partial'
-    Path(partial).write_text(json.dumps({
-        'received': monitor.received, 'lost': monitor.lost, 'states': monitor.states,
-        'windows': monitor.windows}))
-    os.replace(partial, path)
+    write_json(Path(path), {'received': monitor.received, 'lost': monitor.lost,
+                            'states': monitor.states, 'windows': monitor.windows})
     rclpy.shutdown()
     return 0
 

@@ -43,18 +43,34 @@ def lost(run: Run) -> int:
     return int((steps[steps < ONE_STREAM] - 1).sum())
 
 
+def begun(run: Run) -> np.ndarray:
+    """Indices of the states in which the arm first followed a reference."""
+    return np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+
+
 def gaps(run: Run) -> np.ndarray:
     """Times between two references that were followed, and when each ended [s, ns]."""
-    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+    first = begun(run)
     ends = run.state_stamps[first[1:]]
     return np.column_stack([np.diff(run.state_stamps[first]) * 1e-9, ends])
 
 
+def most_ticks_unled(run: Run) -> int:
+    """
+    Most ticks of the arm in a row that brought it no reference, once it had one.
+
+    Ticks, not time: a machine with too much to do keeps the arm waiting as well.
+    """
+    return int(np.diff(begun(run)).max()) - 1
+
+
 def behind(run: Run) -> float:
     """Distance at the end between the arm and the last reference that it followed [m]."""
-    at = np.flatnonzero(run.sequences == run.applied[-1])
-    if not len(at):
+    # A state may be recorded while its reference has just missed the end of the recording.
+    followed = run.applied[np.isin(run.applied, run.sequences)]
+    if not len(followed):
         return float('nan')
+    at = np.flatnonzero(run.sequences == followed[-1])
     return float(np.linalg.norm(run.poses[-1, :3] - run.references[at[-1], :3]))
 
 

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import json
 import os
 from pathlib import Path
 import shutil
@@ -16,6 +15,7 @@ from gdmp_ros.reliability.faults import fault, FAULTS
 from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import short_skill, Trial
 from gdmp_ros.terminal import table
+from gdmp_ros.writing import write_json, write_text
 
 WORDS = {True: 'holds', False: 'FAILS', None: 'not tried'}
 
@@ -49,8 +49,7 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
 
 def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
     """Try one fault on a DDS domain of its own; a trial that breaks down has failed."""
-    before = {key: os.environ.get(key) for key in ('ROS_DOMAIN_ID',
-                                                   'ROS_AUTOMATIC_DISCOVERY_RANGE')}
+    before = dict(os.environ)
     domain = Domain()
     try:
         shutil.rmtree(folder, ignore_errors=True)
@@ -64,11 +63,8 @@ def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
         return Outcome(failed=[f'{type(error).__name__}: {error}'])
     finally:
         domain.release()
-        for key, value in before.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def _verdict(outcome: Outcome) -> str:
@@ -89,11 +85,8 @@ def _write(folder: Path, outcomes: dict[str, Outcome]) -> None:
     lines = ['| fault | what was measured | verdict |', '|---|---|---|']
     lines += [f'| {entry["fault"]} | {_figures(one)} | {_verdict(one)} |'
               for entry, one in zip(document.values(), outcomes.values())]
-    for name, text in (('faults.json', json.dumps(document, indent=1)),
-                       ('faults.md', '\n'.join(lines))):
-        partial = folder / f'.{name}.partial'
-        partial.write_text(text + '\n')
-        os.replace(partial, folder / name)
+    write_json(folder / 'faults.json', document)
+    write_text(folder / 'faults.md', '\n'.join(lines) + '\n')
 
 
 def known() -> str:

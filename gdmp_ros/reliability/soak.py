@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 import shutil
 import time
@@ -22,6 +21,7 @@ from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import FRAME, goal_of, SERVER, short_skill, SIM, Trial
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.terminal import progress, table
+from gdmp_ros.writing import write_json
 
 CLASSES = ('GShape', 'Angle', 'CShape', 'Sine', 'WShape', 'Leaf_1')
 SAMPLE_S = 5.0
@@ -59,9 +59,7 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     document = _document(folder, minutes, samples, deeds)
     outcome = judge(document)
     document.update(measured=outcome.measured, failed=outcome.failed, holds=outcome.holds)
-    partial = folder / '.soak.json.partial'
-    partial.write_text(json.dumps(document, indent=1) + '\n')
-    os.replace(partial, folder / 'soak.json')
+    write_json(folder / 'soak.json', document)
     draw(document, folder / 'soak.png')
     table(f'{minutes:g} minutes', ['', 'measured'],
           [[name, f'{value:.4g}' if isinstance(value, float) else value]

@@ -41,7 +41,8 @@ class Trial:
         self.folder, self.skill = folder, skill
         self.environment = dict(environment)
         self.children = Children(environment, folder / 'logs')
-        self.operator = Operator()
+        # The recorder may end: it does so when the disk is full.
+        self.operator = Operator(check=lambda: self.children.check(but=RECORDER))
         self._clients: dict[str, Any] = {}
 
     def __enter__(self) -> Trial:

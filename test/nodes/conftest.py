@@ -130,8 +130,7 @@ class World:
 def world(tmp_path, skill_file, monkeypatch):
     domain = Domain()
     for key, value in domain.environment().items():
-        if key.startswith('ROS_'):
-            monkeypatch.setenv(key, value)
+        monkeypatch.setenv(key, value)
     with Children(dict(os.environ), tmp_path / 'logs') as children:
         made = World(children, skill_file)
         try:

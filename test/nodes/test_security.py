@@ -10,7 +10,7 @@ import pytest
 from rclpy.action import get_action_server_names_and_types_by_node
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.nodes.managed import CHOSEN_REACH
+from gdmp_ros.realtime.domain import any_machine, CHOSEN
 from gdmp_ros.reliability.network import Quality, TwoHosts
 
 ROOT = Path(__file__).parents[2]
@@ -33,8 +33,16 @@ def allowed(node):
 def test_policies_allow_what_the_nodes_do_and_nothing_else(world):
     world.start()
     found = world.node
+
+    def known(node):
+        """Whether everything about a node has been discovered, as far as anybody can tell."""
+        return (node, '/') in found.get_node_names_and_namespaces() and len(
+            found.get_service_names_and_types_by_node(node, '/')) >= len(allowed(node)[2])
+
     for node in ('trajectory_server', 'panda_sim'):
         published, subscribed, replied, executed = allowed(node)
+        world.wait(node, lambda node=node: known(node))
+        world.spin(0.5)
         actions = {name for name, _ in get_action_server_names_and_types_by_node(
             found, node, '/')}
         assert actions == executed
@@ -58,10 +66,9 @@ LOOK = ('import rclpy, time\nfrom rclpy.node import Node\nrclpy.init()\nnode = N
         'print("panda_sim" in node.get_node_names())')
 
 
-@pytest.mark.parametrize('chosen, seen', [({}, 'False'),
-                                          ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'True')])
+@pytest.mark.parametrize('chosen, seen', [({}, 'False'), (any_machine({}), 'True')])
 def test_only_this_machine_reaches_the_nodes_unless_more_is_asked_for(tmp_path, chosen, seen):
-    plain = {key: value for key, value in os.environ.items() if key not in CHOSEN_REACH}
+    plain = {key: value for key, value in os.environ.items() if key not in CHOSEN}
     try:
         hosts = TwoHosts(Quality()).__enter__()
     except (GdmpError, OSError) as error:
@@ -72,7 +79,7 @@ def test_only_this_machine_reaches_the_nodes_unless_more_is_asked_for(tmp_path, 
     def looked(host, seconds):
         return subprocess.run(
             [*hosts.on(host), sys.executable, '-c', LOOK.format(seconds=seconds)],
-            env={**plain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DOMAIN_ID': '0'},
+            env={**any_machine(os.environ), 'ROS_DOMAIN_ID': '0'},
             capture_output=True, text=True, timeout=90.0).stdout.strip()
 
     try:

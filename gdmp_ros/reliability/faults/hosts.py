@@ -1,6 +1,8 @@
 """Server and arm on two hosts, with a network between them that is good, bad or gone."""
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 import time
 
@@ -9,75 +11,71 @@ import numpy as np
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import runs
 from gdmp_ros.files.runs import REFERENCE_TOPIC, Run, STATE_TOPIC
+from gdmp_ros.realtime.domain import any_machine
 from gdmp_ros.realtime.processes import Children
 from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.network import Quality, TwoHosts
 from gdmp_ros.reliability.outcome import Outcome
-from gdmp_ros.reliability.trial import goal_of, Trial
+from gdmp_ros.reliability.trial import goal_of, START_UP_S, Trial
 
 RELIABILITIES = ('reliable', 'best_effort')
-START_UP_S = 120.0
 
 
 def good_network(trial: Trial, quick: bool) -> Outcome:
     """Server and arm on two hosts"""
-    return _both(trial, quick, Quality(), 0.999, 10.0)
+    return _tried(trial, quick, Quality(), 0.999, 10.0)
 
 
 def lossy_network(trial: Trial, quick: bool) -> Outcome:
     """Two hosts, and a network that loses one frame in twenty"""
-    return _both(trial, quick, Quality(loss=0.05), 0.93, 200.0)
+    return _tried(trial, quick, Quality(loss=0.05), 0.93, 200.0)
 
 
 def slow_network(trial: Trial, quick: bool) -> Outcome:
     """Two hosts, and a network that takes 20 to 30 ms"""
-    return _both(trial, quick, Quality(delay=0.02, jitter=0.01), 0.99, 60.0)
+    return _tried(trial, quick, Quality(delay=0.02, jitter=0.01), 0.99, 60.0)
 
 
 def network_cut(trial: Trial, quick: bool) -> Outcome:
     """Two hosts, and a network that is cut for 1.5 s in mid-motion"""
-    outcome = Outcome()
-    try:
-        for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
-            run, said = _run(trial, trial.folder / reliability, reliability, Quality(), 1.5)
-            _judge(run, said, trial, outcome, f'{reliability}: ', None, None)
-            outcome.need(f'{reliability}: speed after a second without references [m/s]',
-                         _speed_in_gap(run), lambda v: v < 0.02)
-    except NotPossible as problem:
-        outcome.missing = str(problem)
-    return outcome
+    def held(which: str, run: Run, outcome: Outcome) -> None:
+        outcome.need(f'{which}speed after a second without references [m/s]', _speed_in_gap(run),
+                     lambda v: v < 0.02)
+    return _tried(trial, quick, Quality(), None, None, 1.5, held)
 
 
 class NotPossible(GdmpError):
     """Two hosts cannot be made here."""
 
 
-def _both(trial: Trial, quick: bool, quality: Quality, arrive: float, late: float) -> Outcome:
+def _tried(trial: Trial, quick: bool, quality: Quality, arrive: float | None,
+           late_ms: float | None, cut: float = 0.0,
+           more: Callable[[str, Run, Outcome], None] | None = None) -> Outcome:
+    """One execution for each reliability, held against what every network has to do."""
     outcome = Outcome()
     try:
         for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
-            run, said = _run(trial, trial.folder / reliability, reliability, quality)
-            _judge(run, said, trial, outcome, f'{reliability}: ', arrive, late)
+            run, said = _run(trial, trial.folder / reliability, reliability, quality, cut)
+            _judge(run, said, trial, outcome, f'{reliability}: ', arrive, late_ms)
+            if more is not None:
+                more(f'{reliability}: ', run, outcome)
     except NotPossible as problem:
         outcome.missing = str(problem)
     return outcome
 
 
-def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float = 0.0
+def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float
          ) -> tuple[Run, str]:
     """Execute the skill across the network; the recorded run and what the operator said."""
     folder.mkdir(parents=True)
-    environment = {**trial.environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    try:
-        hosts = TwoHosts(Quality())
-        hosts.__enter__()
-    except (GdmpError, OSError) as error:
-        raise NotPossible(str(error)) from None
-    try:
-        with Children(environment, folder / 'logs') as children:
-            return _execute(trial, folder, reliability, quality, cut, hosts, children)
-    finally:
-        hosts.__exit__()
+    environment = any_machine(trial.environment)
+    with ExitStack() as stack:
+        try:
+            hosts = stack.enter_context(TwoHosts(Quality()))
+        except (GdmpError, OSError) as error:
+            raise NotPossible(str(error)) from None
+        children = stack.enter_context(Children(environment, folder / 'logs'))
+        return _execute(trial, folder, reliability, quality, cut, hosts, children)
 
 
 def _execute(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float,
@@ -141,7 +139,7 @@ def _judge(run: Run, said: str, trial: Trial, outcome: Outcome, which: str,
 
 def _ages(run: Run) -> np.ndarray:
     """How old each reference was when the arm first followed it [s]."""
-    first = np.flatnonzero(np.diff(run.applied.astype(np.int64), prepend=0) != 0)
+    first = motion.begun(run)
     at = np.searchsorted(run.sequences, run.applied[first])
     known = (run.applied[first] > 0) & (at < len(run.sequences))
     first, at = first[known], at[known]
