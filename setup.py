@@ -38,6 +38,7 @@ setup(
     entry_points={'console_scripts': [
         'gdmp = gdmp_ros.cli.main:main',
         'panda_sim = gdmp_ros.nodes.panda_sim:main',
+        'take_recorder = gdmp_ros.nodes.take_recorder:main',
         'trajectory_server = gdmp_ros.nodes.trajectory_server:main',
     ]},
 )

@@ -58,6 +58,11 @@ def cache_folder() -> Path:
 _CACHE = str(cache_folder())
 
 
+def compiled_before() -> bool:
+    """Whether kernels have been compiled and kept before."""
+    return any(Path(_CACHE).glob('*/*.nbi'))
+
+
 def compiled(function: Function, forceinline: bool = False) -> Function:
     """Compile ``function`` on first call, without the GIL, and keep the machine code on disk."""
     settings = vars(config)

@@ -1,6 +1,7 @@
 """Pictures; the only place that imports matplotlib. Functions that draw take Axes."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
-from gdmp_ros.dmp import Skill
+from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.manifolds import Product
 
 matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
@@ -134,6 +135,27 @@ def _ellipsoid(axes: Any, centre: np.ndarray, shape: np.ndarray) -> None:
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     surface = np.einsum('ij,juv->iuv', shape, ball) + centre[:, None, None]
     axes.plot_wireframe(*surface, color=INK[2], lw=0.35, alpha=0.6)
+
+
+def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],
+                 differs: Sequence[bool]) -> Figure:
+    """Draw takes of one motion from above, from the side and over time; odd ones dashed."""
+    figure, axes = panels(1, 3, (4.2, 3.6))
+    above, side, timed = axes[0]
+    for i, (take, name, odd) in enumerate(zip(shown, names, differs)):
+        style = {'color': INK[i % len(INK)], 'ls': '--' if odd else '-', 'lw': 1.3, 'label': name}
+        x, y, z = take.points[:, :3].T
+        above.plot(x, y, **style)
+        side.plot(x, z, **style)
+        timed.plot(take.times, np.linalg.norm(take.points[:, :3] - take.points[0, :3], axis=1),
+                   **style)
+    above.set(xlabel='x [m]', ylabel='y [m]', title='from above')
+    side.set(xlabel='x [m]', ylabel='z [m]', title='from the side')
+    timed.set(xlabel='time [s]', ylabel='distance from the start [m]', title='over time')
+    for each in (above, side):
+        each.set_aspect('equal', 'datalim')
+    timed.legend(fontsize=7)
+    return figure
 
 
 def skill_figure(skill: Skill) -> Figure:

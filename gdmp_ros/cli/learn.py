@@ -1,8 +1,9 @@
 """Learn a skill from recorded demonstrations.
 
 Pose comes from a PoseStamped topic (or gdmp_msgs/Reference), stiffness from a Float64MultiArray
-with 9 or 36 numbers where the bag has one. Rest at both ends is cut off. Several demonstrations
-may have their own starts, goals and durations. A folder stands for all the bags in it.
+with 9 or 36 numbers where the bag has one; otherwise several takes give it: high where they agree,
+low where they vary. Rest at both ends is cut off. Several demonstrations may have their own
+starts, goals and durations. A folder stands for all the bags in it.
 
 examples:
   gdmp learn demos/GShape_1 -o skill.json
@@ -24,6 +25,8 @@ from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.terminal import progress, table
 
+#: Where stiffness comes from: `gdmp_ros.files.recordings.stiffened`.
+STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 HELP = 'learn a skill from rosbag2 demonstrations'
 
 
@@ -38,6 +41,9 @@ class Recipe:
     tolerance: float
     smoothing: float | None
     regularization: float
+    stiffness: str
+    k_min: float
+    k_max: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,6 +57,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='where the bag has several')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='where the bag has several')
+    parser.add_argument('--stiffness', choices=STIFFNESSES,
+                        default='auto', help='as recorded, or high where the takes agree and low '
+                        'where they vary, or none; auto: recorded, else from variance where there '
+                        'are two takes or more (default)')
+    parser.add_argument('--k-min', type=float, default=200.0, metavar='N/M',
+                        help='smallest stiffness from variance (default %(default)g)')
+    parser.add_argument('--k-max', type=float, default=800.0, metavar='N/M',
+                        help='largest stiffness from variance (default %(default)g)')
     parser.add_argument('--n-basis', type=_count, default=60, metavar='N',
                         help='basis functions, or auto for as few as the tolerance allows '
                              '(default %(default)s)')
@@ -75,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
     bags = [found for given in options.bags for found in _bags(given)]
     recipe = Recipe(options.pose_topic, options.stiffness_topic, options.n_basis,
                     options.connection, options.tolerance, options.smooth,
-                    options.regularization)
+                    options.regularization, options.stiffness, options.k_min, options.k_max)
     if options.each:
         _learn_each(bags, recipe, options)
         return
@@ -105,12 +119,13 @@ def learn(bags: list[Path], recipe: Recipe, output: Path,
     frames = {recording.frame for recording in shown}
     if len(frames) > 1:
         raise DataError(f'the demonstrations are in different frames: {", ".join(sorted(frames))}')
-    demonstrations = [recording.demonstration for recording in shown]
+    demonstrations, origin = recordings.stiffened(shown, recipe.stiffness, recipe.k_min,
+                                                  recipe.k_max)
     skill = Skill.learn(demonstrations, recipe.n_basis, connection=recipe.connection,
                         tolerance=recipe.tolerance, smoothing=recipe.smoothing,
                         regularization=recipe.regularization,
                         provenance={'demonstrations': [str(bag) for bag in bags],
-                                    'frame': shown[0].frame})
+                                    'frame': shown[0].frame, 'stiffness': origin})
     skill.save(output)
     return fit_report(skill, demonstrations), skill.duration
 
@@ -119,10 +134,8 @@ def _bags(given: Path) -> list[Path]:
     """The bag itself, or all those in a folder."""
     if given.is_file() or (given / 'metadata.yaml').exists() or not given.is_dir():
         return [given]
-    found = sorted(path.parent for path in given.glob('*/metadata.yaml'))
-    if not found:
-        raise DataError(f'{given}: neither a rosbag2 folder nor a folder of them')
-    return found
+    from gdmp_ros.files import takes
+    return takes.folder_of(given)
 
 
 def _learn_each(bags: list[Path], recipe: Recipe, options: argparse.Namespace) -> None:

@@ -9,8 +9,8 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'learn', 'inspect', 'plot', 'rollout', 'bench', 'paper', 'demo', 'faults',
-         'soak')
+VERBS = ('record', 'teach', 'takes', 'learn', 'inspect', 'plot', 'rollout', 'bench',
+         'paper', 'demo', 'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
@@ -18,6 +18,11 @@ a first skill, from handwriting to a motion:
   gdmp learn demos/GShape_* -o skill.json   learn pose and stiffness from all
   gdmp plot skill.json -o skill.png         see it
   gdmp rollout skill.json --goal-position 0.5 0.1 0.4
+
+a skill of your own, in simulation:
+  gdmp teach -o takes                       lead the arm by hand, a few takes
+  gdmp takes takes                          compare them, drop the bad one
+  gdmp learn takes -o skill.json
 
 all of it on a simulated robot:
   gdmp demo

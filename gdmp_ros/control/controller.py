@@ -10,6 +10,7 @@ from gdmp_ros.control.follower import limit_numbers, moved
 from gdmp_ros.control.impedance import (
     ACCELERATION,
     DAMPING_RATIO,
+    felt_wrench,
     impedance_torque,
     ImpedanceGains,
     POSE,
@@ -106,9 +107,8 @@ class ImpedanceController:
                                     self.settings.damping_ratio)
         self.tank = EnergyTank(self.settings.tank, self._friction)
         self._last_pose = measured.pose.copy()
-        self._followed = np.zeros(TARGET_SIZE)
-        self._followed[POSE:POSE + 7] = measured.pose
-        self._stiffness = HOLD_STIFFNESS.reshape(-1).copy()
+        self._followed, self._stiffness = np.zeros(TARGET_SIZE), np.empty(36)
+        self._stand(measured.pose)
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
         """Torque for the next ``dt`` seconds."""
@@ -140,12 +140,36 @@ class ImpedanceController:
         return Tick(measured, twist, wrench, self._stiffness.copy(), requested, torque, spring,
                     tank.energy, excess)
 
+    def lead(self, measured: Measurement, dt: float) -> Tick:
+        """
+        Torque for the next ``dt`` seconds of an arm that somebody leads by hand.
+
+        It carries its own weight and keeps its limits, and nothing holds it: no stiffness, no
+        reference. Where it is left it is held from the next `tick` on.
+        """
+        excess = np.zeros(len(LIMITS))
+        self.tank.meter(measured, 0.0, dt)
+        self._rest = measured.position.copy()
+        self.guard.hold(measured.pose)
+        self._stand(measured.pose)
+        torque = self._limiter.apply(measured.position, measured.velocity, measured.bias,
+                                     measured.bias, excess)
+        self.tank.sent(measured, torque, 0.0)
+        self.bites.add(excess)
+        wrench = felt_wrench(measured.jacobian, measured.inertia, measured.external,
+                             self.settings.gains.singularity)
+        return Tick(measured, measured.jacobian @ measured.velocity, wrench, np.zeros(36),
+                    np.zeros(36), torque, 0.0, self.tank.energy, excess)
+
+    def _stand(self, pose: np.ndarray) -> None:
+        """Hold a pose from now on, as stiff as while nothing has been asked for."""
+        self._followed[:] = 0.0
+        self._followed[POSE:POSE + 7] = pose
+        self._stiffness[:] = HOLD_STIFFNESS.reshape(-1)
+
     def _recover(self, measured: Measurement) -> np.ndarray:
         """Hold the measured pose, weightless: no torque could be computed."""
-        self._followed[:] = 0.0
-        self._followed[POSE:POSE + 7] = np.where(np.isfinite(measured.pose), measured.pose,
-                                                 self._last_pose)
-        self._stiffness[:] = HOLD_STIFFNESS.reshape(-1)
+        self._stand(np.where(np.isfinite(measured.pose), measured.pose, self._last_pose))
         self.tank.forget()
         return self._limiter.last if not np.isfinite(measured.bias).all() else measured.bias.copy()
 

@@ -232,6 +232,18 @@ def _feed_forward(target, gains, friction, jacobian, solved, task_inertia, torqu
                                                  + friction[i] * solved[i, j] * flow)
 
 
+def felt_wrench(jacobian: np.ndarray, inertia: np.ndarray, external: np.ndarray,
+                singularity: float) -> np.ndarray:
+    """
+    Wrench at the tool that explains joint torques from outside: ``Λ J M⁻¹ τ_ext`` [N, Nm].
+
+    :param external: joint torque acting from outside [Nm], shape (n,)
+    """
+    solved = np.empty((len(external), 6))
+    inverse = task_inertia_inverse(inertia, jacobian, singularity, solved)
+    return np.asarray(np.linalg.solve(inverse, solved.T @ external))
+
+
 @compiled
 def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gains, external,
                      torque, wrench):

@@ -203,8 +203,7 @@ class ReferenceGuard:
         if reason is None and self.following:
             reason = self._strange(origin) or self._jump(target)
         if reason is not None:
-            self.refused += 1
-            self.last_refusal = reason
+            self.refuse(reason)
             return False
         target[POSE + 3:POSE + 7] /= np.linalg.norm(target[POSE + 3:POSE + 7])
         self._target[:] = target
@@ -212,6 +211,18 @@ class ReferenceGuard:
         self._sequence = origin.sequence
         self._since = 0.0
         return True
+
+    def refuse(self, reason: str) -> None:
+        """Count a reference that is not taken, and say why."""
+        self.refused += 1
+        self.last_refusal = reason
+
+    def hold(self, pose: np.ndarray) -> None:
+        """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
+        self.following = False
+        self._stopped, self._sequence = 1.0, 0
+        self._target[:STIFFNESS] = 0.0
+        self._target[POSE:POSE + 7] = pose
 
     def target(self, dt: float) -> np.ndarray:
         """

@@ -21,7 +21,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import lasa, recordings, runs
 from gdmp_ros.files.bags import NS
 from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternion
-from gdmp_ros.nodes.session import pause, session
+from gdmp_ros.nodes.session import session
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children, interrupt_on_sigterm
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
@@ -130,7 +130,7 @@ def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
             'demonstrations': [str(bag)], 'lateness_file': str(folder / 'server.npy')}
                  ) as (operator, children):
         children.start('bare', 'gdmp_ros.demo.bare', [str(folder / 'bare.npy')])
-        pause(operator, 1.0)
+        operator.spend(1.0)
         timeline, cpu = _perform(operator, switch, children)
         children.stop('bare')
     return timeline, cpu
@@ -141,7 +141,7 @@ def _perform(operator: Any, switch: Switch, children: Children
     processes = {'server': psutil.Process(children.processes['trajectory_server'].pid),
                  'sim': psutil.Process(children.processes['panda_sim'].pid)}
     begun, used = time.monotonic_ns(), {n: sum(p.cpu_times()[:2]) for n, p in processes.items()}
-    pause(operator, LEAD_S)
+    operator.spend(LEAD_S)
     print('executing the skill')
     operator.execute()
     operator.wait('half of the motion', lambda: operator.state.progress >= 0.5, 60.0)
@@ -153,7 +153,7 @@ def _perform(operator: Any, switch: Switch, children: Children
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
-    pause(operator, TAIL_S)
+    operator.spend(TAIL_S)
     ended = time.monotonic_ns()
     seconds = (ended - begun) * 1e-9
     cpu = {n: (sum(p.cpu_times()[:2]) - used[n]) / seconds for n, p in processes.items()}

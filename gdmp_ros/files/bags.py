@@ -200,14 +200,22 @@ class BagWriter:
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> BagWriter:
+        return self.open()
+
+    def __exit__(self, kind: object, value: object, trace: object) -> None:
+        self.close(keep=kind is None)
+
+    def open(self) -> BagWriter:
+        """Begin; for those who cannot use it as a context manager."""
         self._writer = Writer(self._partial, version=9, storage_plugin=STORAGES[self._storage])
         self._writer.open()
         return self
 
-    def __exit__(self, kind: object, value: object, trace: object) -> None:
+    def close(self, keep: bool = True) -> None:
+        """Give the bag its name, or drop it."""
         try:
             self._writer.close()
-            if kind is None:
+            if keep:
                 self._name_files()
                 os.replace(self._partial, self.path)
         finally:

@@ -19,8 +19,7 @@ from gdmp_ros.manifolds import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.stiffness import variance_stiffness
-from gdmp_ros.stiffness.variance import Mixture
+from gdmp_ros.stiffness.variance import Mixture, stiffness_along
 
 CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
            'JShape_2', 'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape',
@@ -138,13 +137,10 @@ def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale, middle = extent / (high - low).max(), 0.5 * (low + high)
     paths = [_lift((stroke.positions - middle) * scale, extent) for stroke in shown]
-    normalised = np.linspace(0.0, 1.0, 200)
-    profile = variance_stiffness(paths, normalised, k_min, k_max)
-    stiffness = Demonstration(normalised, profile, SymmetricPositiveDefinite(3))
+    profiles = stiffness_along(paths, [stroke.times for stroke in shown], k_min, k_max)
     result = []
-    for stroke, path in zip(shown, paths):
+    for stroke, path, matrices in zip(shown, paths, profiles):
         times = stroke.times - stroke.times[0]
-        matrices = stiffness.at(times / times[-1])
         points = [TOOL.join(p, q, k) for p, q, k in zip(path, _lean(times, path), matrices)]
         result.append(Demonstration(times, np.array(points), TOOL))
     return result

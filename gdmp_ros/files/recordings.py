@@ -45,6 +45,39 @@ class Recording:
     rotational_stiffness: np.ndarray | None
 
 
+def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
+              k_max: float = 800.0) -> tuple[list[Demonstration], str]:
+    """
+    Demonstrations with a stiffness as it is asked for, and where it comes from.
+
+    :param source: ``recorded``; ``variance``: high where the takes agree, low where they vary;
+        ``none``; ``auto``: recorded where there is one, else from variance where there are two
+        takes or more
+    :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
+    :param k_max: largest
+    :raises DataError: if it cannot be had from these takes
+    """
+    stiff = [len(one.demonstration.points[0]) > 7 for one in shown]
+    if source == 'auto':
+        source = 'recorded' if any(stiff) else 'variance' if len(shown) > 1 else 'none'
+    if source == 'recorded':
+        if not all(stiff):
+            raise DataError(f'{shown[stiff.index(False)].bag}: no stiffness was recorded; '
+                            'from variance or without (none) the poses of all can be learned')
+        return [one.demonstration for one in shown], source
+    poses = [Demonstration(one.demonstration.times, one.demonstration.points[:, :7],
+                           tool_manifold(None)) for one in shown]
+    if source == 'none':
+        return poses, source
+    if len(shown) < 2:
+        raise DataError(f'{shown[0].bag}: stiffness from variance needs two takes or more')
+    from gdmp_ros.stiffness.variance import stiffness_along
+    profiles = stiffness_along([one.points[:, :3] for one in poses],
+                               [one.times for one in poses], k_min, k_max)
+    return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
+            for one, k in zip(poses, profiles)], source
+
+
 def tool_manifold(stiffness_size: int | None) -> Product:
     """R³ × S³, with SPD(3) or SPD(6) where there is stiffness."""
     factors: list[Manifold] = [Euclidean(3), UnitQuaternion()]

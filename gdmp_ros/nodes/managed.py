@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 
+from gdmp_ros import compilation
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.domain import network
 from gdmp_ros.realtime.processes import ended_by_signal
@@ -165,6 +166,12 @@ class ManagedNode(LifecycleNode):
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
+    def expect_compilation(self) -> None:
+        """Say what takes long where the kernels have not been compiled yet."""
+        if not compilation.compiled_before():
+            self.get_logger().info('compiling the kernels for the first time: this takes a minute '
+                                   'or two')
+
     def autostart(self) -> None:
         """Configure and activate; a failure has been logged and leaves the node where it was."""
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
@@ -199,6 +206,17 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     return result
 
 
+def _spin(executor: SingleThreadedExecutor, node: ManagedNode) -> None:
+    """Let the executor work for a while; a callback that breaks down does not end the node."""
+    try:
+        executor.spin_once(timeout_sec=0.2)
+    except ExternalShutdownException:
+        raise
+    except Exception as error:  # rclpy itself breaks down at times, on a negative /clock for one
+        node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
+                                throttle_duration_sec=1.0)
+
+
 def run(makes: Sequence[Callable[[], ManagedNode]],
         arguments: Sequence[str] | None = None) -> int:
     """
@@ -225,7 +243,7 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
             if node.get_parameter('autostart').value:
                 node.autostart()
         while rclpy.ok() and not stop.is_set():
-            executor.spin_once(timeout_sec=0.2)
+            _spin(executor, nodes[0])
     except ExternalShutdownException:
         pass
     finally:

@@ -2,35 +2,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import time
 from typing import Any
 
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import ServerState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.nodes import wire
+from gdmp_ros.nodes.client import Client
 from gdmp_ros.nodes.managed import reliable
 
 
-class Operator:
-    """Talks to a trajectory server over topics and its action; every wait is bounded."""
+class Operator(Client):
+    """Talks to a trajectory server over topics and its action."""
 
     def __init__(self, server: str = 'trajectory_server', check: Callable[[], None] | None = None):
         """:param check: called while waiting; may raise to give up"""
-        self._check = check or (lambda: None)
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context)
-        self.node = Node('operator', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__('operator', check)
         self.state: ServerState | None = None
         self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
                                        reliable(10))
@@ -40,27 +32,8 @@ class Operator:
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._result: Any = None
 
-    def close(self) -> None:
-        """Leave the network."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
     def _on_state(self, message: ServerState) -> None:
         self.state = message
-
-    def wait(self, what: str, until: Callable[[], bool], timeout: float) -> None:
-        """
-        Wait until a condition holds.
-
-        :raises GdmpError: after ``timeout`` seconds, saying what was waited for
-        """
-        ends = time.monotonic() + timeout
-        while not until():
-            if time.monotonic() > ends:
-                raise GdmpError(f'waited {timeout:g} s for {what} in vain')
-            self._check()
-            self._executor.spin_once(timeout_sec=0.02)
 
     def wait_status(self, status: str, timeout: float) -> None:
         """Wait until the server reports a status."""

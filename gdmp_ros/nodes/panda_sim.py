@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import Reference, RobotState
 from gdmp_msgs.srv import StepSimulation
 from geometry_msgs.msg import PoseStamped
+import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -16,14 +17,15 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference import Origin
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take
+from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take, take_latest
 from gdmp_ros.nodes.parameters import Parameters
-from gdmp_ros.nodes.sim_parameters import controller_settings, SPECS
+from gdmp_ros.nodes.sim_parameters import controller_settings, grip_settings, SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.grip import Grip
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.sim.viewer import Viewer
 
@@ -34,6 +36,10 @@ STEP_WAIT_S = 5.0
 MOST_STEPS = 10
 #: References looked at in a tick, and waiting at most.
 MOST_REFERENCES = 20
+#: A hand that has not said where it is for so long has let go [s].
+HAND_S = 0.3
+#: While the arm is led the hand is looked for every so many ticks.
+HAND_EVERY = 5
 
 
 class PandaSim(ManagedNode):
@@ -48,6 +54,8 @@ class PandaSim(ManagedNode):
         self._paused = False
         self._reset = False
         self._steps_wanted = 0
+        self._hand_ticks = 0
+        self._hand_problem = ''
         self._stepped = threading.Event()
         self._sequence = 0
         self._ticks = 0
@@ -59,6 +67,8 @@ class PandaSim(ManagedNode):
     def configure(self) -> None:
         p = self.parameters
         self._loop = ClosedLoop(Arm(p.model, p.tool_site), controller_settings(p))
+        self._grip = grip_settings(p)
+        self.expect_compilation()
         self._loop.tick()  # compiles the control law, or loads it from the cache
         self._loop.reset()
         self._every = max(1, round(1.0 / (p.viewer_rate_hz * self._loop.arm.period)))
@@ -140,6 +150,8 @@ class PandaSim(ManagedNode):
             if message is None:
                 break
             self.take_reference(message, stamp_ns)
+        if self._loop.led:
+            self._follow_hand()
         tick = self._loop.tick()
         self._publish(tick, stamp_ns)
         if self._paused and self._steps_wanted == 0:
@@ -149,9 +161,37 @@ class PandaSim(ManagedNode):
     def take_reference(self, message: Reference, now_ns: int) -> None:
         """Follow a reference from now on, or refuse it."""
         stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        if self._loop.led:
+            self._loop.controller.guard.refuse('the arm is being led by hand (~/teach)')
+            return
         origin = Origin(message.header.frame_id, (now_ns - stamp) / NS, message.sequence)
         if self._loop.controller.guard.offer(wire.reference_target(message), origin):
             self._sequence = message.sequence
+
+    def _follow_hand(self) -> None:
+        """Let the hand pull where it is now, or let go."""
+        self._hand_ticks += 1
+        if self._hand_ticks % HAND_EVERY:
+            return
+        message = take_latest(self._hand)
+        if message is not None:
+            self.take_hand(message)
+        elif self._hand_ticks * self._loop.arm.period > HAND_S:
+            self._let_go()
+
+    def take_hand(self, message: PoseStamped) -> None:
+        """Take hold of the tool with a hand at a pose, or say why not."""
+        try:
+            pose = wire.checked_pose(message, self.parameters.frame_id)
+        except GdmpError as error:
+            self._hand_problem = f'hand_pose refused: {error}'
+            return
+        self._loop.hand = Grip(pose, self._grip)
+        self._hand_ticks = 0
+
+    def _let_go(self) -> None:
+        self._loop.hand = None
+        self._loop.arm.push(np.zeros(6))
 
     def _publish(self, tick: Tick, stamp_ns: int) -> None:
         measured = tick.measurement
@@ -191,7 +231,9 @@ class PandaSim(ManagedNode):
     def _make_inputs(self) -> None:
         self._reference = self.add_subscription(Reference, self.parameters.reference_topic, None,
                                                 MOST_REFERENCES)
+        self._hand = self.add_subscription(PoseStamped, '~/hand_pose', None)
         self.add_service(SetBool, 'set_pause', self._on_pause)
+        self.add_service(SetBool, 'teach', self._on_teach)
         self.add_service(Trigger, 'reset_world', self._on_reset)
         self.add_service(StepSimulation, 'step_simulation', self._on_step)
         self.add_report(self._report)
@@ -200,6 +242,17 @@ class PandaSim(ManagedNode):
         self._paused = request.data
         reply.success = True
         reply.message = 'paused' if request.data else 'running'
+        return reply
+
+    def _on_teach(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
+        take_latest(self._hand)  # of an earlier time
+        self._hand_ticks = 0
+        self._loop.led = request.data
+        if not request.data:
+            self._let_go()
+        reply.success = True
+        reply.message = ('the arm is weightless: lead it by ~/hand_pose, or with the mouse'
+                         if request.data else 'the arm holds where it is')
         return reply
 
     def _on_reset(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
@@ -231,8 +284,13 @@ class PandaSim(ManagedNode):
         controller = self._loop.controller
         guard, biting = controller.guard, controller.bites.recent()
         level, text = DiagnosticStatus.OK, 'following' if guard.following else 'holding'
+        if self._loop.led:
+            text = 'led by hand' if self._loop.hand is not None else 'weightless'
         if self._paused:
             text = 'paused'
+        if self._hand_problem:
+            self.get_logger().warning(self._hand_problem, throttle_duration_sec=1.0)
+            self._hand_problem = ''
         if biting:
             level, text = DiagnosticStatus.WARN, f'{text}, limited: {biting}'
             self.get_logger().warning(f'limited: {biting}', throttle_duration_sec=5.0)

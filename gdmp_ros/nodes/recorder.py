@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from importlib import import_module
 import os
 from pathlib import Path
@@ -55,47 +55,57 @@ def _share(package: str) -> Path:
     raise DataError(f'package {package} is not installed in any of {prefixes}')
 
 
-class Recorder(Node):
-    """Subscribes raw and writes what arrives, stamped with the time it was published."""
+class Tap:
+    """
+    Raw subscriptions whose every message goes to a bag, stamped with the time it was published.
 
-    def __init__(self, topics: dict[str, str], writer: BagWriter,
-                 best_effort: Collection[str] = ()):
+    :ivar waiting: topics that have not brought a message since the last `begin`
+    """
+
+    def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = ()):
         """
         Subscribe.
 
         :param topics: topic names and their types (``package/msg/Name``)
         :param best_effort: topics whose publishers do not offer more
         """
-        super().__init__('recorder')
-        self._writer = writer
         self._inputs = []
-        self._waiting = set(topics)
+        self.waiting = set(topics)
         for topic, kind in topics.items():
             quality = reliable(DEEP)
             if topic in best_effort:
                 quality.reliability = ReliabilityPolicy.BEST_EFFORT
-            subscription = self.create_subscription(
+            subscription = node.create_subscription(
                 message_class(kind), topic, lambda _: None, quality, raw=True,
                 callback_group=PolledGroup())
             extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
             self._inputs.append((topic, kind, subscription, *extra))
 
-    @property
-    def complete(self) -> bool:
-        """Whether every topic has brought a message."""
-        return not self._waiting
+    def begin(self) -> None:
+        """Forget what has arrived so far."""
+        self.drain(None)
+        self.waiting = {topic for topic, *_ in self._inputs}
 
-    def drain(self) -> None:
-        """Write everything that has arrived."""
+    def drain(self, writer: BagWriter | None) -> int:
+        """Write everything that has arrived, or drop it; how many messages there were."""
+        count = 0
         for topic, kind, subscription, text, digest in self._inputs:
             with subscription.handle:
                 while True:
                     taken = subscription.handle.take_message(subscription.msg_type, True)
                     if taken is None:
                         break
-                    stamp = taken[1]['source_timestamp']
-                    self._writer.raw(topic, kind, stamp, taken[0], text, digest)
-                    self._waiting.discard(topic)
+                    count += 1
+                    self.waiting.discard(topic)
+                    if writer is not None:
+                        writer.raw(topic, kind, taken[1]['source_timestamp'], taken[0], text,
+                                   digest)
+        return count
+
+    def release(self, node: Node) -> None:
+        """Unsubscribe."""
+        for _, _, subscription, *_ in self._inputs:
+            node.destroy_subscription(subscription)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -115,17 +125,17 @@ def main(arguments: list[str] | None = None) -> int:
     ended = ended_by_signal()
     try:
         with BagWriter(options.bag) as writer:
-            node = Recorder(topics, writer, options.best_effort)
+            tap = Tap(Node('recorder'), topics, options.best_effort)
             print(f'waiting for {", ".join(topics)}', flush=True)
             said, full = False, False
             while not ended.is_set() and not full:
-                node.drain()
+                tap.drain(writer)
                 full = shutil.disk_usage(writer.path.parent).free < options.keep_free * 1e6
-                if node.complete and not said:
+                if not tap.waiting and not said:
                     print('recording', flush=True)
                     said = True
                 time.sleep(DRAIN_S)
-            node.drain()
+            tap.drain(writer)
         if full:
             raise DataError(f'{options.bag}: the disk is nearly full (less than '
                             f'{options.keep_free:g} MB left): the recording has ended, and what '

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import os
 from pathlib import Path
-import time
 from typing import Any
 
 from gdmp_ros.files.runs import REFERENCE_TOPIC, STATE_TOPIC
@@ -43,9 +42,3 @@ def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, obje
         finally:
             operator.close()
         children.stop('recorder', timeout=30.0)
-
-
-def pause(operator: Any, seconds: float) -> None:
-    """Let time pass while the operator listens."""
-    ends = time.monotonic() + seconds
-    operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 1.0)

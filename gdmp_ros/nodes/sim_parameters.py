@@ -1,5 +1,5 @@
 """Parameters of the simulated Panda, and the settings of its controller made from them."""
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from gdmp_ros.control.controller import ControllerSettings
@@ -8,6 +8,7 @@ from gdmp_ros.control.limits import LimitSettings
 from gdmp_ros.control.passivity import TankSettings
 from gdmp_ros.control.reference import GuardSettings
 from gdmp_ros.nodes.parameters import Parameters, Spec
+from gdmp_ros.sim.grip import GripSettings
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
@@ -71,10 +72,21 @@ SPECS = (
     Spec('posture_damping', 2.0, 'in the null space', 'Nm s/rad', 0.0, 50.0),
     Spec('feed_forward', True, "add the inertial force and the joint friction of the reference's "
          'motion'),
+    Spec('hand_stiffness', 800.0, 'with which a hand that leads the arm pulls the tool to '
+         '~/hand_pose', 'N/m', 1.0, 5000.0),
+    Spec('hand_force', 40.0, 'largest of that hand', 'N', 0.1, 200.0),
     Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )
+
+
+def grip_settings(parameters: Parameters) -> GripSettings:
+    """Settings of a hand that leads the arm; its damping goes with its stiffness."""
+    usual = GripSettings()
+    softer = (parameters.hand_stiffness / usual.stiffness) ** 0.5
+    return replace(usual, stiffness=parameters.hand_stiffness, damping=softer * usual.damping,
+                   force=parameters.hand_force)
 
 
 def controller_settings(parameters: Parameters) -> ControllerSettings:

@@ -69,6 +69,7 @@ class TrajectoryServer(ManagedNode):
     # Lifecycle
 
     def configure(self) -> None:
+        self.expect_compilation()
         skill, name = self._skill_from_parameters()
         if skill is not None:
             self._use(skill, name)
@@ -183,7 +184,8 @@ class TrajectoryServer(ManagedNode):
             if recording.frame != parameters.frame_id:
                 raise DataError(f'{recording.bag}: poses are in frame {recording.frame!r}, '
                                 f'expected {parameters.frame_id!r}')
-        skill = Skill.learn([r.demonstration for r in shown], n_basis=parameters.n_basis,
+        demonstrations, _ = recordings.stiffened(shown)
+        skill = Skill.learn(demonstrations, n_basis=parameters.n_basis,
                             connection=parameters.connection)
         return skill, ', '.join(bags)
 

@@ -25,7 +25,7 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
     :returns: reference, pose, stiffness, joints, height of the lip and contacts with the tray
     :raises GdmpError: if the motion does not end well
     """
-    from gdmp_ros.nodes.session import pause, session
+    from gdmp_ros.nodes.session import session
     from gdmp_ros.realtime.domain import Domain
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -35,10 +35,10 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
         with session(folder, domain.environment(), {'model': str(scene.resolve())}, {
                 'skill': str((folder / 'skill.json').resolve()),
                 'rotational_stiffness': [rotational] * 3}) as (operator, _):
-            pause(operator, 1.0)
+            operator.spend(1.0)
             operator.execute()
             result = operator.result(60.0)
-            pause(operator, _TAIL_S)
+            operator.spend(_TAIL_S)
     finally:
         domain.release()
     if result.error_code != result.SUCCESSFUL:

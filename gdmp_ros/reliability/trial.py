@@ -43,7 +43,6 @@ class Trial:
         self.children = Children(environment, folder / 'logs')
         # The recorder may end: it does so when the disk is full.
         self.operator = Operator(check=lambda: self.children.check(but=RECORDER))
-        self._clients: dict[str, Any] = {}
 
     def __enter__(self) -> Trial:
         return self
@@ -110,8 +109,7 @@ class Trial:
 
     def spend(self, seconds: float) -> None:
         """Let time pass while the operator listens."""
-        ends = time.monotonic() + seconds
-        self.operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 5.0)
+        self.operator.spend(seconds)
 
     def succeeded(self, timeout: float = 60.0) -> bool:
         """Wait for the end of the motion; whether it reached its goal."""
@@ -127,15 +125,18 @@ class Trial:
         self.children.stop(RECORDER, timeout=60.0)
         return runs.read(self.folder / 'run')
 
-    def closing(self, outcome: Outcome, away: float | None = 0.002) -> runs.Run:
+    def closing(self, outcome: Outcome, away: float | None = 0.002,
+                follows: bool = True) -> runs.Run:
         """
         End the recording and hold it against what every trial asks for.
 
         :param away: how far from the skill's goal the arm may be at the end [m]; None: anywhere
+        :param follows: False where the arm must not follow anything
         """
         run = self.recorded()
-        outcome.need('behind the last reference followed [m]', motion.behind(run),
-                     lambda v: v < 0.01)
+        if follows:
+            outcome.need('behind the last reference followed [m]', motion.behind(run),
+                         lambda v: v < 0.01)
         if away is not None:
             far = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
             outcome.need('away from the goal at the end [m]', far, lambda v: v < away)
@@ -145,15 +146,7 @@ class Trial:
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Call a service and return its reply."""
-        if name not in self._clients:
-            client = self.operator.node.create_client(kind, name)
-            self.operator.wait(f'the service {name}', client.service_is_ready, START_UP_S)
-            # A reply before the server has discovered this client's reader is lost.
-            self.spend(0.5)
-            self._clients[name] = client
-        future = self._clients[name].call_async(kind.Request(**fields))
-        self.operator.wait(f'the reply of {name}', future.done, 60.0)
-        return future.result()
+        return self.operator.call(kind, name, **fields)
 
 
 def now_ns() -> int:

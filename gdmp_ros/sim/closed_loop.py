@@ -12,20 +12,29 @@ from gdmp_ros.control.manipulability import (
     PositionTarget,
 )
 from gdmp_ros.control.reference import Origin
+from gdmp_ros.sim.grip import Grip
 from gdmp_ros.sim.panda import Arm
 
 
 class ClosedLoop:
-    """An arm and its impedance controller."""
+    """
+    An arm and its impedance controller.
+
+    :ivar led: whether the arm is weightless, to be led by hand, instead of following references
+    :ivar hand: what pulls at the tool, if anything
+    """
 
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None):
         self.arm = arm
         self.controller = ImpedanceController(arm.limits, arm.friction, settings)
+        self.led = False
+        self.hand: Grip | None = None
         self.reset()
 
     def reset(self, position: np.ndarray | None = None) -> None:
         """Put the arm at rest at ``position`` [rad], at its first keyframe by default, holding."""
         self.arm.reset(position)
+        self.arm.push(np.zeros(6))
         self.controller.reset(self.arm.measure())
 
     def follow(self, target: np.ndarray) -> bool:
@@ -35,7 +44,11 @@ class ClosedLoop:
 
     def tick(self) -> Tick:
         """Measure, compute the torque and let one period pass."""
-        result = self.controller.tick(self.arm.measure(), self.arm.period)
+        measured = self.arm.measure()
+        if self.hand is not None:
+            self.arm.push(self.hand.wrench(measured))
+        act = self.controller.lead if self.led else self.controller.tick
+        result = act(measured, self.arm.period)
         self.arm.step(result.torque)
         return result
 

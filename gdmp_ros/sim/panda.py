@@ -12,11 +12,11 @@ from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
-#: Posture of the Panda's ready pose [rad].
 #: Warnings after which MuJoCo resets its state, or ignores the torques.
 _BROKEN = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
+#: Posture of the Panda's ready pose [rad].
 READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
 
 
@@ -120,6 +120,13 @@ class Arm:
             self.data.warning.number[:] = 0
             raise DataError('the simulation is unstable: a position, velocity, acceleration or '
                             'torque was not finite or huge')
+
+    def push(self, wrench: np.ndarray) -> None:
+        """Let something outside push the tool's site with a wrench (base frame) [N, Nm]."""
+        body = self._body
+        lever = self.data.site_xpos[self._site] - self.data.xipos[body]
+        self.data.xfrc_applied[body, :3] = wrench[:3]
+        self.data.xfrc_applied[body, 3:] = wrench[3:] + np.cross(lever, wrench[:3])
 
     def site_pose(self, name: str) -> np.ndarray:
         """Pose (x, y, z, qw, qx, qy, qz) of a site in the base frame."""

@@ -12,7 +12,12 @@ from gmr import GMM
 import numpy as np
 from sklearn.mixture import GaussianMixture
 
+from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.manifolds import SymmetricPositiveDefinite
+
+#: A profile is computed at so many places of the motion.
+_PROFILE = 200
 
 
 class Mixture:
@@ -80,6 +85,22 @@ def bounded_stiffness(covariances: np.ndarray, k_min: float = 200.0,
     stiffness = np.exp(centred) * np.sqrt(k_min * k_max)
     result = np.einsum('tij,tj,tkj->tik', vectors, stiffness, vectors)
     return np.asarray(0.5 * (result + result.transpose(0, 2, 1)))
+
+
+def stiffness_along(paths: Sequence[np.ndarray], times: Sequence[np.ndarray],
+                    k_min: float = 200.0, k_max: float = 800.0) -> list[np.ndarray]:
+    """
+    Stiffness from the variance over demonstrations, at every sample of each of them.
+
+    :param paths: positions of each demonstration [m], shape ``(T, d)``
+    :param times: of their samples [s]; they are compared in parts of their durations
+    :returns: for each demonstration, shape ``(T, d, d)`` [N/m]
+    """
+    normalised = np.linspace(0.0, 1.0, _PROFILE)
+    profile = variance_stiffness(paths, normalised, k_min, k_max)
+    stiffness = Demonstration(normalised, profile,
+                              SymmetricPositiveDefinite(paths[0].shape[1]))
+    return [stiffness.at((each - each[0]) / (each[-1] - each[0])) for each in times]
 
 
 def variance_stiffness(paths: Sequence[np.ndarray], times: np.ndarray, k_min: float = 200.0,

@@ -1,6 +1,5 @@
 """Nodes as processes, each test on a DDS domain of its own, every wait bounded."""
 import os
-import time
 
 from gdmp_msgs.msg import Reference, RobotState
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -46,7 +45,6 @@ class World:
         self.robot: list[RobotState] = []
         self.references: list[Reference] = []
         self._polled = []
-        self._clients = {}
         self.collect(RobotState, 'panda_sim/state', self.robot)
 
     def collect(self, kind, topic, into):
@@ -84,22 +82,11 @@ class World:
         self.operator.wait(what, until, timeout)
 
     def spin(self, seconds):
-        ends = time.monotonic() + seconds
-        self.operator.wait('time to pass', lambda: time.monotonic() >= ends, seconds + 5.0)
+        self.operator.spend(seconds)
 
     def call(self, kind, name, **fields):
         """Call a service and return its reply."""
-        if name not in self._clients:
-            client = self.node.create_client(kind, name)
-            self.wait(f'service {name}', client.service_is_ready, START_UP_S)
-            # Ready means that the client has found the server. A reply before the server has found
-            # the client's reader is lost, and nothing tells when it has.
-            self.spin(0.5)
-            self._clients[name] = client
-        client = self._clients[name]
-        future = client.call_async(kind.Request(**fields))
-        self.wait(f'the reply of {name}', future.done, 30.0)
-        return future.result()
+        return self.operator.call(kind, name, **fields)
 
     def transition(self, node, number):
         request = ChangeState.Request()

@@ -1,0 +1,78 @@
+"""An arm that is led by hand: weightless, inside its limits, held where it is left."""
+import numpy as np
+import pytest
+
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.grip import Grip, GripSettings
+from gdmp_ros.sim.panda import Arm
+
+
+@pytest.fixture
+def loop():
+    made = ClosedLoop(Arm())
+    made.led = True
+    return made
+
+
+def ticks(loop, count):
+    for _ in range(count):
+        tick = loop.tick()
+    return tick
+
+
+def test_it_carries_itself_and_nothing_holds_it(loop):
+    begin = loop.arm.measure().pose.copy()
+    tick = ticks(loop, 1000)
+    assert np.linalg.norm(tick.measurement.pose[:3] - begin[:3]) < 1e-3
+    assert not tick.stiffness.any() and tick.spring == 0.0
+    # A push that an arm which is held would spring back from moves it away for good.
+    loop.arm.push(np.array([0.0, 8.0, 0.0, 0.0, 0.0, 0.0]))
+    ticks(loop, 300)
+    loop.arm.push(np.zeros(6))
+    tick = ticks(loop, 1500)
+    assert tick.measurement.pose[1] - begin[1] > 0.02
+
+
+def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
+    place = loop.arm.measure().pose.copy()
+    loop.hand = Grip(place.copy())
+    target = place.copy()
+    for k in range(1500):
+        target[:3] = place[:3] + min(k / 1000.0, 1.0) * np.array([0.05, 0.1, -0.05])
+        loop.hand.pose = target
+        loop.tick()
+    ticks(loop, 500)
+    assert np.linalg.norm(loop.arm.measure().pose[:3] - target[:3]) < 0.003
+    loop.hand = None
+    loop.arm.push(np.zeros(6))
+    loop.led = False
+    left = loop.arm.measure().pose.copy()
+    tick = ticks(loop, 1500)
+    assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.005
+    assert np.abs(tick.measurement.velocity).max() < 0.01
+    assert tick.stiffness.reshape(6, 6)[0, 0] == pytest.approx(400.0)
+
+
+def test_the_wrench_that_is_felt_is_the_one_that_pushes(loop):
+    push = np.array([3.0, -2.0, 1.0, 0.05, 0.1, -0.02])
+    loop.arm.push(push)
+    tick = ticks(loop, 20)
+    np.testing.assert_allclose(tick.wrench, push, atol=0.15)
+
+
+def test_a_hand_is_no_stronger_than_it_is(loop):
+    far = loop.arm.measure().pose.copy()
+    far[:3] += 1.0
+    hand = Grip(far, GripSettings(force=20.0))
+    assert np.linalg.norm(hand.wrench(loop.arm.measure())[:3]) == pytest.approx(20.0)
+
+
+def test_joint_limits_push_back_while_it_is_led(loop):
+    position = loop.arm.data.qpos.copy()
+    position[3] = loop.arm.limits.upper[3] - 0.05
+    loop.reset(position)
+    loop.led = True
+    tick = ticks(loop, 1)
+    pushed = tick.torque - tick.measurement.bias
+    assert pushed[3] == pytest.approx(-1.0)  # as fast as torques may change
+    assert ticks(loop, 1500).measurement.position[3] < position[3] - 0.01
