@@ -65,12 +65,13 @@ def test_a_sourced_ros_replaces_the_wheels_and_keeps_its_numpy(bootstrap, tmp_pa
     assert 'ros-rclpy==' in bootstrap.locked(None, old, tmp_path / 'lock').read_text()
 
 
-@pytest.mark.parametrize('node, module', [('trajectory_server', 'server_parameters'),
-                                          ('panda_sim', 'sim_parameters')])
-def test_the_configuration_files_list_every_parameter_with_its_default(node, module):
-    specs = importlib.import_module(f'gdmp_ros.nodes.{module}').SPECS
-    document = yaml.safe_load((ROOT / 'config' / f'{node}.yaml').read_text())
-    assert document[f'/**/{node}']['ros__parameters'] == {s.name: s.default for s in specs}
+def test_configuration_files_and_the_page_of_parameters_are_those_of_the_nodes():
+    from gdmp_ros.nodes import parameter_tables
+    for path, text in parameter_tables.files().items():
+        assert (ROOT / path).read_text() == text, 'python -m gdmp_ros.nodes.parameter_tables'
+    for node, (_, specs) in parameter_tables.NODES.items():
+        document = yaml.safe_load((ROOT / 'config' / f'{node}.yaml').read_text())
+        assert document[f'/**/{node}']['ros__parameters'] == {s.name: s.default for s in specs}
 
 
 def test_versions_agree():

@@ -84,19 +84,42 @@ class Tick(NamedTuple):
 class ImpedanceController:
     """Follows references with an arm; knows neither ROS nor a simulator."""
 
+    guard: ReferenceGuard
+    tank: EnergyTank
+    _limiter: TorqueLimiter
+
     def __init__(self, joints: JointLimits, friction: np.ndarray,
                  settings: ControllerSettings | None = None):
         """:param friction: viscous, of the joints [Nm s/rad], shape (n,)"""
-        self.settings = settings or ControllerSettings()
         self.bites = Bites()
         self._joints, self._friction = joints, friction
-        gains, limits = self.settings.gains, self.settings.limits
+        self._next: ControllerSettings | None = None
+        self._adopt(settings or ControllerSettings())
+        self._error = np.empty(6)
+        self._ahead, self._moved = np.zeros(TWIST + 6), np.empty(7)
+
+    def configure(self, settings: ControllerSettings) -> None:
+        """Use other settings from the next tick on; torque, stiffness and energy carry over."""
+        self._next = settings
+
+    def _adopt(self, settings: ControllerSettings) -> None:
+        self.settings = settings
+        gains, limits = settings.gains, settings.limits
         self._gains = gains.array()
         self._limits = limit_numbers(limits)
         self._bounds = stiffness_bounds(limits)
         self._clips = np.array([gains.position_clip, gains.rotation_clip])
-        self._error = np.empty(6)
-        self._ahead, self._moved = np.zeros(TWIST + 6), np.empty(7)
+
+    def _take_settings(self) -> None:
+        settings, self._next = self._next, None
+        if settings is None:
+            return
+        self._adopt(settings)
+        last = self._limiter.last
+        self._limiter = TorqueLimiter(self._joints, settings.limits)
+        self._limiter.reset(last)
+        self.guard.configure(settings.guard, settings.damping_ratio)
+        self.tank.configure(settings.tank)
 
     def reset(self, measured: Measurement) -> None:
         """Hold the measured pose, with the tank as at the start."""
@@ -112,6 +135,7 @@ class ImpedanceController:
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
         """Torque for the next ``dt`` seconds."""
+        self._take_settings()
         excess = np.zeros(len(LIMITS))
         tank, clips = self.tank, self._clips
         tank.meter(measured, self._stored(measured.pose), dt)
@@ -147,6 +171,7 @@ class ImpedanceController:
         It carries its own weight and keeps its limits, and nothing holds it: no stiffness, no
         reference. Where it is left it is held from the next `tick` on.
         """
+        self._take_settings()
         excess = np.zeros(len(LIMITS))
         self.tank.meter(measured, 0.0, dt)
         self._rest = measured.position.copy()

@@ -270,6 +270,11 @@ class EnergyTank:
         self._torque = np.zeros_like(friction)
         self._fall = 0.0
 
+    def configure(self, settings: TankSettings) -> None:
+        """Use other settings from now on; the content stays, as far as there is room for it."""
+        self.settings = settings
+        self.energy = min(self.energy, settings.capacity)
+
     def spendable(self, dt: float) -> float:
         """Energy that may be drawn in a tick [J]."""
         if not self.settings.passive:

@@ -212,6 +212,12 @@ class ReferenceGuard:
         self._since = 0.0
         return True
 
+    def configure(self, settings: GuardSettings, damping_ratio: float) -> None:
+        """Use other settings from now on, and another damping ratio while nothing is followed."""
+        self.settings = settings
+        if not self.following:
+            self._target[DAMPING_RATIO] = damping_ratio
+
     def refuse(self, reason: str) -> None:
         """Count a reference that is not taken, and say why."""
         self.refused += 1

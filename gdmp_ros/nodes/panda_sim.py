@@ -74,6 +74,8 @@ class PandaSim(ManagedNode):
         self._every = max(1, round(1.0 / (p.viewer_rate_hz * self._loop.arm.period)))
         self._make_publishers()
         self._make_inputs()
+        self.parameters.check = controller_settings
+        self.parameters.changed = self._use_parameters
         self.parameters.locked = True
 
     def activate(self) -> None:
@@ -103,6 +105,10 @@ class PandaSim(ManagedNode):
             self._viewer = None
         if self.parameters.lateness_file:
             self._lateness.save(self.parameters.lateness_file)
+
+    def _use_parameters(self) -> None:
+        self._loop.controller.configure(controller_settings(self.parameters))
+        self._grip = grip_settings(self.parameters)
 
     def cleanup(self) -> None:
         self.release()

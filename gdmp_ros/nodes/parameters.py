@@ -1,7 +1,7 @@
 """Parameters with a description, a unit and a range, declared from one table."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,12 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from gdmp_ros.errors import GdmpError
+
+#: When a changed parameter takes effect.
+CHANGES = {'configure': 'read-only while the node is configured', 'live': 'changes at once',
+           'motion': 'changes with the next motion'}
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -24,7 +30,8 @@ class Spec:
     :ivar low: smallest value, None without bound
     :ivar high: largest value
     :ivar choices: the strings allowed
-    :ivar live: whether it may change while the node is configured
+    :ivar changes: when a change takes effect: with the next ``configure`` (until then the node is
+        asked to be unconfigured), ``live``, or with the next ``motion``
     """
 
     name: str
@@ -34,12 +41,13 @@ class Spec:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
-    live: bool = False
+    changes: str = 'configure'
 
     def descriptor(self) -> ParameterDescriptor:
         """Descriptor for ``ros2 param describe``."""
-        text = self.description + (f' [{self.unit}]' if self.unit else '')
-        result = ParameterDescriptor(name=self.name, description=text)
+        unit = f' [{self.unit}]' if self.unit else ''
+        result = ParameterDescriptor(
+            name=self.name, description=f'{self.description}{unit}; {CHANGES[self.changes]}')
         if self.choices:
             result.additional_constraints = f'one of {", ".join(self.choices)}'
         # Ranges apply to scalars only; `problem` checks the entries of arrays.
@@ -70,10 +78,18 @@ class Spec:
 
 
 class Parameters:
-    """A node's parameters as attributes; changes are checked before they take effect."""
+    """
+    A node's parameters as attributes; changes are checked before they take effect.
+
+    :ivar check: called with the parameters as they would be, while the node is configured; raises
+        `ParameterError` where they contradict each other
+    :ivar changed: called after changes, while the node is configured
+    """
 
     def __init__(self, node: Node, specs: Sequence[Spec]):
         """Declare all of them."""
+        self.check: Callable[[Any], object] = lambda _: None
+        self.changed: Callable[[], None] = lambda: None
         self._node = node
         self._specs = {spec.name: spec for spec in specs}
         self.locked = False
@@ -83,6 +99,7 @@ class Parameters:
             if problem:
                 raise ValueError(problem)
         node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._after)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith('_') or name not in self._specs:
@@ -95,8 +112,28 @@ class Parameters:
             if spec is None:
                 continue
             problem = spec.problem(change.value)
-            if problem is None and self.locked and not spec.live:
-                problem = f'{change.name} cannot change while the node is configured'
+            if problem is None and self.locked and spec.changes == 'configure':
+                problem = (f'{change.name} cannot change while the node is configured: clean it '
+                           'up, set it, and configure it again')
             if problem:
                 return SetParametersResult(successful=False, reason=problem)
+        if self.locked:
+            try:
+                self.check(_Proposed(self, {change.name: change.value for change in changes}))
+            except GdmpError as error:
+                return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _after(self, changes: Sequence[Parameter]) -> None:
+        if self.locked and any(change.name in self._specs for change in changes):
+            self.changed()
+
+
+class _Proposed:
+    """Parameters as they would be after some changes."""
+
+    def __init__(self, present: Parameters, changes: Mapping[str, Any]):
+        self._present, self._changes = present, changes
+
+    def __getattr__(self, name: str) -> Any:
+        return self._changes[name] if name in self._changes else getattr(self._present, name)

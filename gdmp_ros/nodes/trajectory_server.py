@@ -30,11 +30,10 @@ from gdmp_ros.nodes.learning import LearningProcess
 from gdmp_ros.nodes.managed import lateness_diagnostics, ManagedNode, run, take_latest
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.reference_publisher import ReferencePublisher
-from gdmp_ros.nodes.server_parameters import SPECS
+from gdmp_ros.nodes.server_parameters import player_settings, SPECS
 from gdmp_ros.realtime import shared
 from gdmp_ros.realtime.player import Player
 from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
-from gdmp_ros.realtime.tool_skill import PlayerSettings
 
 NS = 1_000_000_000
 #: A longer step of the time, of /clock or of the machine's own after the process stood still,
@@ -77,6 +76,8 @@ class TrajectoryServer(ManagedNode):
         self._make_inputs()
         self._make_services()
         self._action = ExecuteAction(self)
+        self.parameters.check = self._check_parameters
+        self.parameters.changed = self._use_parameters
         self.parameters.locked = True
 
     def activate(self) -> None:
@@ -192,15 +193,20 @@ class TrajectoryServer(ManagedNode):
     def _use(self, skill: Skill, name: str) -> None:
         skill.reproduce(skill.duration)  # compiles the kernels, or loads them from the cache
         if self.player is None:
-            stiffness = np.diag([*self.parameters.stiffness,
-                                 *self.parameters.rotational_stiffness])
-            self.player = Player(skill, PlayerSettings(
-                stiffness, self.parameters.damping_ratio, self.parameters.speed_rate,
-                self.parameters.goal_speed, self.parameters.goal_turn_speed,
-                self.parameters.phase_stopping, tuple(self.parameters.phase_stopping_weights)))
+            self.player = Player(skill, player_settings(self.parameters))
         else:
             self.player.load(skill)
         self._skill_name = name
+
+    def _check_parameters(self, proposed: Any) -> None:
+        for axis, low, high in zip('xyz', proposed.workspace_min, proposed.workspace_max):
+            if low >= high:
+                raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
+                                     f'workspace_max {axis}, {high:g} m')
+
+    def _use_parameters(self) -> None:
+        if self.player is not None:
+            self.player.configure(player_settings(self.parameters))
 
     def _start_pose(self) -> np.ndarray | None:
         if self.parameters.start_from == 'skill':

@@ -75,16 +75,21 @@ class Player:
 
     def load(self, skill: Skill) -> None:
         """Use another skill from the next start on."""
-        self.tool = ToolSkill(skill, self._settings)
+        self.tool = ToolSkill(skill, self.tool.settings)
+
+    def configure(self, settings: PlayerSettings) -> None:
+        """Use other settings from the next start on."""
+        self.tool = ToolSkill(self.tool.skill, settings)
 
     def hold(self, pose: np.ndarray) -> None:
         """Hold ``pose`` (x, y, z, qw, qx, qy, qz) from the next tick on."""
         target = np.zeros(TARGET_SIZE)
         target[POSE:POSE + 7] = pose
-        target[STIFFNESS:STIFFNESS + 36] = self._settings.stiffness.reshape(-1)
+        settings = self.tool.settings
+        target[STIFFNESS:STIFFNESS + 36] = settings.stiffness.reshape(-1)
         if self.tool.stiffness_size:
             target[STIFFNESS:STIFFNESS + 36] = self._full_stiffness(self.tool.skill.start[7:])
-        target[DAMPING_RATIO] = self._settings.damping_ratio
+        target[DAMPING_RATIO] = settings.damping_ratio
         self._next_hold = target
 
     def start(self, measured: np.ndarray | None, goal_pose: np.ndarray | None = None,
@@ -189,6 +194,7 @@ class Player:
         if started is None:
             return
         self._playing, self._rollout = started
+        self._settings = self._playing.settings
         if self._target is None:
             self._target = np.zeros(TARGET_SIZE)
             self._target[STIFFNESS:STIFFNESS + 36] = self._settings.stiffness.reshape(-1)
@@ -254,7 +260,7 @@ class Player:
         return np.ascontiguousarray(matrix)
 
     def _full_stiffness(self, factor: np.ndarray) -> np.ndarray:
-        full = self._settings.stiffness.copy()
+        full = self.tool.settings.stiffness.copy()
         size = self.tool.stiffness_size
         full[:size, :size] = factor.reshape(size, size)
         return full.reshape(-1)

@@ -52,7 +52,7 @@ class ToolSkill:
         self.skill = skill
         self.manifold = skill.manifold
         self.stiffness_size = rest[0].m if rest else 0
-        self._settings = settings
+        self.settings = settings
 
     def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
         """
@@ -61,7 +61,7 @@ class ToolSkill:
         :param speed: tempo to begin with
         :param tolerances: at the goal [m, rad]
         """
-        settings, count = self._settings, len(self.manifold.factors)
+        settings, count = self.settings, len(self.manifold.factors)
         # Turns are half-angles on S³.
         goal_speed = (settings.goal_speed or np.inf, 0.5 * settings.goal_turn_speed or np.inf,
                       np.inf)
@@ -101,7 +101,7 @@ class ToolSkill:
         if np.abs(full[:3, 3:]).max() > scale:
             raise ManifoldError('stiffness goal couples translation and rotation; this skill has '
                                 'a 3×3 translational stiffness only')
-        if np.abs(full[3:, 3:] - self._settings.stiffness[3:, 3:]).max() > scale:
+        if np.abs(full[3:, 3:] - self.settings.stiffness[3:, 3:]).max() > scale:
             raise ManifoldError('stiffness goal has another rotational block than the parameter '
                                 'rotational_stiffness; this skill can change the 3×3 '
                                 'translational stiffness only')

@@ -1,4 +1,6 @@
 """Every limit bites, holds, and says by how much."""
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -305,3 +307,26 @@ def test_an_arm_beyond_a_joint_limit_is_pushed_back():
     for _ in range(1500):
         tick = loop.tick()
     assert tick.measurement.position[6] < 2.84
+
+
+def test_settings_change_in_motion_without_a_step_of_torque_or_energy():
+    loop = ClosedLoop(Arm())
+    target = np.zeros(TARGET_SIZE)
+    target[:7], target[-1] = loop.arm.measure().pose, 0.7
+    target[STIFFNESS:STIFFNESS + 36] = np.diag([800.0] * 3 + [40.0] * 3).reshape(-1)
+    torques, tanks = [], []
+    for k in range(1200):
+        target[1] = 0.08 * np.sin(2e-3 * k)
+        loop.follow(target)
+        if k == 600:
+            loop.controller.configure(replace(
+                loop.controller.settings, limits=LimitSettings(
+                    stiffness_max=(200.0, 20.0), torque_rate=0.5, speed=0.05)))
+        tick = loop.tick()
+        torques.append(tick.torque)
+        tanks.append(tick.tank)
+    steps = np.abs(np.diff(torques, axis=0)).max(axis=1)
+    assert steps[:599].max() <= 1.0 + 1e-9 and steps[600:].max() <= 0.5 + 1e-9
+    assert tick.stiffness.reshape(6, 6)[1, 1] == pytest.approx(200.0, rel=1e-3)
+    assert np.abs(np.diff(tanks)).max() < 0.02
+    assert np.linalg.norm(tick.twist[:3]) < 0.08  # twice that before
