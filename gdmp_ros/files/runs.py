@@ -13,6 +13,8 @@ import numpy as np
 from gdmp_ros.errors import DataError
 from gdmp_ros.files.bags import opened
 
+#: Sequence numbers of one publisher lie within this many of each other.
+ONE_STREAM = 1 << 20
 REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
 
 
@@ -20,9 +22,12 @@ REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state
 class Run:
     """
     The two 1 kHz topics of a bag as arrays; stamps in ns, poses (x, y, z, qw, qx, qy, qz).
+
+    :ivar published: when the references were recorded to have been published [ns]
     """
 
     reference_stamps: np.ndarray
+    published: np.ndarray
     sequences: np.ndarray
     references: np.ndarray
     reference_stiffness: np.ndarray
@@ -47,8 +52,11 @@ def read(bag: Path) -> Run:
     """
     references: list[Any] = []
     states: list[Any] = []
+    published: list[int] = []
     with opened(bag) as reader, _uncollected():
-        for connection, _, raw in reader.messages():
+        for connection, bag_time, raw in reader.messages():
+            if connection.topic == REFERENCE_TOPIC:
+                published.append(bag_time)
             message: Any = reader.deserialize(raw, connection.msgtype)
             {REFERENCE_TOPIC: references, STATE_TOPIC: states}.get(connection.topic, []).append(
                 message)
@@ -56,7 +64,8 @@ def read(bag: Path) -> Run:
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
     return Run(
-        reference_stamps=_stamps(references), sequences=_column(references, lambda m: m.sequence),
+        reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
+        sequences=_column(references, lambda m: m.sequence),
         references=_column(references, _pose),
         reference_stiffness=_column(references, lambda m: m.stiffness),
         moving=_column(references, _speed) > 0.0, state_stamps=_stamps(states),
@@ -67,6 +76,14 @@ def read(bag: Path) -> Run:
         torques=_column(states, lambda m: m.torque),
         tank=_column(states, lambda m: m.tank_energy),
         limited=_column(states, lambda m: m.limited))
+
+
+def lost(run: Run) -> int:
+    """References missing between the first and the last of each publisher."""
+    # Wall time may have jumped: the order of the bag is not that of the numbers. Numbers of
+    # different publishers are far apart.
+    steps = np.diff(np.unique(run.sequences.astype(np.int64)))
+    return int((steps[steps < ONE_STREAM] - 1).sum())
 
 
 @contextmanager

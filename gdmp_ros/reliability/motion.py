@@ -12,8 +12,6 @@ from gdmp_ros.sim.panda import Arm
 GAP_NS = 5_000_000
 #: A measured speed may exceed the reference's limit by this: the arm swings.
 SWING = 1.1
-#: Sequence numbers of one publisher lie within this many of each other.
-ONE_STREAM = 1 << 20
 
 
 def judge(run: Run, outcome: Outcome, limits: LimitSettings | None = None) -> None:
@@ -33,14 +31,6 @@ def judge(run: Run, outcome: Outcome, limits: LimitSettings | None = None) -> No
     outcome.need('speed [m/s]', float(np.linalg.norm(run.twists[:, :3], axis=1).max()),
                  lambda v: v <= SWING * limits.speed)
     outcome.need('least energy in the tank [J]', float(run.tank.min()), lambda v: v >= -0.05)
-
-
-def lost(run: Run) -> int:
-    """References missing between the first and the last of each publisher."""
-    # Wall time may have jumped: the order of the bag is not that of the numbers. Numbers of
-    # different publishers are far apart.
-    steps = np.diff(np.unique(run.sequences.astype(np.int64)))
-    return int((steps[steps < ONE_STREAM] - 1).sum())
 
 
 def begun(run: Run) -> np.ndarray:

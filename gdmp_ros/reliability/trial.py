@@ -140,7 +140,7 @@ class Trial:
         if away is not None:
             far = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
             outcome.need('away from the goal at the end [m]', far, lambda v: v < away)
-        outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+        outcome.need('references lost', runs.lost(run), lambda v: v == 0)
         motion.judge(run, outcome)
         return run
 

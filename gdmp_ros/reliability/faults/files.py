@@ -88,7 +88,7 @@ def _fill(trial: Trial, disk: Path, outcome: Outcome) -> Outcome:
     outcome.claim('it says so', 'the disk is nearly full' in trial.log(RECORDER))
     run = runs.read(bag)
     outcome.need('references kept', len(run.sequences), lambda v: v > 2000)
-    outcome.need('references lost', motion.lost(run), lambda v: v == 0)
+    outcome.need('references lost', runs.lost(run), lambda v: v == 0)
     motion.judge(run, outcome)
     outcome.claim('the motion reaches its goal', trial.succeeded())
     return outcome

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import psutil
 
-from gdmp_ros.files.runs import Run
+from gdmp_ros.files.runs import ONE_STREAM, Run
 from gdmp_ros.reliability import motion
 from gdmp_ros.reliability.outcome import Outcome
 from gdmp_ros.reliability.trial import now_ns, SERVER, short_skill, SIM, Trial
@@ -156,7 +156,7 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     outcome.claim('the servers say so', '2 nodes publish references' in trial.log(SERVER))
     run = trial.closing(outcome)
     followed = run.applied[run.applied > 0].astype(np.int64)
-    foreign = np.abs(followed - int(run.sequences[0])) > motion.ONE_STREAM
+    foreign = np.abs(followed - int(run.sequences[0])) > ONE_STREAM
     outcome.need('references of the second that were followed', int(foreign.sum()),
                  lambda v: v == 0)
     return outcome

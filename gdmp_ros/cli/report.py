@@ -1,0 +1,34 @@
+"""Make one HTML page about a bag: a run of the nodes, or a demonstration.
+
+The page holds the path in space with stiffness ellipsoids, errors, stiffness, energy and lateness
+over time, and what happened when. It is one file, and needs no network.
+
+examples:
+  gdmp report out/demo/run -o run.html
+  gdmp report takes/take_001 -o take.html
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gdmp_ros.errors import DataError
+
+HELP = 'make one HTML page about a bag'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='rosbag2 folder')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='HTML')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the page."""
+    try:
+        from gdmp_ros.report import page
+    except ModuleNotFoundError as error:
+        raise DataError(f"{error.name} is missing, it comes with pip install 'gdmp_ros[report]'"
+                        ) from None
+    what = page.write(options.bag, options.output)
+    print(f'wrote {options.output}, about {what}')

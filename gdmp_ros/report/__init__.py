@@ -1,0 +1,1 @@
+"""One page about a bag: what was streamed, how the arm followed, what happened."""
