@@ -1,0 +1,205 @@
+"""Looks at the machine: what a 1 kHz stream wants of it, what it has, what to change."""
+from __future__ import annotations
+
+from collections.abc import Callable
+import ctypes
+import importlib.util
+import os
+from pathlib import Path
+import platform
+import resource
+import shutil
+import sys
+import threading
+import time
+from typing import NamedTuple
+
+from gdmp_ros import compilation
+from gdmp_ros.realtime.domain import CHOSEN, network
+from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
+
+GOOD, FAIR, BAD = 'good', 'could be better', 'bad'
+PERIOD_NS = 1_000_000
+#: A sleeping loop of ordinary priority should not be later than this [µs], 99 % of the time.
+LATE_US, VERY_LATE_US = 500.0, 5000.0
+#: DDS wants receive buffers of this size at least [bytes].
+BUFFER = 200_000
+_CLOCK_UNSYNCHRONISED = 5  # adjtimex: TIME_ERROR
+
+
+class Finding(NamedTuple):
+    """
+    One thing looked at.
+
+    :ivar level: `GOOD`, `FAIR` or `BAD`
+    :ivar advice: what to change, empty where nothing needs to be
+    """
+
+    subject: str
+    level: str
+    found: str
+    advice: str = ''
+
+
+def examine(seconds: float = 2.0) -> list[Finding]:
+    """
+    Look at everything.
+
+    :param seconds: how long to measure a sleeping loop
+    """
+    return [check() for check in CHECKS] + [_lateness(seconds)]
+
+
+def _read(path: str) -> str:
+    try:
+        return Path(path).read_text().strip()
+    except OSError:
+        return ''
+
+
+def _python() -> Finding:
+    found = f'{platform.python_version()} ({sys.executable})'
+    if (3, 11) <= sys.version_info < (3, 14):
+        return Finding('Python', GOOD, found)
+    return Finding('Python', BAD, found, 'use Python 3.11, 3.12 or 3.13')
+
+
+def _kernel() -> Finding:
+    release = platform.release()
+    if _read('/sys/kernel/realtime') == '1':
+        return Finding('kernel', GOOD, f'{release}, PREEMPT_RT')
+    return Finding('kernel', FAIR, f'{release}, without PREEMPT_RT',
+                   'a kernel with PREEMPT_RT (Ubuntu: sudo pro enable realtime-kernel) bounds the '
+                   'lateness; a real arm that takes 1 kHz commands wants it')
+
+
+def _cores() -> Finding:
+    count = len(os.sched_getaffinity(0))
+    if count >= 4:
+        return Finding('cores', GOOD, str(count))
+    return Finding('cores', FAIR, str(count), 'server, simulation and recorder take a core '
+                   'together; with fewer than four keep other work away while you stream')
+
+
+def _governor() -> Finding:
+    governor = _read('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
+    if governor in ('', 'performance'):
+        return Finding('CPU frequency', GOOD, governor or 'not scaled by this system')
+    return Finding('CPU frequency', FAIR, f'governor {governor}',
+                   'sudo cpupower frequency-set -g performance')
+
+
+def _fifo() -> Finding:
+    granted: list[bool] = []
+
+    def ask() -> None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
+            granted.append(True)
+        except OSError:
+            granted.append(False)
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    if granted[0]:
+        return Finding('SCHED_FIFO', GOOD, 'granted, priority 40')
+    return Finding('SCHED_FIFO', BAD, f'not granted (limit of rtprio: {limit})',
+                   'put "@realtime - rtprio 98" into /etc/security/limits.d/realtime.conf, add '
+                   'yourself to the group realtime, and log in again')
+
+
+def _clock_source() -> Finding:
+    source = _read('/sys/devices/system/clocksource/clocksource0/current_clocksource')
+    if source in ('', 'tsc', 'kvm-clock', 'arch_sys_counter', 'hyperv_clocksource_tsc_page'):
+        return Finding('clock source', GOOD, source or 'unknown')
+    return Finding('clock source', FAIR, source, 'reading this clock is slow; tsc is missing '
+                   'or was found unstable (dmesg | grep -i tsc)')
+
+
+def _synchronised() -> Finding:
+    status = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(512))
+    if status not in (-1, _CLOCK_UNSYNCHRONISED):
+        return Finding('wall clock', GOOD, 'synchronised')
+    return Finding('wall clock', FAIR, 'not known to be synchronised',
+                   'on two machines install chrony on both: references whose stamps are further '
+                   'off than stamp_tolerance (0.5 s) are refused. On one machine it does not '
+                   'matter')
+
+
+def _middleware() -> Finding:
+    if importlib.util.find_spec('rclpy') is None:
+        return Finding('ROS 2', FAIR, 'rclpy is not installed',
+                       'the nodes need it: make setup, or source /opt/ros/jazzy/setup.bash; the '
+                       'library works without')
+    if importlib.util.find_spec('gdmp_msgs') is None:
+        return Finding('ROS 2', BAD, 'rclpy, but not gdmp_msgs',
+                       'build msg_defs: make setup, or colcon build --base-paths . msg_defs')
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    return Finding('ROS 2', GOOD, f'rclpy and gdmp_msgs, domain {domain}, '
+                   f'{os.environ.get("RMW_IMPLEMENTATION", "default middleware")}')
+
+
+def _reach() -> Finding:
+    chosen = [name for name in CHOSEN if os.environ.get(name)]
+    if network():
+        return Finding('DDS', GOOD, 'this machine only, over UDP')
+    words = ', '.join(f'{name}={os.environ[name]}' for name in chosen)
+    if 'FASTDDS_BUILTIN_TRANSPORTS' in chosen:
+        return Finding('DDS', GOOD, words)
+    return Finding('DDS', FAIR, words, 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 keeps a node that is '
+                   'killed from silencing others through shared memory')
+
+
+def _buffers() -> Finding:
+    size = int(_read('/proc/sys/net/core/rmem_max') or 0)
+    if size >= BUFFER:
+        return Finding('UDP buffers', GOOD, f'{size} bytes')
+    return Finding('UDP buffers', FAIR, f'{size} bytes',
+                   'sudo sysctl -w net.core.rmem_max=2097152')
+
+
+def _shared_memory() -> Finding:
+    folder = Path('/dev/shm')
+    left = ([path for path in folder.iterdir() if 'fastrtps_' in path.name]
+            if folder.is_dir() else [])
+    if not left:
+        return Finding('shared memory', GOOD, 'nothing left behind by DDS')
+    return Finding('shared memory', FAIR, f'{len(left)} files of Fast DDS in /dev/shm',
+                   'if no other ROS program runs they were left by killed ones and can silence '
+                   'new ones: rm /dev/shm/fastrtps_* /dev/shm/sem.fastrtps_*')
+
+
+def _disk() -> Finding:
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    level = GOOD if free > 2.0 else FAIR if free > 0.2 else BAD
+    return Finding('disk', level, f'{free:.1f} GB free here',
+                   '' if level == GOOD else 'a recorded run takes 1 MB a second; recording ends '
+                   'when 64 MB are left')
+
+
+def _kernels() -> Finding:
+    if compilation.compiled_before():
+        return Finding('compiled kernels', GOOD, 'there')
+    return Finding('compiled kernels', FAIR, 'not yet', 'the first start takes a minute or two; '
+                   'GDMP_CACHE chooses where they are kept')
+
+
+def _lateness(seconds: float) -> Finding:
+    recorder = LatenessRecorder(PERIOD_NS)
+    ends = time.monotonic() + seconds
+    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), lambda: time.monotonic() > ends)
+    figures = recorder.punctuality(round(1000 * seconds))
+    found = (f'{figures.rate_hz:.1f} Hz, lateness p50 {figures.p50_us:.0f}, p99 '
+             f'{figures.p99_us:.0f}, largest {figures.max_us:.0f} µs, {figures.missed} missed')
+    if figures.p99_us < LATE_US:
+        return Finding('sleeping 1 kHz loop', GOOD, found)
+    level = FAIR if figures.p99_us < VERY_LATE_US else BAD
+    return Finding('sleeping 1 kHz loop', level, found,
+                   'other programs take the cores: close them, or give the stream SCHED_FIFO')
+
+
+CHECKS: tuple[Callable[[], Finding], ...] = (
+    _python, _kernel, _cores, _governor, _fifo, _clock_source, _synchronised, _middleware, _reach,
+    _buffers, _shared_memory, _disk, _kernels)
