@@ -22,6 +22,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/config/presets', glob('config/presets/*.yaml')),
         (f'share/{NAME}/config/security', glob('config/security/*.xml')),
     ],
     install_requires=['gmr>=2.0', 'jinja2>=3', 'joblib>=1.3', 'matplotlib>=3.6', 'numba>=0.61',
@@ -38,6 +39,7 @@ setup(
     },
     zip_safe=False,
     entry_points={'console_scripts': [
+        'adapter = gdmp_ros.nodes.adapter:main',
         'gdmp = gdmp_ros.cli.main:main',
         'panda_sim = gdmp_ros.nodes.panda_sim:main',
         'take_recorder = gdmp_ros.nodes.take_recorder:main',

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import yaml
 
-from gdmp_ros.nodes import server_parameters, sim_parameters, take_recorder
+from gdmp_ros.nodes import adapter, server_parameters, sim_parameters, take_recorder
 from gdmp_ros.nodes.parameters import CHANGES, Spec
 from gdmp_ros.writing import write_text
 
 NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'trajectory_server': ('Trajectory server', server_parameters.SPECS),
     'panda_sim': ('Simulated Panda', sim_parameters.SPECS),
+    'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
 }
 _WIDTH = 98

@@ -44,7 +44,8 @@ def set_pose(pose: Pose, numbers: np.ndarray) -> None:
     p.x, p.y, p.z, q.w, q.x, q.y, q.z = (float(v) for v in numbers[:7])
 
 
-def _set_vectors(first: Any, second: Any, numbers: np.ndarray) -> None:
+def set_vectors(first: Any, second: Any, numbers: np.ndarray) -> None:
+    """Write six numbers to two vectors, as of a twist or a wrench."""
     first.x, first.y, first.z, second.x, second.y, second.z = (float(v) for v in numbers)
 
 
@@ -69,8 +70,8 @@ def reference_target(message: Reference) -> np.ndarray:
 def fill_reference(message: Reference, numbers: np.ndarray) -> None:
     """Write `TARGET_SIZE` numbers to a reference (the inverse of `reference_target`)."""
     set_pose(message.pose, numbers[POSE:])
-    _set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])
-    _set_vectors(message.acceleration.linear, message.acceleration.angular,
+    set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])
+    set_vectors(message.acceleration.linear, message.acceleration.angular,
                  numbers[ACCELERATION:ACCELERATION + 6])
     message.stiffness = numbers[STIFFNESS:-1]
     message.damping_ratio = float(numbers[-1])
@@ -87,8 +88,8 @@ def robot_state_numbers(tick: Tick) -> np.ndarray:
 def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
     """Write the numbers of a tick (`robot_state_numbers`)."""
     set_pose(message.pose, numbers)
-    _set_vectors(message.twist.linear, message.twist.angular, numbers[7:13])
-    _set_vectors(message.wrench.force, message.wrench.torque, numbers[13:19])
+    set_vectors(message.twist.linear, message.twist.angular, numbers[7:13])
+    set_vectors(message.wrench.force, message.wrench.torque, numbers[13:19])
     message.stiffness, message.requested_stiffness = numbers[19:55], numbers[55:91]
     message.spring_energy, message.tank_energy = float(numbers[91]), float(numbers[92])
     message.limited = numbers[93:ROBOT_STATE_FIXED]
