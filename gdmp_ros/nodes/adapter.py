@@ -11,6 +11,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
+from gdmp_ros.control.reference import GuardSettings, Origin, refusal
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import ManagedNode, run, take_latest
@@ -137,7 +138,15 @@ class Adapter(ManagedNode):
 
     def _tick(self, deadline_ns: int, now_ns: int) -> None:
         message = take_latest(self._reference)
-        if message is None:
+        if message is not None:
+            self.pass_on(message)
+
+    def pass_on(self, message: Reference) -> None:
+        """Pass a reference on, or refuse it: other controllers do not look."""
+        frame = message.header.frame_id
+        reason = refusal(wire.reference_target(message), Origin(frame), GuardSettings(frame))
+        if reason is not None:
+            self.get_logger().warning(f'reference refused: {reason}', throttle_duration_sec=1.0)
             return
         self._count += 1
         due = [send for every, send in self._outputs if self._count % every == 0]
@@ -146,7 +155,7 @@ class Adapter(ManagedNode):
         passed = Passed(wire.pose_numbers(message.pose),
                         np.asarray(message.stiffness).reshape(6, 6),
                         message.header.stamp.sec * wire.NS + message.header.stamp.nanosec)
-        self._frame = self.parameters.frame_id or message.header.frame_id
+        self._frame = self.parameters.frame_id or frame
         for send in due:
             send(passed)
 

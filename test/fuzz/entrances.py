@@ -168,13 +168,14 @@ def node(name: str) -> Any:
         return _nodes[name]
     import rclpy
 
+    from gdmp_ros.nodes.adapter import Adapter
     from gdmp_ros.nodes.panda_sim import PandaSim
     from gdmp_ros.nodes.trajectory_server import TrajectoryServer
     if not rclpy.ok():
         # A domain of one's own, kept to the end of the process.
         _nodes['domain'] = domain = Domain()
         rclpy.init(args=[], domain_id=domain.id)
-    made: Any = TrajectoryServer() if name == 'server' else PandaSim()
+    made: Any = {'server': TrajectoryServer, 'sim': PandaSim, 'adapter': Adapter}[name]()
     if name == 'server':
         path = _folder() / 'skill.json'
         short_skill().save(path)
@@ -196,8 +197,11 @@ def tick(name: str) -> None:
     made = node(name)
     if name == 'server':
         made._publish(1e-3, time.time_ns())
-    else:
+    elif name == 'sim':
         made._advance(time.time_ns())
+    else:
+        made._tick(time.time_ns(), time.time_ns())
+        return
     _ticks[name] = _ticks.get(name, 0) + 1
     if _ticks[name] % 50 == 0:
         made._report()
@@ -281,8 +285,41 @@ def topic_clock() -> Entrance:
     return _message(Clock, valid, 'server', use)
 
 
+def topic_hand_pose() -> Entrance:
+    """Hand that leads the simulated arm."""
+    from geometry_msgs.msg import PoseStamped
+
+    def use(sim: Any, message: Any) -> None:
+        sim._loop.led = True
+        sim.take_hand(message)
+        try:
+            for _ in range(2):
+                tick('sim')
+        finally:
+            sim._loop.led = False
+            sim._let_go()
+    return _message(PoseStamped, [_pose()], 'sim', use)
+
+
 def topic_reference() -> Entrance:
     """Reference of the simulated arm."""
+    def use(sim: Any, message: Any) -> None:
+        # In every other input the clock says what the stamp says: it would refuse nearly all.
+        stamp = message.header.stamp
+        now = time.time_ns()
+        if message.sequence % 2 == 0:
+            now = stamp.sec * 10 ** 9 + stamp.nanosec
+            sim._loop.controller.guard._sequence = 0
+        sim.take_reference(message, now)
+    return _reference('sim', use)
+
+
+def topic_passed_on() -> Entrance:
+    """Reference that the adapter passes on to other controllers."""
+    return _reference('adapter', lambda adapter, message: adapter.pass_on(message))
+
+
+def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
     from gdmp_msgs.msg import Reference
 
     from gdmp_ros.control.controller import HOLD_STIFFNESS
@@ -293,16 +330,7 @@ def topic_reference() -> Entrance:
     valid = Reference()
     valid.header.frame_id = FRAME
     wire.fill_reference(valid, numbers)
-
-    def use(sim: Any, message: Any) -> None:
-        # In every other input the clock says what the stamp says: it would refuse nearly all.
-        stamp = message.header.stamp
-        now = time.time_ns()
-        if message.sequence % 2 == 0:
-            now = stamp.sec * 10 ** 9 + stamp.nanosec
-            sim._loop.controller.guard._sequence = 0
-        sim.take_reference(message, now)
-    return _message(Reference, [valid], 'sim', use)
+    return _message(Reference, [valid], name, use)
 
 
 def service_set_speed() -> Entrance:
@@ -363,7 +391,7 @@ def action_execute() -> Entrance:
 
 
 def services_of_the_simulation() -> Entrance:
-    """``~/set_pause``, ``~/reset_world`` and ``~/step_simulation``."""
+    """``~/set_pause``, ``~/teach``, ``~/reset_world`` and ``~/step_simulation``."""
     from gdmp_msgs.srv import StepSimulation
     from std_srvs.srv import SetBool
 
@@ -374,6 +402,8 @@ def services_of_the_simulation() -> Entrance:
             raise AssertionError('stepped though not paused')
         for paused in (True, False):
             sim._on_pause(SetBool.Request(data=paused), SetBool.Response())
+            tick('sim')
+            sim._on_teach(SetBool.Request(data=paused), SetBool.Response())
             tick('sim')
         sim._reset = request.steps % 3 == 0
     return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
@@ -414,6 +444,7 @@ def _parameters(name: str, module: str) -> Entrance:
                 problem = {s.name: s for s in specs}[which].problem(after)
                 if problem:
                     raise AssertionError(f'accepted: {problem}')
+                tick(name)
                 made.set_parameters([_parameter(which, before)])
         tick(name)
     return Entrance(feed, [struct.pack('<I', i) for i in range(8)])
@@ -432,7 +463,8 @@ def parameters_of_the_simulation() -> Entrance:
 ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
-        topic_goal_stiffness, topic_measured_pose, topic_clock, topic_reference,
+        topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
+        topic_reference, topic_passed_on,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
         action_execute, services_of_the_simulation, parameters_of_the_server,
         parameters_of_the_simulation)}

@@ -67,6 +67,16 @@ def test_crisp_gets_six_numbers_inside_its_bounds(world):
     assert list(six.data) == [300.0, 400.0, 2000.0, 20.0, 30.0, 40.0]
 
 
+def test_what_no_controller_should_see_is_not_passed_on(world):
+    feed = Feed(world, 'crisp').listen(PoseStamped, '/target_pose')
+    feed.until('/target_pose')
+    feed.message.pose.position.x = float('nan')
+    feed.out.publish(feed.message)
+    world.wait('the refusal', lambda: 'a number is NaN or infinite' in world.log('adapter'))
+    world.spin(0.2)
+    check_pose(feed.got['/target_pose'])
+
+
 def test_mayr_gets_a_wrench_in_its_namespace(world):
     space = '/CartesianImpedance_trajectory_controller'
     pose, wrench = Feed(world, 'mayr', '-r', f'__ns:={space}').listen(
