@@ -9,8 +9,8 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'teach', 'takes', 'learn', 'inspect', 'plot', 'rollout', 'watch', 'report',
-         'doctor', 'bench', 'paper', 'demo', 'faults', 'soak')
+VERBS = ('record', 'teach', 'takes', 'learn', 'convert', 'inspect', 'plot', 'rollout', 'watch',
+         'report', 'doctor', 'bench', 'paper', 'demo', 'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
