@@ -45,14 +45,16 @@ class Take(NamedTuple):
 def compare(recordings: Sequence[Recording]) -> list[Take]:
     """Compare takes place by place along their paths: their timing may differ."""
     paths = [_places(one.demonstration) for one in recordings]
-    figures = [_apart(i, paths) for i in range(len(paths))]
-    away, turned = (np.array(column) for column in zip(*figures))
+    away, turned = (np.array(column) for column in zip(*(
+        _apart(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths))))
+    usual = [_usual(paths[:i] + paths[i + 1:]) for i in range(len(paths))]
     durations = np.array([one.demonstration.duration for one in recordings])
     result = []
     for i, one in enumerate(recordings):
         words = [word for word in (
-            _unlike('path', away, i, LEAST_M, 'm'),
-            _unlike('rotation', turned, i, LEAST_RAD, 'rad'), _tempo(durations, i)) if word]
+            _unlike('path', away[i], usual[i][0], LEAST_M, 'm'),
+            _unlike('rotation', turned[i], usual[i][1], LEAST_RAD, 'rad'),
+            _tempo(durations, i)) if word]
         positions = one.demonstration.points[:, :3]
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
         result.append(Take(Path(one.bag).name, one.demonstration.duration, length,
@@ -70,12 +72,20 @@ def _places(demonstration: Demonstration) -> np.ndarray:
     return demonstration.at(at)[:, :7]
 
 
-def _apart(which: int, paths: list[np.ndarray]) -> tuple[float, float]:
-    """RMS distance of a path from the mean of the others [m, rad]; 0 where there are none."""
-    others = [path for i, path in enumerate(paths) if i != which]
+def _usual(paths: list[np.ndarray]) -> tuple[float, float]:
+    """How far apart paths are among themselves [m, rad]; infinite if there are not two."""
+    if len(paths) < 2:
+        return np.inf, np.inf
+    figures = [_apart(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths)]
+    away, turned = np.median(figures, axis=0)
+    return float(away), float(turned)
+
+
+def _apart(own: np.ndarray, others: list[np.ndarray]) -> tuple[float, float]:
+    """RMS distance of a path from the mean of others [m, rad]; 0 where there are none."""
     if not others:
         return 0.0, 0.0
-    own, manifold = paths[which], UnitQuaternion()
+    manifold = UnitQuaternion()
     away = own[:, :3] - np.mean([path[:, :3] for path in others], axis=0)
     turns = [2.0 * manifold.distance(own[k, 3:], manifold.mean([
         manifold.align(path[k, 3:], own[k, 3:]) for path in others])) for k in range(PLACES)]
@@ -83,13 +93,10 @@ def _apart(which: int, paths: list[np.ndarray]) -> tuple[float, float]:
             float(np.sqrt(np.mean(np.square(turns)))))
 
 
-def _unlike(what: str, values: np.ndarray, which: int, least: float, unit: str) -> str:
-    if len(values) < 3:
+def _unlike(what: str, value: float, usual: float, least: float, unit: str) -> str:
+    if value <= max(least, DIFFERS * usual):
         return ''
-    usual = float(np.median(np.delete(values, which)))
-    if values[which] <= max(least, DIFFERS * usual):
-        return ''
-    return f'{what} is {values[which]:.3g} {unit} from the others, which are {usual:.3g} apart'
+    return f'{what} is {value:.3g} {unit} from the others, which are {usual:.3g} {unit} apart'
 
 
 def _tempo(durations: np.ndarray, which: int) -> str:

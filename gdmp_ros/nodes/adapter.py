@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import time
 from typing import Any, NamedTuple
 
 from gdmp_msgs.msg import Reference
@@ -11,6 +12,8 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.passivity import bound_stiffness
 from gdmp_ros.control.reference import GuardSettings, Origin, refusal
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.nodes import wire
@@ -19,15 +22,18 @@ from gdmp_ros.nodes.parameters import Parameters, Spec
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 
 PERIOD_NS = 1_000_000
+#: A reply that has not come after so long does not come [s].
+REPLY_S = 1.0
 #: A stiffness that is set by parameters is set again when an entry has changed by this share.
 CHANGED = 0.01
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to pass on'),
+    Spec('reference_frame', 'panda_link0', 'frame of the references; others are refused'),
     Spec('pose_topic', 'target_pose', 'geometry_msgs/PoseStamped of the controller; empty: none'),
     Spec('pose_rate_hz', 1000, 'poses passed on, at most', 'Hz', 1, 1000),
-    Spec('frame_id', '', 'frame that the controller expects, where it calls the same frame '
-         "otherwise; empty: the reference's"),
+    Spec('frame_id', '', 'what the controller calls that frame, where it calls it otherwise; '
+         'empty: the same'),
     Spec('stiffness', 'six', 'how the controller takes its stiffness: not at all, six numbers '
          '(x y z rx ry rz) or a row-major 6x6 matrix in a Float64MultiArray, a WrenchStamped, or '
          'six parameters', choices=('none', 'six', 'matrix', 'wrench', 'parameters')),
@@ -37,12 +43,29 @@ SPECS = (
          choices=('base', 'tool')),
     Spec('stiffness_node', '', 'node of the six parameters'),
     Spec('stiffness_parameters', [''], 'their names, x y z rx ry rz'),
-    Spec('stiffness_min', [0.0, 0.0], 'smallest that the controller takes, translational and '
-         'rotational', 'N/m, Nm/rad', 0.0, 1e5),
-    Spec('stiffness_max', [2000.0, 200.0], 'largest that it takes', 'N/m, Nm/rad', 0.0, 1e5),
+    Spec('stiffness_min', [1.0, 0.1], 'smallest that the controller takes, translational and '
+         'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_max', [2000.0, 200.0], 'largest that it takes', 'N/m, Nm/rad', 1e-3, 1e5),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
          'it; 0: never', low=-1, high=99),
 )
+
+
+class Output:
+    """One thing that is passed on, at most so often."""
+
+    def __init__(self, rate_hz: float, send: Callable[[Passed], None]):
+        self.send = send
+        self._period = 1.0 / rate_hz
+        self._next = 0.0
+
+    def due(self, now: float) -> bool:
+        """Whether it is time again, on the monotonic clock [s]."""
+        # A reference comes a little early or late: half a tick does not matter.
+        if now < self._next - 0.5e-3:
+            return False
+        self._next = max(self._next + self._period, now)
+        return True
 
 
 class Passed(NamedTuple):
@@ -88,21 +111,25 @@ class Adapter(ManagedNode):
         self.parameters = Parameters(self, SPECS)
         self._thread: RealtimeThread | None = None
         self._active = False
-        self._pending: Any = None
-        self._last: np.ndarray | None = None
 
     def configure(self) -> None:
         p = self.parameters
         p.check = self._check
         self._check(p)
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
-        self._outputs: list[tuple[int, Callable[[Passed], None]]] = []
+        self._pending: tuple[Any, float] | None = None
+        self._last: np.ndarray | None = None
+        self._frame = p.frame_id or p.reference_frame
+        self._expected = GuardSettings(p.reference_frame)
+        self._bounds = np.array([np.diag(np.repeat(bound, 3)).reshape(-1)
+                                 for bound in (p.stiffness_min, p.stiffness_max)])
+        self._outputs: list[Output] = []
         if p.pose_topic:
             self._pose = self.add_publisher(PoseStamped, p.pose_topic, 1)
-            self._outputs.append((_every(p.pose_rate_hz), self._send_pose))
+            self._outputs.append(Output(p.pose_rate_hz, self._send_pose))
         if p.stiffness != 'none':
-            self._outputs.append((_every(p.stiffness_rate_hz), self._stiffness_output()))
-        self._count = 0
+            self._outputs.append(Output(p.stiffness_rate_hz, self._stiffness_output()))
+        self.add_report(self._report)
         p.locked = True
 
     def activate(self) -> None:
@@ -143,21 +170,25 @@ class Adapter(ManagedNode):
 
     def pass_on(self, message: Reference) -> None:
         """Pass a reference on, or refuse it: other controllers do not look."""
-        frame = message.header.frame_id
-        reason = refusal(wire.reference_target(message), Origin(frame), GuardSettings(frame))
+        reason = refusal(wire.reference_target(message), Origin(message.header.frame_id),
+                         self._expected)
         if reason is not None:
             self.get_logger().warning(f'reference refused: {reason}', throttle_duration_sec=1.0)
             return
-        self._count += 1
-        due = [send for every, send in self._outputs if self._count % every == 0]
+        now = time.monotonic()
+        due = [output for output in self._outputs if output.due(now)]
         if not due:
             return
         passed = Passed(wire.pose_numbers(message.pose),
                         np.asarray(message.stiffness).reshape(6, 6),
                         message.header.stamp.sec * wire.NS + message.header.stamp.nanosec)
-        self._frame = self.parameters.frame_id or frame
-        for send in due:
-            send(passed)
+        for output in due:
+            output.send(passed)
+
+    def _report(self) -> None:
+        if self._thread is not None and self._thread.failure is not None:
+            self.get_logger().error(f'passing on failed: {self._thread.failure!r}',
+                                    throttle_duration_sec=5.0)
 
     # Outputs
 
@@ -191,7 +222,9 @@ class Adapter(ManagedNode):
 
     def _send_matrix(self, passed: Passed) -> None:
         message = wire.matrix_message(6)
-        message.data = passed.stiffness.reshape(-1).tolist()
+        bounded = passed.stiffness.reshape(-1).copy()
+        bound_stiffness(bounded, self._bounds[0], self._bounds[1], np.zeros(len(LIMITS)))
+        message.data = bounded.tolist()
         self._stiffness.publish(message)
 
     def _send_wrench(self, passed: Passed) -> None:
@@ -203,22 +236,29 @@ class Adapter(ManagedNode):
 
     def _set_parameters(self, passed: Passed) -> None:
         """Set what has changed, one request at a time."""
-        if self._pending is not None and not self._pending.done():
-            return
+        if self._pending is not None:
+            future, since = self._pending
+            if not future.done() and time.monotonic() - since < REPLY_S:
+                return
+            if not future.done():
+                self._client.remove_pending_request(future)
+                self._last = None
+            self._pending = None
         numbers = self._six(passed)
-        if self._last is not None and np.all(
-                np.abs(numbers - self._last) <= CHANGED * np.maximum(self._last, 1.0)):
-            return
         if not self._client.service_is_ready():
+            self._last = None  # who comes back knows nothing
             self.get_logger().warning(f'{self.parameters.stiffness_node} is not there to take a '
                                       'stiffness', throttle_duration_sec=5.0)
+            return
+        if self._last is not None and np.all(
+                np.abs(numbers - self._last) <= CHANGED * np.maximum(self._last, 1.0)):
             return
         changes = [Parameter(name, value=float(number)).to_parameter_msg()
                    for name, number in zip(self.parameters.stiffness_parameters, numbers)]
         self._last = numbers
-        self._pending = self._client.call_async(
-            SetParametersAtomically.Request(parameters=changes))
-        self._pending.add_done_callback(self._on_set)
+        future = self._client.call_async(SetParametersAtomically.Request(parameters=changes))
+        self._pending = (future, time.monotonic())
+        future.add_done_callback(self._on_set)
 
     def _on_set(self, future: Any) -> None:
         result = future.result().result
@@ -228,8 +268,6 @@ class Adapter(ManagedNode):
                                       f'{result.reason}', throttle_duration_sec=1.0)
 
 
-def _every(rate_hz: int) -> int:
-    return max(1, round(1000 / rate_hz))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -79,6 +79,7 @@ class LearningProcess:
         output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
         return output, [
             sys.executable, '-m', 'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
+            f'--stiffness={parameters.learned_stiffness}',
             f'--n-basis={request.n_basis or parameters.n_basis}', f'--connection={connection}',
             '--', *request.bags]
 

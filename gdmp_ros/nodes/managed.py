@@ -248,8 +248,8 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         pass
     finally:
         for node in nodes:
-            node.deactivate()
-            node.cleanup()
+            node._attempt('deactivate', node.deactivate)
+            node._attempt('cleanup', node.cleanup)
         executor.shutdown()
         for node in nodes:
             node.destroy_node()

@@ -54,6 +54,7 @@ class PandaSim(ManagedNode):
         self._paused = False
         self._reset = False
         self._steps_wanted = 0
+        self._lead: bool | None = None  # asked for, until the next tick
         self._hand_ticks = 0
         self._hand_problem = ''
         self._stepped = threading.Event()
@@ -146,6 +147,8 @@ class PandaSim(ManagedNode):
         if self._reset:
             self._reset = False
             self._loop.reset()
+        if self._lead is not None:
+            self._begin_or_end_leading()
         if self._paused:
             if self._steps_wanted == 0:
                 return False
@@ -174,6 +177,12 @@ class PandaSim(ManagedNode):
         if self._loop.controller.guard.offer(wire.reference_target(message), origin):
             self._sequence = message.sequence
 
+    def _begin_or_end_leading(self) -> None:
+        self._loop.led, self._lead = bool(self._lead), None
+        take_latest(self._hand)  # of an earlier time
+        self._hand_ticks = self._sequence = 0
+        self._let_go()
+
     def _follow_hand(self) -> None:
         """Let the hand pull where it is now, or let go."""
         self._hand_ticks += 1
@@ -182,7 +191,8 @@ class PandaSim(ManagedNode):
         message = take_latest(self._hand)
         if message is not None:
             self.take_hand(message)
-        elif self._hand_ticks * self._loop.arm.period > HAND_S:
+        elif self._loop.hand is not None and self._hand_ticks * self._loop.arm.period > HAND_S:
+            # Only then: the mouse in the window pushes without a hand.
             self._let_go()
 
     def take_hand(self, message: PoseStamped) -> None:
@@ -251,11 +261,7 @@ class PandaSim(ManagedNode):
         return reply
 
     def _on_teach(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
-        take_latest(self._hand)  # of an earlier time
-        self._hand_ticks = 0
-        self._loop.led = request.data
-        if not request.data:
-            self._let_go()
+        self._lead = request.data
         reply.success = True
         reply.message = ('the arm is weightless: lead it by ~/hand_pose, or with the mouse'
                          if request.data else 'the arm holds where it is')

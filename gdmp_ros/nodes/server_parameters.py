@@ -15,6 +15,9 @@ SPECS = (
     Spec('demonstrations', [''], 'rosbag2 folders to learn from when there is no skill file'),
     Spec('n_basis', 60, 'basis functions when learning', low=2, high=2000),
     Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
+    Spec('learned_stiffness', 'auto', 'where stiffness comes from when learning: as recorded, '
+         'from the variance of several demonstrations, or none; auto: the first that there is',
+         choices=('auto', 'recorded', 'variance', 'none')),
     Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     live('start_from', 'measured', "where motions start: at the measured pose, or the skill's",

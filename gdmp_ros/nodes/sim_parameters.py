@@ -69,8 +69,8 @@ SPECS = (
     live('tank_refill', 0.0, 'power that flows into the tank for tasks that do work for ever; '
          'with 0 the controller is passive', 'W', 0.0, 100.0),
     live('passive', True, 'hold back what the tank has no energy for; otherwise it only meters'),
-    live('position_clip', 0.1, 'largest position error acted upon', 'm', 0.001, 1.0),
-    live('rotation_clip', 0.5, 'largest rotation error acted upon', 'rad', 0.01, 3.0),
+    Spec('position_clip', 0.1, 'largest position error acted upon', 'm', 0.001, 1.0),
+    Spec('rotation_clip', 0.5, 'largest rotation error acted upon', 'rad', 0.01, 3.0),
     live('posture_stiffness', 5.0, 'of the posture in the null space', 'Nm/rad', 0.0, 100.0),
     live('posture_damping', 2.0, 'in the null space', 'Nm s/rad', 0.0, 50.0),
     live('feed_forward', True, "add the inertial force and the joint friction of the reference's "

@@ -11,10 +11,11 @@ from gdmp_msgs.msg import RecorderState
 from std_srvs.srv import Trigger
 
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.files import takes
 from gdmp_ros.files.bags import BagWriter, STORAGES
 from gdmp_ros.nodes.managed import ManagedNode, run
 from gdmp_ros.nodes.parameters import Parameters, Spec
-from gdmp_ros.nodes.recorder import DRAIN_S, Tap
+from gdmp_ros.nodes.recorder import DRAIN_S, message_class, Tap
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
@@ -37,9 +38,11 @@ class TakeRecorder(ManagedNode):
         self.parameters = Parameters(self, SPECS)
         self._tap: Tap | None = None
         self._writer: BagWriter | None = None
+        self._kept: Path | None = None
         self._state = RecorderState(status='waiting')
 
     def configure(self) -> None:
+        self._state, self._kept = RecorderState(status='waiting'), None
         self._folder = Path(self.parameters.folder).expanduser().absolute()
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -60,12 +63,16 @@ class TakeRecorder(ManagedNode):
     def deactivate(self) -> None:
         if self._tap is None:
             return
-        if self._writer is not None:
-            self._finish('the recorder was deactivated')
-        for timer in self._timers:
-            self.destroy_timer(timer)
-        self._tap.release(self)
-        self._tap = None
+        try:
+            if self._writer is not None:
+                self._finish('the recorder was deactivated')
+        except (GdmpError, OSError) as error:
+            self.get_logger().error(str(error))
+        finally:
+            for timer in self._timers:
+                self.destroy_timer(timer)
+            self._tap.release(self)
+            self._tap = None
 
     def cleanup(self) -> None:
         self.release()
@@ -75,8 +82,11 @@ class TakeRecorder(ManagedNode):
         result = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
         for pair in filter(None, self.parameters.also):
             topic, _, kind = pair.partition('=')
-            if len(kind.split('/')) != 3:
-                raise ParameterError(f'also has {pair!r}, expected TOPIC=package/msg/Type')
+            try:
+                message_class(kind)
+            except (ValueError, ImportError, AttributeError):
+                raise ParameterError(f'also has {pair!r}, expected TOPIC=package/msg/Type of an '
+                                     'installed package') from None
             result[self.resolve_topic_name(topic)] = kind
         return result
 
@@ -104,17 +114,16 @@ class TakeRecorder(ManagedNode):
         return self._finish('')
 
     def discard(self) -> str:
-        """Drop the take that is being recorded, or else the last one."""
-        name = self._state.take
+        """Drop the take that is being recorded, or else put the last one aside."""
         if self._writer is not None:
             writer, self._writer = self._writer, None
             writer.close(keep=False)
-            return f'dropped {name} while it was being recorded'
-        if name not in self.takes():
-            raise ParameterError('there is no take of this session to discard; remove older ones '
-                                 'with gdmp takes FOLDER --drop NAME')
-        shutil.rmtree(self._folder / name)
-        return f'dropped {name}'
+            return f'dropped {writer.path.name} while it was being recorded'
+        if self._kept is None or not self._kept.exists():
+            raise ParameterError('there is no take of this session to discard; put older ones '
+                                 'aside with gdmp takes FOLDER --drop NAME')
+        kept, self._kept = self._kept, None
+        return f'put aside: {takes.drop(kept.parent, kept.name)}'
 
     def _next_name(self) -> str:
         prefix = f'{self.parameters.prefix}_'
@@ -127,13 +136,17 @@ class TakeRecorder(ManagedNode):
         writer, tap, self._writer = self._writer, self._tap, None
         if writer is None or tap is None:
             return ''
-        self._state.messages += tap.drain(writer)
+        try:
+            self._state.messages += tap.drain(writer)
+        finally:
+            # What was written so far is kept, whatever has come between.
+            writer.close(keep=self._state.messages > 0)
         missing = ', '.join(sorted(tap.waiting))
         if missing:
             problem = f'{problem}; nothing has come on {missing}'.strip('; ')
-        writer.close(keep=self._state.messages > 0)
         if not self._state.messages:
             raise DataError(f'{self._state.take} is not kept: {problem}')
+        self._kept = writer.path
         self._state.problem = problem
         text = (f'{writer.path}: {self._state.messages} messages in {self._state.duration:.1f} s'
                 + (f'; {problem}' if problem else ''))

@@ -1,6 +1,7 @@
 """Somebody who leads the arm by hand and records takes: along a shown motion, or by your hand."""
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import time
 from typing import Any
@@ -35,6 +36,7 @@ class Teacher(Client):
         self.frame = frame
         self.pose: np.ndarray | None = None
         self.recorder: RecorderState | None = None
+        self._heard: deque[RecorderState] = deque(maxlen=2)
         self._hand = self.node.create_publisher(PoseStamped, f'{SIM}/hand_pose', reliable(1))
         self.node.create_subscription(PoseStamped, f'{SIM}/measured_pose', self._on_pose,
                                       reliable(1))
@@ -46,6 +48,7 @@ class Teacher(Client):
 
     def _on_recorder(self, message: RecorderState) -> None:
         self.recorder = message
+        self._heard.append(message)
 
     def ready(self, timeout: float = 120.0) -> None:
         """Make the arm weightless, and wait until the recorder can begin."""
@@ -67,6 +70,13 @@ class Teacher(Client):
             raise GdmpError(f'{name}: {reply.message}')
         return str(reply.message)
 
+    def recording(self) -> bool:
+        """Whether a take is being recorded, as the recorder says it now."""
+        self._heard.clear()
+        # The first may have been on its way before what was asked for last.
+        self.wait('the recorder', lambda: len(self._heard) == 2, 10.0)
+        return self._heard[-1].status == 'recording'
+
     def record(self) -> str:
         """Begin a take."""
         return self.asked(Trigger, f'{RECORDER}/start')
@@ -76,7 +86,7 @@ class Teacher(Client):
         return self.asked(Trigger, f'{RECORDER}/stop')
 
     def discard(self) -> str:
-        """Drop the take that is being recorded, or the last one."""
+        """Drop the take that is being recorded, or put the last one aside."""
         return self.asked(Trigger, f'{RECORDER}/discard')
 
     def take(self, shown: Demonstration) -> str:

@@ -83,24 +83,25 @@ def _session(setting: Setting, environment: dict[str, str]) -> Iterator[Teacher]
 def _by_hand(teacher: Teacher) -> None:
     """Let somebody at the terminal begin, end and drop takes."""
     print(f'the arm is weightless. {KEYS}', flush=True)
-    recording = False
-    while True:
+    word: str | None = ''
+    while word not in ('q', None):
         word = _line(teacher)
         try:
-            if word in ('q', None):
-                if recording:
-                    print(teacher.keep(), flush=True)
-                return
-            if word == 'd':
-                print(teacher.discard(), flush=True)
-                recording = False
-            elif word == '':
-                print(teacher.keep() if recording else teacher.record(), flush=True)
-                recording = not recording
-            else:
-                print(KEYS, flush=True)
+            print(_obey(teacher, word), flush=True)
         except GdmpError as error:
             print(error, flush=True)
+
+
+def _obey(teacher: Teacher, word: str | None) -> str:
+    """Do what a line says; what to say about it. Takes end by themselves as well."""
+    recording = teacher.recording()
+    if word in ('q', None):
+        return teacher.keep() if recording else 'done'
+    if word == 'd':
+        return teacher.discard()
+    if word == '':
+        return teacher.keep() if recording else teacher.record()
+    return KEYS
 
 
 def _line(teacher: Teacher) -> str | None:

@@ -68,6 +68,7 @@ class TrajectoryServer(ManagedNode):
     # Lifecycle
 
     def configure(self) -> None:
+        self._check_parameters(self.parameters)
         self.expect_compilation()
         skill, name = self._skill_from_parameters()
         if skill is not None:
@@ -101,7 +102,7 @@ class TrajectoryServer(ManagedNode):
             return
         if self.player is not None and self.player.status in ('moving', 'paused', 'stopping'):
             self.player.stop()
-            ends = time.monotonic() + 2.0 / self.parameters.speed_rate + 1.0
+            ends = time.monotonic() + 2.0 / self.player.speed_rate + 1.0
             while self.player.status == 'stopping' and time.monotonic() < ends:
                 time.sleep(0.005)
         self._active = False
@@ -185,7 +186,8 @@ class TrajectoryServer(ManagedNode):
             if recording.frame != parameters.frame_id:
                 raise DataError(f'{recording.bag}: poses are in frame {recording.frame!r}, '
                                 f'expected {parameters.frame_id!r}')
-        demonstrations, _ = recordings.stiffened(shown)
+        demonstrations, origin = recordings.stiffened(shown, parameters.learned_stiffness)
+        self.get_logger().info(f'learning from {len(shown)} demonstrations, stiffness: {origin}')
         skill = Skill.learn(demonstrations, n_basis=parameters.n_basis,
                             connection=parameters.connection)
         return skill, ', '.join(bags)

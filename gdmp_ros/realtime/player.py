@@ -49,6 +49,11 @@ class Player:
         self._next_measured: np.ndarray | None = None
 
     @property
+    def speed_rate(self) -> float:
+        """Largest change of the tempo of the motion under way [1/s]."""
+        return self._settings.speed_rate
+
+    @property
     def target(self) -> np.ndarray | None:
         """The reference of the last tick, None before there is any."""
         return self._target

@@ -33,6 +33,7 @@ class ClosedLoop:
 
     def reset(self, position: np.ndarray | None = None) -> None:
         """Put the arm at rest at ``position`` [rad], at its first keyframe by default, holding."""
+        self.hand = None
         self.arm.reset(position)
         self.arm.push(np.zeros(6))
         self.controller.reset(self.arm.measure())

@@ -5,6 +5,7 @@ import pytest
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import recordings, takes
 from gdmp_ros.files.bags import BagWriter, NS
+from gdmp_ros.stiffness import stiffness_along
 
 START = 1_700_000_000 * NS
 
@@ -44,6 +45,26 @@ def test_the_bad_one_is_named(tmp_path, bad, says):
     compared = takes.compare(shown(tmp_path))
     assert [bool(one.differs) for one in compared] == [False] * 4 + [True]
     assert says in compared[-1].differs
+
+
+def test_of_three_takes_the_bad_one_is_named(tmp_path):
+    for name, shift in (('a', 0.0), ('b', 0.004), ('c', 0.12)):
+        take(tmp_path, name, shift)
+    assert [bool(one.differs) for one in takes.compare(shown(tmp_path))] == [False, False, True]
+
+
+def test_uneven_stamps_do_not_change_the_stiffness(tmp_path):
+    s = np.linspace(0.0, 1.0, 200)
+    paths, times = [], []
+    for shift, warp in ((0.0, 1.0), (0.05, 1.0), (-0.05, 1.6), (0.02, 1.6)):
+        t = s ** warp
+        paths.append(np.column_stack([0.3 * t, shift * t ** 2, 0.01 * shift + 0 * t]))
+        times.append(t)
+    even = stiffness_along([np.column_stack([0.3 * s, shift * s ** 2, 0.01 * shift + 0 * s])
+                            for shift in (0.0, 0.05, -0.05, 0.02)], [s] * 4)
+    uneven = stiffness_along(paths, times)
+    np.testing.assert_allclose(np.linalg.eigvalsh(uneven[0]), np.linalg.eigvalsh(even[0]),
+                               rtol=0.05)
 
 
 def test_two_takes_are_not_enough_to_blame_one(tmp_path):

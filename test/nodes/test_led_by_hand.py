@@ -39,11 +39,14 @@ def test_takes_are_begun_ended_and_dropped_by_service(world, tmp_path):
         world.spin(1.0)
         assert states[-1].status == 'recording' and states[-1].messages > 500
         assert world.call(Trigger, f'{RECORDER}/stop').success
-    assert 'dropped take_002' in world.call(Trigger, f'{RECORDER}/discard').message
+    put = world.call(Trigger, f'{RECORDER}/discard').message
+    assert put == f'put aside: {folder}/dropped/take_002'
+    assert not world.call(Trigger, f'{RECORDER}/discard').success  # never one of before
     world.call(Trigger, f'{RECORDER}/start')
     assert 'while it was being recorded' in world.call(Trigger, f'{RECORDER}/discard').message
     world.spin(0.3)
-    assert list(states[-1].takes) == ['take_001'] == [p.name for p in folder.iterdir()]
+    assert list(states[-1].takes) == ['take_001']
+    assert sorted(p.name for p in folder.iterdir()) == ['dropped', 'take_001']
     found = {topic: count for topic, _, count in recordings.bags.topics(folder / 'take_001')}
     assert found['/panda_sim/measured_pose'] > 80 and found['/panda_sim/state'] > 800
     # Stopped in the middle of a take, it keeps what there is.
@@ -96,6 +99,6 @@ def test_from_nothing_to_a_taught_skill(tmp_path):
     assert taught.provenance['stiffness'] == 'variance'
     more = gdmp('teach', '-o', folder, '--by-hand', '--no-window', given='\n\nd\nx\nd\nq\n')
     assert more.returncode == 0, more.stderr
-    assert 'recording take_003' in more.stdout and 'dropped take_003' in more.stdout
+    assert 'recording take_003' in more.stdout and 'dropped/take_003' in more.stdout
     assert 'no take of this session' in more.stdout and 'Enter begins a take' in more.stdout
     assert [p.name for p in takes.folder_of(folder)] == ['take_001', 'take_002']

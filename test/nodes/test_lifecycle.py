@@ -105,7 +105,7 @@ def test_parameters_have_descriptions_ranges_and_are_checked(world):
     assert not refused.successful
     refused = set_parameter('start_from', 'anywhere')
     assert not refused.successful and 'expected one of measured, skill' in refused.reason
-    refused = set_parameter('damping_ratio', 0.5)
+    refused = set_parameter('connection', 'published')
     assert not refused.successful and 'while the node is configured' in refused.reason
 
 
