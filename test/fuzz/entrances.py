@@ -375,7 +375,7 @@ def service_learn_skill() -> Entrance:
         _, command = server._learning.command(request)
         after = command[command.index('--') + 1:]
         if after != list(request.bags) or sum(w.startswith('-') for w in
-                                              command[:command.index('--')]) != 5:
+                                              command[:command.index('--')]) != 6:
             raise AssertionError(f'an option came in: {command}')
     return _message(LearnSkill.Request, valid, 'server', use)
 
