@@ -17,15 +17,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.needs import extra, needs
+from gdmp_ros.cli.record import EPOCH_NS
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import exchange, recordings
-from gdmp_ros.files.bags import NS, STORAGES
+from gdmp_ros.files.bags import STORAGES
 
 HELP = 'convert demonstrations and skills from and to other formats'
 KINDS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives')
-#: First stamp of bags that are made, so that they are reproducible.
-EPOCH_NS = 1_700_000_000 * NS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,12 +51,10 @@ def run(options: argparse.Namespace) -> None:
         options.output.suffix, 'bag')
     try:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        _convert(options, kind)
+        with needs(extra('bench')):
+            _convert(options, kind)
     except OSError as error:
         raise DataError(f'{options.output}: cannot write: {error.strerror}') from None
-    except ModuleNotFoundError as error:
-        raise DataError(f"{error.name} is missing, it comes with pip install 'gdmp_ros[bench]'"
-                        ) from None
     print(f'wrote {options.output}')
 
 

@@ -23,10 +23,9 @@ from gdmp_ros.cli.bench import add_parallel_arguments
 from gdmp_ros.dmp import Fit, fit_report, Skill
 from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.files import recordings, takes
 from gdmp_ros.terminal import progress, table
 
-#: Where stiffness comes from: `gdmp_ros.files.recordings.stiffened`.
-STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 HELP = 'learn a skill from rosbag2 demonstrations'
 
 
@@ -57,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='where the bag has several')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='where the bag has several')
-    parser.add_argument('--stiffness', choices=STIFFNESSES,
+    parser.add_argument('--stiffness', choices=recordings.STIFFNESSES,
                         default='auto', help='as recorded, or high where the takes agree and low '
                         'where they vary, or none; auto: recorded, else from variance where there '
                         'are two takes or more (default)')
@@ -111,7 +110,6 @@ def run(options: argparse.Namespace) -> None:
 def learn(bags: list[Path], recipe: Recipe, output: Path,
           step: Any = lambda: None) -> tuple[Fit, float]:
     """Learn one skill from ``bags`` and write it; its fit and its duration."""
-    from gdmp_ros.files import recordings
     shown = []
     for bag in bags:
         shown.append(recordings.read(bag, recipe.pose_topic, recipe.stiffness_topic))
@@ -134,7 +132,6 @@ def _bags(given: Path) -> list[Path]:
     """The bag itself, or all those in a folder."""
     if given.is_file() or (given / 'metadata.yaml').exists() or not given.is_dir():
         return [given]
-    from gdmp_ros.files import takes
     return takes.folder_of(given)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.errors import DataError
+from gdmp_ros.cli.needs import extra, needs
 
 HELP = 'make one HTML page about a bag'
 
@@ -25,10 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
-    try:
+    with needs(extra('report')):
         from gdmp_ros.report import page
-    except ModuleNotFoundError as error:
-        raise DataError(f"{error.name} is missing, it comes with pip install 'gdmp_ros[report]'"
-                        ) from None
     what = page.write(options.bag, options.output)
     print(f'wrote {options.output}, about {what}')

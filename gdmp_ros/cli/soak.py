@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
 
 HELP = 'work the nodes for a long time and watch them'
@@ -31,8 +32,6 @@ def run(options: argparse.Namespace) -> int:
     """Run the soak; 0 if everything holds."""
     if not 0.2 <= options.minutes <= 10_000:
         raise DataError(f'--minutes is {options.minutes:g}, expected 0.2 to 10000')
-    try:
+    with needs(ROS):
         from gdmp_ros.reliability import soak
-    except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing: the nodes need ROS 2 (make setup)') from None
     return 0 if soak.run(options.minutes, options.out, options.seed) else 1

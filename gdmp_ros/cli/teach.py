@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import lasa
 from gdmp_ros.files.bags import STORAGES
@@ -46,9 +47,7 @@ def run(options: argparse.Namespace) -> None:
     if not 1 <= options.takes <= 7:
         raise DataError(f'--takes is {options.takes}, expected 1 to 7: there are seven strokes')
     shown = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.takes]
-    try:
+    with needs(ROS):
         from gdmp_ros.nodes import teaching
-    except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing: the nodes need ROS 2 (make setup)') from None
     teaching.run(teaching.Setting(options.output, options.storage, options.frame,
                                   options.by_hand and not options.no_window), shown)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 
+from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
 
 HELP = 'watch server and arm live in the terminal'
@@ -32,8 +33,6 @@ def run(options: argparse.Namespace) -> None:
         raise DataError(f'--seconds is {options.seconds:g}, expected more than 0')
     from gdmp_ros.realtime.domain import network
     os.environ.update(network())
-    try:
+    with needs(ROS):
         from gdmp_ros.nodes import watching
-    except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing: the nodes need ROS 2 (make setup)') from None
     watching.watch(options.server, options.arm, options.seconds)

@@ -27,6 +27,8 @@ REST = {'position': 0.0005, 'orientation': 0.00125, 'stiffness': 0.0025}
 REST_S = 0.1
 #: A 6×6 matrix counts as uncoupled, a rotational block as constant, up to this relative size.
 UNCOUPLED = 1e-6
+#: Where the stiffness of a skill may come from: `stiffened`.
+STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,9 @@ def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 2
     """
     Demonstrations with a stiffness as it is asked for, and where it comes from.
 
-    :param source: ``recorded``; ``variance``: high where the takes agree, low where they vary;
-        ``none``; ``auto``: recorded where there is one, else from variance where there are two
-        takes or more
+    :param source: one of `STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
+        low where they vary; ``none``; ``auto``: recorded where there is one, else from variance
+        where there are two takes or more
     :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
     :param k_max: largest
     :raises DataError: if it cannot be had from these takes

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.control.limits import LIMITS
@@ -91,16 +92,9 @@ def along_axes(stiffness: np.ndarray, quaternion: np.ndarray | None) -> np.ndarr
     """
     if quaternion is None:
         return np.diag(stiffness).copy()
-    turn = _matrix(quaternion)
+    turn = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
     return np.concatenate([np.diag(turn.T @ stiffness[:3, :3] @ turn),
                            np.diag(turn.T @ stiffness[3:, 3:] @ turn)])
-
-
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternion
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
 class Adapter(ManagedNode):

@@ -4,6 +4,7 @@ from functools import partial
 import numpy as np
 
 from gdmp_ros.dmp.skill import CONNECTIONS
+from gdmp_ros.files.recordings import STIFFNESSES
 from gdmp_ros.nodes.parameters import Parameters, Spec
 from gdmp_ros.realtime.tool_skill import PlayerSettings
 
@@ -17,7 +18,7 @@ SPECS = (
     Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
     Spec('learned_stiffness', 'auto', 'where stiffness comes from when learning: as recorded, '
          'from the variance of several demonstrations, or none; auto: the first that there is',
-         choices=('auto', 'recorded', 'variance', 'none')),
+         choices=STIFFNESSES),
     Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     live('start_from', 'measured', "where motions start: at the measured pose, or the skill's",

@@ -35,7 +35,6 @@ class Teacher(Client):
         super().__init__('teacher', check)
         self.frame = frame
         self.pose: np.ndarray | None = None
-        self.recorder: RecorderState | None = None
         self._heard: deque[RecorderState] = deque(maxlen=2)
         self._hand = self.node.create_publisher(PoseStamped, f'{SIM}/hand_pose', reliable(1))
         self.node.create_subscription(PoseStamped, f'{SIM}/measured_pose', self._on_pose,
@@ -47,15 +46,14 @@ class Teacher(Client):
         self.pose = wire.pose_numbers(message.pose)
 
     def _on_recorder(self, message: RecorderState) -> None:
-        self.recorder = message
         self._heard.append(message)
 
     def ready(self, timeout: float = 120.0) -> None:
         """Make the arm weightless, and wait until the recorder can begin."""
         self.wait('the arm', lambda: self.pose is not None, timeout)
         self.asked(SetBool, f'{SIM}/teach', data=True)
-        self.wait('the recorder', lambda: (self.recorder is not None
-                                           and self.recorder.status == 'ready'), timeout)
+        self.wait('the recorder', lambda: bool(self._heard) and self._heard[-1].status == 'ready',
+                  timeout)
         self.wait('the arm to feel a hand', lambda: self._hand.get_subscription_count() > 0, 30.0)
 
     def asked(self, kind: Any, name: str, **fields: Any) -> str:

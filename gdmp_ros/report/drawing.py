@@ -112,12 +112,13 @@ def run_in_space(run: Run) -> go.Figure:
                    _point(moving[-1, :3], 'end', 'diamond')])
 
 
-def run_over_time(run: Run, marks: Sequence[findings.Event]) -> go.Figure:
+def run_over_time(run: Run, tracked: findings.Tracking,
+                  marks: Sequence[findings.Event]) -> go.Figure:
     """Errors, stiffness, speed, energy and lateness."""
     origin = run.state_stamps[0]
     times = (run.state_stamps - origin) * 1e-9
     sent = (run.reference_stamps - origin) * 1e-9
-    states, away, turned = findings.tracking(run)
+    states, away, turned = tracked
     kept, less = _thin(len(times)), _thin(len(sent))
 
     def blocks(rows: np.ndarray) -> np.ndarray:

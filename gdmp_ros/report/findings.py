@@ -31,12 +31,22 @@ class Event(NamedTuple):
     what: str
 
 
-def tracking(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+class Tracking(NamedTuple):
     """
-    Compare the measured pose with the reference that was being followed, state by state.
+    How far the arm was from what it followed.
 
-    :returns: indices of the states that followed a recorded reference, distances [m], angles [rad]
+    :ivar states: indices of the states that followed a recorded reference
+    :ivar away: distances [m]
+    :ivar turned: angles [rad]
     """
+
+    states: np.ndarray
+    away: np.ndarray
+    turned: np.ndarray
+
+
+def tracking(run: Run) -> Tracking:
+    """Compare the measured pose with the reference that was being followed, state by state."""
     order = np.argsort(run.sequences, kind='stable')
     at = np.minimum(np.searchsorted(run.sequences[order], run.applied), len(order) - 1)
     index = order[at]
@@ -46,7 +56,7 @@ def tracking(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     manifold = UnitQuaternion()
     turned = np.array([2.0 * manifold.distance(a, manifold.align(b, a))
                        for a, b in zip(had[:, 3:], wanted[:, 3:])])
-    return states, away, turned
+    return Tracking(states, away, turned)
 
 
 def lateness(run: Run) -> np.ndarray:
@@ -105,9 +115,9 @@ def _bites(run: Run) -> list[tuple[int, str]]:
     return result
 
 
-def figures(run: Run) -> list[tuple[str, str]]:
+def figures(run: Run, tracked: Tracking) -> list[tuple[str, str]]:
     """Rows of the summary."""
-    states, away, turned = tracking(run)
+    states, away, turned = tracked
     late = 1e6 * lateness(run)
     told = np.abs(np.median(late)) < 1e6 * OTHER_CLOCK_S
     seconds = np.ptp(run.reference_stamps) * 1e-9

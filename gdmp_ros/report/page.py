@@ -39,11 +39,11 @@ def write(bag: Path, path: Path) -> str:
 
 def _run(bag: Path) -> dict[str, object]:
     run = runs.read(bag)
-    events = findings.events(run)
+    events, tracked = findings.events(run), findings.tracking(run)
     marks = events if len(events) <= MOST_MARKS else []
-    return {'title': f'Run {bag.name}', 'rows': findings.figures(run), 'events': events,
+    return {'title': f'Run {bag.name}', 'rows': findings.figures(run, tracked), 'events': events,
             'space': drawing.html(drawing.run_in_space(run), 'space'),
-            'time': drawing.html(drawing.run_over_time(run, marks), 'time')}
+            'time': drawing.html(drawing.run_over_time(run, tracked, marks), 'time')}
 
 
 def _demonstration(bag: Path) -> dict[str, object]:

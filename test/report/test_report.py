@@ -45,7 +45,7 @@ def made_run(count=2000):
 
 def test_a_run_is_summed_up_and_its_events_are_told_in_order():
     run = made_run()
-    rows = dict(findings.figures(run))
+    rows = dict(findings.figures(run, findings.tracking(run)))
     assert rows['references lost'] == '300' == str(runs.lost(run))
     assert rows['lateness p50, p99, max'] == '50, 50, 50 µs'
     states, away, turned = findings.tracking(run)
