@@ -44,5 +44,6 @@ setup(
         'panda_sim = gdmp_ros.nodes.panda_sim:main',
         'take_recorder = gdmp_ros.nodes.take_recorder:main',
         'trajectory_server = gdmp_ros.nodes.trajectory_server:main',
+        'visualizer = gdmp_ros.nodes.visualizer:main',
     ]},
 )

@@ -110,6 +110,13 @@ class Rollout:
         """The present moment, without letting time pass."""
         return self.advance(0.0)
 
+    def copy(self) -> Rollout:
+        """Make a roll-out at the same moment that goes on by itself: to look ahead."""
+        result: Rollout = _new(Rollout)
+        result.__dict__.update(self.__dict__)
+        result._adopt(self._memory.copy())
+        return result
+
     def retarget(self, goal: np.ndarray) -> None:
         """
         Switch to a new goal; the present one moves there along the geodesic, [GDMP] eq. (28).

@@ -196,9 +196,8 @@ class Adapter(ManagedNode):
     def _stiffness_output(self) -> Callable[[Passed], None]:
         p = self.parameters
         if p.stiffness == 'parameters':
-            self._client = self.create_client(
+            self._client = self.add_client(
                 SetParametersAtomically, f'{p.stiffness_node}/set_parameters_atomically')
-            self._held.append((self.destroy_client, self._client))
             return self._set_parameters
         kind = WrenchStamped if p.stiffness == 'wrench' else Float64MultiArray
         self._stiffness = self.add_publisher(kind, p.stiffness_topic, 1)

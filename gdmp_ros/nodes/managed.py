@@ -90,10 +90,16 @@ class ManagedNode(LifecycleNode):
     def cleanup(self) -> None:
         """Release everything."""
 
-    def add_publisher(self, kind: Any, topic: str, depth: int) -> Any:
-        """Reliable publisher that `release` takes down; its QoS can be overridden."""
-        made = self.create_publisher(kind, topic, reliable(depth),
-                                     qos_overriding_options=OVERRIDABLE())
+    def add_publisher(self, kind: Any, topic: str, depth: int, latched: bool = False) -> Any:
+        """
+        Reliable publisher that `release` takes down; its QoS can be overridden.
+
+        :param latched: who comes later gets the last messages too (transient local)
+        """
+        quality = reliable(depth)
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        made = self.create_publisher(kind, topic, quality, qos_overriding_options=OVERRIDABLE())
         self._held.append((self.destroy_publisher, made))
         return made
 
@@ -117,6 +123,12 @@ class ManagedNode(LifecycleNode):
         """Service ``~/name``."""
         made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
         self._held.append((self.destroy_service, made))
+
+    def add_client(self, kind: Any, name: str) -> Any:
+        """Client of a service that `release` takes down."""
+        made = self.create_client(kind, name)
+        self._held.append((self.destroy_client, made))
+        return made
 
     def add_report(self, callback: Callable[[], None]) -> None:
         """Call ``callback`` ten times a second."""

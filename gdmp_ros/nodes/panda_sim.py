@@ -11,13 +11,13 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference import Origin
-from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take, take_latest
 from gdmp_ros.nodes.parameters import Parameters
@@ -25,6 +25,7 @@ from gdmp_ros.nodes.sim_parameters import controller_settings, grip_settings, SP
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.description import urdf
 from gdmp_ros.sim.grip import Grip
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.sim.viewer import Viewer
@@ -234,6 +235,7 @@ class PandaSim(ManagedNode):
         self._requested = self.add_publisher(Float64MultiArray, '~/requested_stiffness', 10)
         self._joints = self.add_publisher(JointState, 'joint_states', 10)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._describe()
         if self.parameters.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', 10)
         state, pose = RobotState(), PoseStamped()
@@ -243,6 +245,15 @@ class PandaSim(ManagedNode):
         self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
         self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
         self._joint_message = JointState(name=names)
+
+    def _describe(self) -> None:
+        """Publish what the arm looks like, for RViz and robot_state_publisher."""
+        try:
+            text = urdf(self._loop.arm, self.parameters.frame_id, self.parameters.joint_speed)
+        except DataError as error:
+            self.get_logger().warning(f'no robot_description: {error}')
+            return
+        self.add_publisher(String, 'robot_description', 1, latched=True).publish(String(data=text))
 
     def _make_inputs(self) -> None:
         self._reference = self.add_subscription(Reference, self.parameters.reference_topic, None,

@@ -10,7 +10,13 @@ from pathlib import Path
 
 import yaml
 
-from gdmp_ros.nodes import adapter, server_parameters, sim_parameters, take_recorder
+from gdmp_ros.nodes import (
+    adapter,
+    server_parameters,
+    sim_parameters,
+    take_recorder,
+    visualizer,
+)
 from gdmp_ros.nodes.parameters import CHANGES, Spec
 from gdmp_ros.writing import write_text
 
@@ -19,6 +25,7 @@ NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'panda_sim': ('Simulated Panda', sim_parameters.SPECS),
     'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
+    'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),
 }
 _WIDTH = 98
 

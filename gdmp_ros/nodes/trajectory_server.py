@@ -14,7 +14,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ServerState
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped
+from nav_msgs.msg import Path as PathMessage
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -42,6 +43,8 @@ CLOCK_JUMP_S, STALL_S = 0.01, 0.05
 #: Ticks between two looks at the measured pose, and between two at the goals. Polled, a flood of
 #: messages costs no more than a few: an executor would wake for each.
 POLL_EVERY = 20
+#: Poses of the path to come in one duration of the motion, and reports between two such paths.
+PLAN_POSES, PLAN_EVERY = 40, 5
 
 
 class TrajectoryServer(ManagedNode):
@@ -63,6 +66,7 @@ class TrajectoryServer(ManagedNode):
         self._complaints: deque[str] = deque(maxlen=10)
         self._publishing: list[str] = []
         self._active = False
+        self._planned = False
         self._lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
@@ -272,6 +276,7 @@ class TrajectoryServer(ManagedNode):
     def _make_publishers(self) -> None:
         self._stream_out = ReferencePublisher(self, self.parameters.frame_id)
         self._state = self.add_publisher(ServerState, '~/state', 10)
+        self._plan = self.add_publisher(PathMessage, '~/plan', 1)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def _make_inputs(self) -> None:
@@ -387,6 +392,8 @@ class TrajectoryServer(ManagedNode):
         if player is None:
             return message
         message.status, message.refused = player.status, player.refused
+        message.goal = [Pose()]
+        wire.set_pose(message.goal[0], player.goal())
         message.last_refusal = player.last_refusal
         rollout = player.rollout
         if rollout is not None:
@@ -414,8 +421,24 @@ class TrajectoryServer(ManagedNode):
             self._publishing = self.publishers('~/reference')
         return self._publishing
 
+    def _publish_plan(self) -> None:
+        """Publish the path to come where somebody looks at it, and once more when it is over."""
+        player = self.player
+        if player is None or self._plan.get_subscription_count() == 0:
+            return
+        poses = player.to_come(PLAN_POSES)
+        if poses is None and self._planned and player.status == 'holding':
+            poses = np.empty((0, 7))
+        if poses is not None:
+            self._planned = len(poses) > 0
+            self._plan.publish(wire.path_message(poses, self.parameters.frame_id,
+                                                 self.get_clock().now().to_msg()))
+        if player.status in ('moving', 'paused') and self._reports % PLAN_EVERY == 0:
+            player.look_ahead()
+
     def _report(self) -> None:
         self._tell()
+        self._publish_plan()
         figures = self._lateness.punctuality(1000)
         message = self.state(figures)
         self._state.publish(message)

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from builtin_interfaces.msg import Time
 from gdmp_msgs.msg import Reference, RobotState
 from geometry_msgs.msg import Pose, PoseStamped
+from nav_msgs.msg import Path
 import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
@@ -112,6 +113,17 @@ def fill_matrix(message: Float64MultiArray, numbers: np.ndarray) -> None:
 def fill_pose_stamped(message: PoseStamped, numbers: np.ndarray) -> None:
     """Write a pose."""
     set_pose(message.pose, numbers)
+
+
+def path_message(poses: np.ndarray, frame: str, stamp: Time) -> Path:
+    """Path through poses (x, y, z, qw, qx, qy, qz), shape ``(T, 7)``."""
+    result = Path()
+    result.header.frame_id, result.header.stamp = frame, stamp
+    for numbers in poses:
+        one = PoseStamped(header=result.header)
+        set_pose(one.pose, numbers)
+        result.poses.append(one)
+    return result
 
 
 def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:

@@ -24,6 +24,8 @@ from gdmp_ros.realtime.tool_skill import PlayerSettings, ToolSkill
 NEAR_M, NEAR_RAD = 0.02, 0.1
 #: Tempo at least with which a motion takes over from one under way.
 LEAST_SPEED = 0.1
+#: Durations of a motion to look ahead at most.
+MOST_TO_COME = 5
 _S3 = UnitQuaternion()
 
 
@@ -47,6 +49,9 @@ class Player:
         self._next_pose: np.ndarray | None = None
         self._next_stiffness: np.ndarray | None = None
         self._next_measured: np.ndarray | None = None
+        # The other way round: asked for by any thread, filled by `tick`.
+        self._copy_wanted = False
+        self._copy: Rollout | None = None
 
     @property
     def speed_rate(self) -> float:
@@ -172,6 +177,33 @@ class Player:
             result.append(manifold.factors[2].distance(np.ascontiguousarray(matrix), goal[2]))
         return result
 
+    def goal(self) -> np.ndarray:
+        """Pose goal (x, y, z, qw, qx, qy, qz) of the motion, of the skill before there is one."""
+        rollout = self._rollout
+        return np.array((self.tool.skill.goal if rollout is None else rollout.goal)[:7])
+
+    def look_ahead(self) -> None:
+        """Have the next tick leave a copy of the motion for `to_come`."""
+        self._copy_wanted = True
+
+    def to_come(self, count: int) -> np.ndarray | None:
+        """
+        Poses from the moment of the last copy on, until the motion is over.
+
+        :param count: how many there are in one duration of the motion
+        :returns: shape ``(T, 7)``; None without a copy since the last call
+        """
+        rollout, self._copy = self._copy, None
+        if rollout is None:
+            return None
+        rollout.set_speed(1.0)
+        step = rollout.duration / count
+        poses = [rollout.state.point[:7]]
+        # A goal that moves slowly, or a tempo that has to grow first, take longer than that.
+        while not rollout.finished and len(poses) < MOST_TO_COME * count:
+            poses.append(rollout.advance(step).point[:7])
+        return np.array(poses)
+
     def tick(self, dt: float) -> np.ndarray | None:
         """
         Let ``dt`` seconds pass.
@@ -185,6 +217,8 @@ class Player:
             return target
         self._take_goal(rollout)
         self._take_measured(rollout)
+        if self._copy_wanted:
+            self._copy_wanted, self._copy = False, rollout.copy()
         self._playing.fill(rollout.advance(dt), target)
         if self._stopping and rollout.speed == 0.0:
             self._stopping, self._rollout = False, None

@@ -63,6 +63,11 @@ class Arm:
         self.reset()
 
     @property
+    def tool_body(self) -> int:
+        """Number of the body that carries the tool."""
+        return self._body
+
+    @property
     def period(self) -> float:
         """Time step [s]."""
         return float(self.model.opt.timestep)

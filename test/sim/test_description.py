@@ -1,0 +1,71 @@
+"""The description says the same as the model: MuJoCo reads it back."""
+import mujoco
+import numpy as np
+import pytest
+
+from gdmp_ros import DataError
+from gdmp_ros.sim import description
+from gdmp_ros.sim.panda import Arm
+
+
+def read_back(arm, **options):
+    spec = mujoco.MjSpec.from_string(description.urdf(arm, **options))
+    spec.compiler.fusestatic = False
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+def test_frames_masses_and_limits_are_those_of_the_model(rng):
+    arm = Arm()
+    model, data = read_back(arm)
+    assert [model.joint(i).name for i in range(model.njnt)] == arm.names
+    for _ in range(5):
+        posture = rng.uniform(arm.limits.lower, arm.limits.upper)
+        arm.reset(posture)
+        data.qpos[:] = posture
+        mujoco.mj_forward(model, data)
+        for ours in ('link1', 'link4', 'link7', 'hand', 'left_finger'):
+            np.testing.assert_allclose(data.body(f'panda_{ours}').xpos, arm.data.body(ours).xpos,
+                                       atol=1e-12)
+            np.testing.assert_allclose(data.body(f'panda_{ours}').xmat, arm.data.body(ours).xmat,
+                                       atol=1e-12)
+        np.testing.assert_allclose(data.body('panda_tcp').xpos, arm.data.site('tcp').xpos,
+                                   atol=1e-12)
+        inertia = np.zeros((7, 7))
+        mujoco.mj_fullM(model, data, inertia)
+        # URDF knows no armature.
+        np.testing.assert_allclose(inertia + np.diag(arm.model.dof_armature),
+                                   arm.measure().inertia, atol=1e-12)
+    np.testing.assert_allclose(model.jnt_range, np.column_stack([arm.limits.lower,
+                                                                 arm.limits.upper]))
+
+
+def test_shapes_lie_where_the_geoms_are():
+    arm = Arm()
+    arm.reset(np.full(7, 0.3) * [1, 1, 1, -4, 1, 4, 1])
+    drawn = description.shapes(arm)
+    placed = np.array([description.placed(arm, shape)[:3] for shape in drawn])
+    assert {shape.kind for shape in drawn} == {'box', 'cylinder', 'sphere'}
+    solid = [i for i in range(arm.model.ngeom) if arm.model.geom_bodyid[i] > 0]
+    for i in solid:
+        assert np.linalg.norm(placed - arm.data.geom_xpos[i], axis=1).min() < 1e-12
+    # Both round ends of each capsule.
+    capsules = sum(arm.model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CAPSULE for i in solid)
+    assert sum(shape.kind == 'sphere' for shape in drawn) == 2 * capsules
+
+
+def test_links_take_the_name_of_the_base_frame():
+    text = description.urdf(Arm(), 'left_link0')
+    assert '<link name="left_link0">' in text and '<link name="left_tcp" />' in text
+    other = description.urdf(Arm(), 'base')
+    assert '<link name="base">' in other and '<link name="link1">' in other
+
+
+def test_what_urdf_cannot_say_is_refused(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text("""<mujoco><worldbody><body name="a"><body name="b" pos="0 0 1">
+        <joint name="j" type="hinge" pos="0.1 0 0"/><geom size="0.1"/>
+        <site name="tcp"/></body></body></worldbody>
+        <actuator><motor joint="j"/></actuator></mujoco>""")
+    with pytest.raises(DataError, match=r"b: URDF describes one hinge .* \['j'\]"):
+        description.urdf(Arm(path))
