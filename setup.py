@@ -21,7 +21,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
-        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/config', glob('config/*.yaml') + glob('config/*.rviz')),
+        (f'share/{NAME}/config/layouts', glob('config/layouts/*')),
         (f'share/{NAME}/config/presets', glob('config/presets/*.yaml')),
         (f'share/{NAME}/config/security', glob('config/security/*.xml')),
     ],
@@ -40,6 +41,7 @@ setup(
     zip_safe=False,
     entry_points={'console_scripts': [
         'adapter = gdmp_ros.nodes.adapter:main',
+        'composed = gdmp_ros.nodes.composed:main',
         'gdmp = gdmp_ros.cli.main:main',
         'panda_sim = gdmp_ros.nodes.panda_sim:main',
         'take_recorder = gdmp_ros.nodes.take_recorder:main',

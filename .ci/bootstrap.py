@@ -6,6 +6,7 @@ the environment and installs ``gdmp_ros`` editable. Where a Jazzy installation i
 rclpy is used instead of the wheels. Does nothing, quickly, where nothing has changed.
 """
 import argparse
+import configparser
 import hashlib
 import os
 from pathlib import Path
@@ -148,11 +149,12 @@ def write_wrappers(venv, prefixes):
               'LD_LIBRARY_PATH': os.pathsep.join(filter(None, libraries)),
               'PYTHONPATH': os.environ.get('PYTHONPATH', '')}
     exports = ''.join(f"export {name}='{value}'\n" for name, value in values.items())
-    for name, module in (('gdmp', 'cli.main'), ('panda_sim', 'nodes.panda_sim'),
-                         ('trajectory_server', 'nodes.trajectory_server')):
+    scripts = configparser.ConfigParser()
+    scripts.read(next(venv.glob('lib/python*/site-packages/gdmp_ros-*.dist-info/entry_points.txt')))
+    for name, target in scripts['console_scripts'].items():
         script = venv / 'bin' / name
         script.write_text(f'#!/bin/sh\n{exports}'
-                          f"exec '{venv}/bin/python' -m gdmp_ros.{module} \"$@\"\n")
+                          f"exec '{venv}/bin/python' -m {target.partition(':')[0]} \"$@\"\n")
         script.chmod(0o755)
     python = venv / 'bin' / 'python-ros'
     python.write_text(f'#!/bin/sh\n{exports}exec \'{venv}/bin/python\' "$@"\n')

@@ -1,0 +1,79 @@
+"""
+One robot: trajectory server, simulated arm, what shows them.
+
+    ros2 launch gdmp_ros arm.launch.py skill:=$PWD/skill.json use_rviz:=true
+    ros2 launch gdmp_ros arm.launch.py namespace:=left base_frame:=left_link0
+    ros2 launch gdmp_ros arm.launch.py composed:=true
+"""
+import json
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+#: Name, default, what it is.
+ARGUMENTS = (
+    ('namespace', '', 'of all nodes'),
+    ('skill', '', 'skill file to load'),
+    ('headless', 'true', "without the simulation's window"),
+    ('use_rviz', 'false', 'start RViz'),
+    ('use_sim', 'true', 'start the simulated arm; false: a robot publishes measured_pose_topic'),
+    ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can'),
+    ('composed', 'false', 'all nodes in one process'),
+    ('visualize', 'true', 'start the visualizer: markers, handles'),
+    ('model', '', 'MJCF file of another arm'),
+    ('base_frame', 'panda_link0', "frame of the robot's base"),
+    ('measured_pose_topic', 'panda_sim/measured_pose', 'where motions start'),
+    ('params_file', '', 'parameter file that comes last'),
+)
+
+
+def start(context):
+    """Make the nodes that the arguments ask for."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    on = {name: given[name].lower() in ('true', '1') for name in (
+        'headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize')}
+    share = FindPackageShare('gdmp_ros').perform(context)
+    frame = {'frame_id': given['base_frame'], 'use_sim_time': on['use_sim_time']}
+    wanted = {}
+    if on['use_sim']:
+        # The one that makes the simulated time must not wait for it.
+        wanted['panda_sim'] = {**frame, 'use_sim_time': False, 'headless': on['headless'],
+                               'model': given['model'],
+                               'pace': 'fast' if on['use_sim_time'] else 'wall'}
+    wanted['trajectory_server'] = {**frame, 'skill': given['skill'],
+                                   'measured_pose_topic': given['measured_pose_topic']}
+    if on['visualize'] or on['use_rviz']:
+        wanted['visualizer'] = {**frame, 'model': given['model']}
+    last = [given['params_file']] if given['params_file'] else []
+
+    def config(name):
+        return f'{share}/config/{name}.yaml'
+
+    common = {'namespace': given['namespace'], 'output': 'screen'}
+    if on['composed']:
+        result = [Node(package='gdmp_ros', executable='composed', arguments=list(wanted),
+                       parameters=[config(name) for name in wanted] + last,
+                       ros_arguments=[word for name, values in wanted.items()
+                                      for key, value in values.items()
+                                      for word in ('-p', f'{name}:{key}:={json.dumps(value)}')],
+                       **common)]
+    else:
+        result = [Node(package='gdmp_ros', executable=name, name=name,
+                       parameters=[config(name), values, *last], **common)
+                  for name, values in wanted.items()]
+    if on['use_rviz']:
+        result.append(Node(package='rviz2', executable='rviz2', name='rviz2', arguments=[
+            '-d', f'{share}/config/gdmp.rviz', '-f', given['base_frame']], **common))
+    return result
+
+
+def generate_launch_description():
+    """Describe the arguments, and what they start."""
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, default, text in ARGUMENTS),
+        OpaqueFunction(function=start)])

@@ -1,0 +1,26 @@
+"""
+Several robots, each with its nodes in a namespace of its own, with its own base frame.
+
+    ros2 launch gdmp_ros several.launch.py robots:='left right' skill:=$PWD/skill.json
+"""
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+
+def start(context):
+    """Include the launch file of one robot for each; other arguments go on to all of them."""
+    path = FindPackageShare('gdmp_ros').perform(context) + '/launch/arm.launch.py'
+    robots = LaunchConfiguration('robots').perform(context).split()
+    return [IncludeLaunchDescription(path, launch_arguments={
+        'namespace': robot, 'base_frame': f'{robot}_link0'}.items()) for robot in robots]
+
+
+def generate_launch_description():
+    """Describe the robots."""
+    return LaunchDescription([
+        DeclareLaunchArgument('robots', default_value='left right',
+                              description='namespaces, one for each robot'),
+        OpaqueFunction(function=start)])
