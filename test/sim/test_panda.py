@@ -66,7 +66,7 @@ def test_joint_and_torque_limits_are_the_robots():
 
 
 def test_bad_models_are_refused(tmp_path):
-    with pytest.raises(DataError, match='cannot load the model'):
+    with pytest.raises(DataError, match='there is no such file'):
         Arm(tmp_path / 'nothing.xml')
     (tmp_path / 'broken.xml').write_text('<mujoco><worldbody>')
     with pytest.raises(DataError, match='broken.xml'):
@@ -75,8 +75,12 @@ def test_bad_models_are_refused(tmp_path):
         Arm(tool='nose')
     (tmp_path / 'free.xml').write_text('<mujoco><worldbody><body><freejoint/><geom size="1"/>'
                                        '<site name="tcp"/></body></worldbody></mujoco>')
-    with pytest.raises(DataError, match='0 motors for 6'):
+    with pytest.raises(DataError, match='neither a hinge nor a slide'):
         Arm(tmp_path / 'free.xml')
+    (tmp_path / 'stiff.xml').write_text('<mujoco><worldbody><site name="tcp"/></worldbody>'
+                                        '</mujoco>')
+    with pytest.raises(DataError, match='0 motors for 0'):
+        Arm(tmp_path / 'stiff.xml')
 
 
 def test_the_arm_holds_still_without_references():
