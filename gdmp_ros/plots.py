@@ -11,6 +11,7 @@ import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.manifolds import Product
+from gdmp_ros.tuning import BasisError, GoalSwitch
 
 matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
                             'grid.alpha': 0.3, 'axes.spines.top': False,
@@ -155,6 +156,32 @@ def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],
     for each in (above, side):
         each.set_aspect('equal', 'datalim')
     timed.legend(fontsize=7)
+    return figure
+
+
+def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[GoalSwitch],
+                  gain: float) -> Figure:
+    """Draw what was tried: errors by basis functions, goal switches by gain."""
+    figure, axes = panels(1, 2, (4.6, 3.4))
+    left, right = axes[0]
+    counts = [one.functions for one in errors]
+    left.loglog(counts[:-1], [one.detail for one in errors[:-1]], '^:', color=INK[2],
+                label='from the finest')
+    left.loglog(counts, [one.shown for one in errors], 'o-', color=INK[0],
+                label='from what was shown')
+    left.loglog(counts, [one.unseen for one in errors], 's--', color=INK[1],
+                label='from one left out')
+    left.axvline(count, color='0.5', lw=0.8, label=f'enough: {count}')
+    left.set(xlabel='basis functions [1]', ylabel='mean distance / span [1]')
+    left.legend()
+    gains = [one.gain for one in switches]
+    right.plot(gains, [one.acceleration for one in switches], 'o-', color=INK[0],
+               label='adds acceleration [its own]')
+    right.plot(gains, [one.reached for one in switches], 's--', color=INK[1],
+               label='new goal reached after [durations]')
+    right.axvline(gain, color='0.5', lw=0.8, label=f'calm: {gain:g}')
+    right.set(xlabel='goal gain alpha_g [1]', ylim=(0.0, None))
+    right.legend()
     return figure
 
 

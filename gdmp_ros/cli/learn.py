@@ -43,6 +43,7 @@ class Recipe:
     stiffness: str
     k_min: float
     k_max: float
+    alpha_g: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,6 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='cut-off of smoothing: half the amplitude is left there')
     parser.add_argument('--regularization', type=float, default=0.0, metavar='R',
                         help='ridge of the regression, 1e-3 to 1e-1 for noisy data')
+    parser.add_argument('--alpha-g', type=float, default=8.0, metavar='G',
+                        help='gain of a moving goal: larger reaches it sooner and jerks more '
+                             '(default %(default)g)')
     parser.add_argument('--connection', choices=CONNECTIONS, default='parallel',
                         help="exact transport, or the paper's (default %(default)s)")
     parser.add_argument('--json', action='store_true', help='print a report as JSON')
@@ -85,10 +89,11 @@ def _count(text: str) -> int | str:
 
 def run(options: argparse.Namespace) -> None:
     """Learn, write the skill and report how well it reproduces the demonstrations."""
-    bags = [found for given in options.bags for found in _bags(given)]
+    bags = [found for given in options.bags for found in bags_in(given)]
     recipe = Recipe(options.pose_topic, options.stiffness_topic, options.n_basis,
                     options.connection, options.tolerance, options.smooth,
-                    options.regularization, options.stiffness, options.k_min, options.k_max)
+                    options.regularization, options.stiffness, options.k_min, options.k_max,
+                    options.alpha_g)
     if options.each:
         _learn_each(bags, recipe, options)
         return
@@ -121,14 +126,14 @@ def learn(bags: list[Path], recipe: Recipe, output: Path,
                                                   recipe.k_max)
     skill = Skill.learn(demonstrations, recipe.n_basis, connection=recipe.connection,
                         tolerance=recipe.tolerance, smoothing=recipe.smoothing,
-                        regularization=recipe.regularization,
+                        regularization=recipe.regularization, alpha_g=recipe.alpha_g,
                         provenance={'demonstrations': [str(bag) for bag in bags],
                                     'frame': shown[0].frame, 'stiffness': origin})
     skill.save(output)
     return fit_report(skill, demonstrations), skill.duration
 
 
-def _bags(given: Path) -> list[Path]:
+def bags_in(given: Path) -> list[Path]:
     """The bag itself, or all those in a folder."""
     if given.is_file() or (given / 'metadata.yaml').exists() or not given.is_dir():
         return [given]

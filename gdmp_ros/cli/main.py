@@ -9,8 +9,9 @@ import sys
 
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'teach', 'takes', 'learn', 'convert', 'inspect', 'plot', 'rollout', 'watch',
-         'report', 'doctor', 'bench', 'paper', 'demo', 'faults', 'soak')
+VERBS = ('record', 'teach', 'takes', 'tune', 'learn', 'convert', 'inspect', 'plot', 'rollout',
+         'watch', 'report', 'doctor', 'bench', 'paper', 'demo',
+         'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
@@ -22,6 +23,7 @@ a first skill, from handwriting to a motion:
 a skill of your own, in simulation:
   gdmp teach -o takes                       lead the arm by hand, a few takes
   gdmp takes takes                          compare them, drop the bad one
+  gdmp tune takes                           how to learn from them
   gdmp learn takes -o skill.json
 
 all of it on a simulated robot:
