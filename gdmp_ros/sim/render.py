@@ -6,47 +6,58 @@ A process of its own because the way to draw without a screen is chosen before M
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 import os
 from pathlib import Path
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 
+from gdmp_ros.errors import DataError
+
 #: Ways to render without a screen, tried in this order, and the Debian packages they need.
 BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
+#: Exit code when another way to render would not help.
+_REFUSED = 3
 
 
-def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: Path | None = None,
+def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | Path = '',
               frame_s: float = 0.05, environment: Mapping[str, str] | None = None) -> str | None:
     """
-    Write a picture (``.png``) or a film (``.webp``).
+    Write a picture (``.png``) or a film (``.webp``, ``.mp4``).
 
     :param joints: one posture, shape ``(n,)``, or one for each picture of a film [rad]
     :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
-    :param model: MJCF file; the built-in Panda by default
+    :param model: MJCF file or name; the built-in Panda by default
     :param frame_s: time between the pictures of a film [s]
     :returns: what to install where that is not possible, otherwise None
+    :raises DataError: if the film cannot be written
     """
     numbers = target.with_name(f'.{target.stem}.npz')
-    np.savez(numbers, joints=joints, path=path, model=str(model or ''), frame_s=frame_s)
+    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s)
     try:
         for backend in BACKENDS:
             done = subprocess.run(
                 [sys.executable, '-m', 'gdmp_ros.sim.render', str(numbers), str(target)],
-                env={**(environment or os.environ), 'MUJOCO_GL': backend}, capture_output=True)
+                env={**(environment or os.environ), 'MUJOCO_GL': backend}, capture_output=True,
+                text=True)
             if done.returncode == 0:
                 return None
+            said = (done.stdout.strip() or done.stderr.strip()).splitlines()
+            if done.returncode == _REFUSED:
+                raise DataError(said[-1])
     finally:
         numbers.unlink()
-    return f'no picture of the arm: install {" or ".join(BACKENDS.values())}'
+    return (f'no picture of the arm: install {" or ".join(BACKENDS.values())} '
+            f'({said[-1] if said else "no reason was given"})')
 
 
 def main(numbers: str, target: str) -> int:
     """Render what `render_to` left in ``numbers``."""
     from PIL import Image
 
-    from gdmp_ros.errors import DataError
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.viewer import Pictures
     with np.load(numbers) as given:
@@ -63,12 +74,33 @@ def main(numbers: str, target: str) -> int:
     except DataError as error:
         print(error)
         return 1
-    if film:
-        images[0].save(target, save_all=True, append_images=images[1:], duration=frame_ms, loop=0,
-                       quality=70)
-    else:
-        images[0].save(target)
+    try:
+        if target.endswith('.mp4'):
+            _encode(target, images, frame_ms)
+        elif film:
+            images[0].save(target, save_all=True, append_images=images[1:], duration=frame_ms,
+                           loop=0, quality=70)
+        else:
+            images[0].save(target)
+    except ModuleNotFoundError as error:
+        print(f"{error.name} is missing, it comes with pip install 'gdmp_ros[film]'")
+        return _REFUSED
+    except OSError as error:
+        print(f'{target}: cannot write: {error.strerror}')
+        return _REFUSED
     return 0
+
+
+def _encode(target: str, images: list[Any], frame_ms: int) -> None:
+    """Write H.264 that every browser plays."""
+    import av
+    with av.open(target, 'w') as out:
+        stream = out.add_stream('libx264', rate=Fraction(1000, frame_ms))
+        stream.width, stream.height = images[0].size
+        stream.pix_fmt = 'yuv420p'
+        for image in images:
+            out.mux(stream.encode(av.VideoFrame.from_image(image)))
+        out.mux(stream.encode())
 
 
 if __name__ == '__main__':

@@ -42,6 +42,9 @@ class Pictures:
         :raises DataError: without a way to render off screen; names the package to install
         """
         self._arm = arm
+        # -1 looks at the middle of a model that has no such camera.
+        self._camera = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
+        _offscreen(arm.model, size)
         try:
             self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
         except Exception as error:
@@ -60,10 +63,16 @@ class Pictures:
 
         :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
         """
-        self._renderer.update_scene(self._arm.data, camera='overview')
+        self._renderer.update_scene(self._arm.data, camera=self._camera)
         for position in path if path is not None else ():
             _bead(self._renderer.scene, position)
         return np.array(self._renderer.render())
+
+
+def _offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    """Let a model be drawn as large as is asked for."""
+    frame = model.vis.global_
+    frame.offwidth, frame.offheight = max(frame.offwidth, size[0]), max(frame.offheight, size[1])
 
 
 def _bead(scene: Any, position: np.ndarray) -> None:

@@ -1,0 +1,43 @@
+"""Describe an arm as URDF, for robot_state_publisher, RViz and others that read no MJCF.
+
+Frames, inertial parameters, limits and simple shapes are those of the model; meshes are left out.
+A running panda_sim publishes the same on robot_description.
+
+examples:
+  gdmp describe -o panda.urdf
+  gdmp describe menagerie:franka_fr3 --frame fr3_link0 -o fr3.urdf
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gdmp_ros.cli.needs import extra, needs
+from gdmp_ros.writing import write_text
+
+HELP = 'describe an arm as URDF'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('model', nargs='?', default='', metavar='MODEL',
+                        help='MJCF file, menagerie:NAME or robot_descriptions:NAME; the built-in '
+                             'Panda by default')
+    parser.add_argument('-o', '--output', type=Path, metavar='URDF', help='default: the terminal')
+    parser.add_argument('--frame', default='panda_link0', metavar='NAME',
+                        help='of the base link (default %(default)s)')
+    parser.add_argument('--tool-site', default='tcp', metavar='NAME',
+                        help='site that is controlled (default %(default)s)')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Load the model and write it."""
+    with needs(extra('sim')):
+        from gdmp_ros.sim.description import urdf
+        from gdmp_ros.sim.panda import Arm
+    text = urdf(Arm(options.model, options.tool_site), options.frame)
+    if options.output is None:
+        print(text, end='')
+        return
+    write_text(options.output, text)
+    print(f'wrote {options.output}')

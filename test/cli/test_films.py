@@ -1,0 +1,78 @@
+"""Films and descriptions from the command line."""
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from PIL import Image
+import pytest
+
+from gdmp_ros import Demonstration, Skill
+from gdmp_ros.files import lasa
+from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.playback import play
+
+
+def gdmp(*words, cwd=None, **options):
+    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
+                          capture_output=True, text=True, cwd=cwd, **options)
+
+
+@pytest.fixture(scope='module')
+def skill():
+    shown = lasa.robot_demonstrations('GShape')[0]
+    return Skill.learn(Demonstration(3.0 * shown.times / shown.duration, shown.points, shown.manifold))
+
+
+@pytest.fixture(scope='module')
+def folder(skill, tmp_path_factory):
+    path = tmp_path_factory.mktemp('films')
+    skill.save(path / 'skill.json')
+    return path
+
+
+def test_a_skill_is_played_by_the_simulated_arm(skill):
+    played = play(skill, Arm(), rest_s=0.3)
+    away = np.linalg.norm(played.measured[:, :3] - played.references[:, :3], axis=1)
+    assert len(played.joints) == len(played.references) > 3200
+    assert away.max() < 0.01
+    assert np.linalg.norm(played.references[-1, :3] - skill.goal[:3]) < 1e-3
+
+
+def test_films_have_as_many_pictures_as_they_say(folder):
+    av = pytest.importorskip('av')
+    done = gdmp('film', 'skill.json', '-o', 'skill.mp4', '--speed', '2', '--fps', '10', cwd=folder)
+    if 'no picture of the arm' in done.stderr:
+        pytest.skip(done.stderr)
+    assert done.returncode == 0, done.stderr
+    count = int(done.stdout.split(': ')[1].split()[0])
+    with av.open(str(folder / 'skill.mp4')) as film:
+        frames = [frame.to_ndarray(format='rgb24').astype(float)
+                  for frame in film.decode(video=0)]
+        assert film.streams.video[0].average_rate == 10
+    assert len(frames) == count > 5
+    assert frames[0].std() > 20.0  # not one colour
+    assert np.abs(frames[-1] - frames[0]).max() > 100.0  # something has moved
+    still = gdmp('film', 'skill.json', '-o', 'skill.png', cwd=folder)
+    assert still.returncode == 0 and Image.open(folder / 'skill.png').size == (960, 720)
+
+
+def test_bad_wishes_are_refused(folder):
+    for words, said in ((('skill.json', '-o', 'x.gif'), 'ending in .mp4, .webp or .png'),
+                        (('skill.json', '-o', 'x.mp4', '--speed', '0'), '--speed is 0'),
+                        (('skill.json', '-o', 'no/x.mp4'), 'no such folder'),
+                        (('nothing.json', '-o', 'x.mp4'), 'nothing.json'),
+                        (('skill.json', '-o', 'x.mp4', '--model', 'oven.xml'), 'no such file')):
+        done = gdmp('film', *words, cwd=folder)
+        assert done.returncode == 1 and said in done.stderr
+    assert not list(folder.glob('x.*')) and not list(folder.glob('.*'))
+
+
+def test_the_description_goes_to_the_terminal_or_to_a_file(folder):
+    shown = gdmp('describe', '--frame', 'left_link0')
+    assert shown.returncode == 0
+    robot = ET.fromstring(shown.stdout)
+    assert robot.find('link').get('name') == 'left_link0'
+    done = gdmp('describe', '-o', 'panda.urdf', cwd=folder)
+    assert done.returncode == 0
+    assert ET.parse(folder / 'panda.urdf').getroot().get('name') == 'panda'
