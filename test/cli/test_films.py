@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 import pytest
 
-from gdmp_ros import Demonstration, Skill
+from gdmp_ros import Skill
 from gdmp_ros.files import lasa
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.sim.playback import play
@@ -20,8 +20,7 @@ def gdmp(*words, cwd=None, **options):
 
 @pytest.fixture(scope='module')
 def skill():
-    shown = lasa.robot_demonstrations('GShape')[0]
-    return Skill.learn(Demonstration(3.0 * shown.times / shown.duration, shown.points, shown.manifold))
+    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
 
 
 @pytest.fixture(scope='module')
@@ -34,8 +33,8 @@ def folder(skill, tmp_path_factory):
 def test_a_skill_is_played_by_the_simulated_arm(skill):
     played = play(skill, Arm(), rest_s=0.3)
     away = np.linalg.norm(played.measured[:, :3] - played.references[:, :3], axis=1)
-    assert len(played.joints) == len(played.references) > 3200
-    assert away.max() < 0.01
+    assert len(played.joints) == len(played.references) > 4500
+    assert away.max() < 0.002
     assert np.linalg.norm(played.references[-1, :3] - skill.goal[:3]) < 1e-3
 
 
