@@ -10,7 +10,7 @@ import sys
 from gdmp_ros.errors import GdmpError
 
 VERBS = ('record', 'teach', 'takes', 'tune', 'learn', 'convert', 'inspect', 'plot', 'rollout',
-         'film', 'describe', 'watch', 'report', 'doctor', 'bench', 'paper', 'demo',
+         'film', 'gallery', 'describe', 'watch', 'report', 'doctor', 'bench', 'paper', 'demo',
          'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
