@@ -55,12 +55,14 @@ def start(context):
 
     common = {'namespace': given['namespace'], 'output': 'screen'}
     if on['composed']:
+        # Whatever comes later wins: files given as `parameters` would come after these words.
+        words = [word for name, values in wanted.items() for word in (
+            '--params-file', config(name),
+            *(part for key, value in values.items()
+              for part in ('-p', f'{name}:{key}:={json.dumps(value)}')))]
+        words += [word for path in last for word in ('--params-file', path)]
         result = [Node(package='gdmp_ros', executable='composed', arguments=list(wanted),
-                       parameters=[config(name) for name in wanted] + last,
-                       ros_arguments=[word for name, values in wanted.items()
-                                      for key, value in values.items()
-                                      for word in ('-p', f'{name}:{key}:={json.dumps(value)}')],
-                       **common)]
+                       ros_arguments=words, **common)]
     else:
         result = [Node(package='gdmp_ros', executable=name, name=name,
                        parameters=[config(name), values, *last], **common)

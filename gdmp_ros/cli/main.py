@@ -10,8 +10,8 @@ import sys
 from gdmp_ros.errors import GdmpError
 
 VERBS = ('record', 'teach', 'takes', 'tune', 'learn', 'convert', 'inspect', 'plot', 'rollout',
-         'film', 'gallery', 'describe', 'watch', 'report', 'doctor', 'bench', 'paper', 'demo',
-         'faults', 'soak')
+         'film', 'gallery', 'describe', 'execute', 'watch', 'report', 'doctor', 'bench', 'paper',
+         'demo', 'faults', 'soak')
 _EPILOG = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
@@ -25,6 +25,7 @@ a skill of your own, in simulation:
   gdmp takes takes                          compare them, drop the bad one
   gdmp tune takes                           how to learn from them
   gdmp learn takes -o skill.json
+  gdmp execute --load skill.json            on running nodes (panda_sim, trajectory_server)
 
 all of it on a simulated robot:
   gdmp demo

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import os
+import signal
 import sys
 from typing import Any
 
@@ -266,4 +267,7 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         for node in nodes:
             node.destroy_node()
         rclpy.shutdown()
+        # Another Ctrl-C while the interpreter ends would be told as a crash.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     return 0

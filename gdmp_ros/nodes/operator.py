@@ -51,6 +51,11 @@ class Operator(Client):
         self.handle = sent.result()
         self._result = self.handle.get_result_async()
 
+    def cancel(self, timeout: float = 5.0) -> None:
+        """Have the motion that was executed come to a smooth stop."""
+        asked = self.handle.cancel_goal_async()
+        self.wait('the motion to be cancelled', asked.done, timeout)
+
     def done(self) -> bool:
         """Whether the motion that was executed has ended."""
         return self._result is not None and bool(self._result.done())

@@ -71,8 +71,7 @@ class PandaSim(ManagedNode):
         self._loop = ClosedLoop(Arm(p.model, p.tool_site), controller_settings(p))
         self._grip = grip_settings(p)
         self.expect_compilation()
-        self._loop.tick()  # compiles the control law, or loads it from the cache
-        self._loop.reset()
+        self._loop.warm_up()  # compiles the control law, or loads it from the cache
         self._every = max(1, round(1.0 / (p.viewer_rate_hz * self._loop.arm.period)))
         self._make_publishers()
         self._make_inputs()

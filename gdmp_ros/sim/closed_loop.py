@@ -3,7 +3,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.control.controller import ControllerSettings, ImpedanceController, Tick
+from gdmp_ros.control.controller import (
+    ControllerSettings,
+    HOLD_STIFFNESS,
+    ImpedanceController,
+    Tick,
+)
+from gdmp_ros.control.impedance import DAMPING_RATIO, POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.control.limits import LIMITS, LimitSettings, TorqueLimiter
 from gdmp_ros.control.manipulability import (
     position_torque,
@@ -42,6 +48,20 @@ class ClosedLoop:
         """Offer a reference (`gdmp_ros.control.impedance.TARGET_SIZE` numbers) to the guard."""
         guard = self.controller.guard
         return guard.offer(target.copy(), Origin(guard.settings.frame))
+
+    def warm_up(self) -> None:
+        """Do once what a tick may do, so that nothing is compiled in a real-time loop; reset."""
+        self.tick()
+        target = np.zeros(TARGET_SIZE)
+        target[POSE:POSE + 7] = self.arm.measure().pose
+        target[STIFFNESS:STIFFNESS + 36] = HOLD_STIFFNESS.reshape(-1)
+        target[DAMPING_RATIO] = 0.7
+        self.follow(target)
+        self.tick()
+        self.led = True
+        self.tick()
+        self.led = False
+        self.reset()
 
     def tick(self) -> Tick:
         """Measure, compute the torque and let one period pass."""
