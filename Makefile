@@ -5,6 +5,7 @@
 # make faults everything that can go wrong on the nodes, tried, in out/faults
 # make soak   half an hour of work, watched, in out/soak
 # make fuzz   a coverage-guided fuzzer on every entrance (hours), in out/fuzz
+# make docs   the documentation as a site, in out/site
 # make setup  only the environment (make setup PYTHON=python3.12 for another interpreter)
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ VENV ?= .venv
 # With a sourced ROS the environment's Python needs what was sourced: python-ros carries it.
 PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || echo $(VENV)/bin/python)
 
-.PHONY: setup demo test lint bench paper faults soak fuzz clean
+.PHONY: setup demo test lint bench paper faults soak fuzz docs clean
 
 setup:
 	@$(PYTHON) .ci/bootstrap.py --venv $(VENV)
@@ -42,6 +43,10 @@ soak: setup
 fuzz: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check 'atheris>=3'
 	@$(PY) -m test.fuzz.run --out out/fuzz
+
+docs: setup
+	@$(PY) -m sphinx -q -W docs out/site
+	@echo out/site/index.html
 
 clean:
 	rm -rf $(VENV) out build install log

@@ -36,6 +36,7 @@ setup(
         'dask': ['distributed>=2024.1'],
         'models': ['mujoco-menagerie>=2026.10', 'robot_descriptions>=2'],
         'report': ['plotly>=6'],
+        'docs': ['furo>=2024.8', 'myst-parser>=4', 'sphinx>=8'],
         'film': ['av>=12'],
         'faults': ['libfaketime>=3', 'psutil>=5.9'],
         'fuzz': ['atheris>=3', 'hypothesis>=6.100'],

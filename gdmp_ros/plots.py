@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.manifolds import Product
+from gdmp_ros.manifolds import Manifold, Product
 from gdmp_ros.tuning import BasisError, GoalSwitch
 
 matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
@@ -197,8 +197,8 @@ def skill_figure(skill: Skill) -> Figure:
     grid = figure.add_gridspec(count, 2 if spatial else 1)
     for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
         values = np.array([p[i].reshape(-1) for p in points])
-        names = _component_names(factor.kind, factor.m)
-        keep = _independent(factor.kind, factor.m)
+        names = _component_names(factor)
+        keep = _independent(factor)
         series(figure.add_subplot(grid[i, 0]), trajectory.times, values[:, keep], names,
                f'{name}{_unit(name)}')
     if spatial:
@@ -214,19 +214,20 @@ def _unit(name: str) -> str:
     return {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]'}.get(name, '')
 
 
-def _independent(kind: str, m: int) -> list[int]:
-    if kind == 'spd':
-        return [i * m + j for i in range(m) for j in range(i, m)]
-    sizes = {'euclidean': m, 'sphere': m + 1, 'quaternion': 4, 'rotation': m * m}
-    return list(range(sizes[kind]))
+def _independent(factor: Manifold) -> list[int]:
+    """Numbers of a flat point that say something of their own."""
+    if factor.kind == 'spd':
+        return [i * factor.m + j for i in range(factor.m) for j in range(i, factor.m)]
+    return list(range(factor.point_size))
 
 
-def _component_names(kind: str, m: int) -> list[str]:
+def _component_names(factor: Manifold) -> list[str]:
+    kind, m = factor.kind, factor.m
     if kind == 'quaternion':
         return ['w', 'x', 'y', 'z']
     if kind == 'spd':
         return [f'{i + 1}{j + 1}' for i in range(m) for j in range(i, m)]
     if kind == 'rotation':
         return [f'{i + 1}{j + 1}' for i in range(m) for j in range(m)]
-    size = m + (kind == 'sphere')
+    size = factor.point_size
     return list('xyz'[:size]) if size <= 3 else [str(i + 1) for i in range(size)]

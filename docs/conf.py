@@ -1,0 +1,26 @@
+"""How the documentation site is built: ``make docs``, or ``sphinx-build docs out/site``."""
+from pathlib import Path
+import sys
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import gdmp_ros  # noqa: E402
+
+project = 'gdmp_ros'
+author = 'the gdmp_ros authors'
+version = release = gdmp_ros.__version__
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.viewcode']
+source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
+myst_enable_extensions = ['colon_fence']
+myst_heading_anchors = 3
+html_theme = 'furo'
+html_title = 'gdmp_ros'
+html_show_sphinx = False
+html_extra_path = ['skill.schema.json']
+
+#: A single `name` in a docstring is code.
+default_role = 'code'
+autodoc_member_order = 'bysource'
+autodoc_typehints = 'description'
+autodoc_typehints_description_target = 'documented'
+autodoc_default_options = {'members': True, 'show-inheritance': True}
