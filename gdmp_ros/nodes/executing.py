@@ -13,6 +13,9 @@ from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.operator import Operator
 from gdmp_ros.terminal import progress
 
+#: How long a server that has just started may take to hear of its robot [s].
+MEET_S = 10.0
+
 
 class Wish(NamedTuple):
     """
@@ -53,10 +56,19 @@ def execute(wish: Wish) -> int:
                 reply = operator.call(kind, f'{wish.server}/{name}', **fields)
                 if not reply.success:
                     raise GdmpError(reply.message)
+        _meet_robot(operator)
         operator.execute()
         return _follow(operator, wish)
     finally:
         operator.close()
+
+
+def _meet_robot(operator: Operator) -> None:
+    """Give a server that has just started a while to learn where the robot is; it may need not."""
+    for _ in range(round(MEET_S / 0.1)):
+        if operator.state is not None and operator.state.status != 'idle':
+            return
+        operator.spend(0.1)
 
 
 def _follow(operator: Operator, wish: Wish) -> int:

@@ -69,7 +69,7 @@ class InteractiveMarkers:
         self._sequence = 0
         self._dragged: dict[str, float] = {}
         self._update = node.add_publisher(InteractiveMarkerUpdate, '~/update', DEPTH)
-        node.add_subscription(InteractiveMarkerFeedback, '~/feedback', self._on_feedback, DEPTH)
+        node.add_subscription(InteractiveMarkerFeedback, '~/feedback', self.take_feedback, DEPTH)
         node.add_service(GetInteractiveMarkers, 'get_interactive_markers', self._on_get)
         self._name = node.get_fully_qualified_name()
 
@@ -116,7 +116,8 @@ class InteractiveMarkers:
         reply.sequence_number, reply.markers = self._sequence, list(self._markers.values())
         return reply
 
-    def _on_feedback(self, message: InteractiveMarkerFeedback) -> None:
+    def take_feedback(self, message: InteractiveMarkerFeedback) -> None:
+        """Use what a user does to a marker; of others, and without a finite pose, nothing."""
         marker = self._markers.get(message.marker_name)
         if marker is None or message.header.frame_id != marker.header.frame_id:
             return

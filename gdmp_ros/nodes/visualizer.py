@@ -67,15 +67,15 @@ class Visualizer(ManagedNode):
         self._markers = self.add_publisher(MarkerArray, '~/markers', 1)
         self._goal_out = self.add_publisher(PoseStamped, f'{p.server}/goal_pose', 1)
         self._hand_out = self.add_publisher(PoseStamped, f'{p.arm}/hand_pose', 1)
-        self.add_subscription(ServerState, f'{p.server}/state', self._on_server)
-        self.add_subscription(Path, f'{p.server}/plan', self._on_plan)
+        self.add_subscription(ServerState, f'{p.server}/state', self.take_server)
+        self.add_subscription(Path, f'{p.server}/plan', self.take_plan)
         # At 1 kHz: only the newest is looked at.
         self._robots = self.add_subscription(RobotState, f'{p.arm}/state', None)
         kinds = {title: (Trigger, f'{p.server}/{title}') for title in ('start', 'stop')}
         kinds |= {'pause': (SetBool, f'{p.server}/pause'), 'teach': (SetBool, f'{p.arm}/teach')}
         self._calls = {title: self.add_client(kind, name)
                        for title, (kind, name) in kinds.items()}
-        self._handles = InteractiveMarkers(self, self._on_used)
+        self.handles = InteractiveMarkers(self, self._on_used)
         self.add_report(self._show)
         self.parameters.locked = True
 
@@ -88,8 +88,8 @@ class Visualizer(ManagedNode):
         if not self._active:
             return
         self._active = False
-        for name in self._handles.names():
-            self._handles.remove(name)
+        for name in self.handles.names():
+            self.handles.remove(name)
         self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
 
     def cleanup(self) -> None:
@@ -98,17 +98,26 @@ class Visualizer(ManagedNode):
 
     # What is heard
 
-    def _on_server(self, message: ServerState) -> None:
-        self._goal = wire.pose_numbers(message.goal[0]) if message.goal else None
+    def take_server(self, message: ServerState) -> None:
+        """Show this state of the server from now on."""
+        goal = wire.pose_numbers(message.goal[0]) if message.goal else None
+        self._goal = goal if goal is not None and _is_pose(goal) else None
 
-    def _on_plan(self, message: Path) -> None:
-        self._coming = np.array([wire.pose_numbers(one.pose)[:3] for one in message.poses]
-                                ).reshape(-1, 3)
+    def take_plan(self, message: Path) -> None:
+        """Show this path to come from now on."""
+        poses = np.array([wire.pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
+        self._coming = poses[np.isfinite(poses).all(axis=1), :3]
 
     def _look(self) -> None:
         """Take the newest state of the arm, and put the model there."""
         message = take_latest(self._robots)
-        if message is None:
+        if message is not None:
+            self.take_robot(message)
+
+    def take_robot(self, message: RobotState) -> None:
+        """Show this state of the arm from now on, if it is one of this arm."""
+        if not (_is_pose(wire.pose_numbers(message.pose)) and np.isfinite(message.stiffness).all()
+                and np.isfinite(message.position).all()):
             return
         if len(message.position) != self._arm.model.nq:
             self.get_logger().warning(
@@ -173,14 +182,14 @@ class Visualizer(ManagedNode):
         tool = None if self._robot is None else wire.pose_numbers(self._robot.pose)
         for name, where in ((_GOAL, self._goal), (_HAND, tool)):
             if where is None:
-                self._handles.remove(name)
-            elif name not in self._handles.names():
-                self._handles.put(self._handle(name))
+                self.handles.remove(name)
+            elif name not in self.handles.names():
+                self.handles.put(self._handle(name))
             if where is not None:
-                self._handles.move(name, where)
-        if self._handles.dragged(_HAND):
+                self.handles.move(name, where)
+        if self.handles.dragged(_HAND):
             # A hand that says nothing for 0.3 s has let go.
-            self._send(self._hand_out, self._handles.pose(_HAND))
+            self._send(self._hand_out, self.handles.pose(_HAND))
 
     def _handle(self, name: str) -> InteractiveMarker:
         frame = self.parameters.frame_id
@@ -195,10 +204,10 @@ class Visualizer(ManagedNode):
         if message.event_type == kind.MENU_SELECT:
             self._ask(message.menu_entry_id)
         elif message.marker_name == _HAND and message.event_type == kind.POSE_UPDATE:
-            self._send(self._hand_out, self._handles.pose(_HAND))
+            self._send(self._hand_out, self.handles.pose(_HAND))
         elif message.marker_name == _GOAL and message.event_type == (
                 kind.MOUSE_UP if self.parameters.send_goal == 'released' else kind.POSE_UPDATE):
-            self._send(self._goal_out, self._handles.pose(_GOAL))
+            self._send(self._goal_out, self.handles.pose(_GOAL))
 
     def _send(self, publisher: Any, pose: np.ndarray) -> None:
         message = PoseStamped()
@@ -228,6 +237,11 @@ class Visualizer(ManagedNode):
     def _answered(self, title: str, reply: Any) -> None:
         if not reply.success:
             self.get_logger().warning(f'{title} was refused: {reply.message}')
+
+
+def _is_pose(numbers: np.ndarray) -> bool:
+    """Whether numbers can be drawn as a pose."""
+    return bool(np.isfinite(numbers).all() and abs(np.linalg.norm(numbers[3:]) - 1.0) < 0.01)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,7 +6,7 @@ script in a folder of its own. After ``bash`` may come: ``long`` (covered by oth
 arguments are checked), ``by-hand`` (needs somebody: the arguments are checked), ``ros2`` (run
 where the tools of ROS are), ``web`` (run where the web is), ``elsewhere`` (another machine, or
 the administrator's rights). ``python`` is run; ``python file=`` and ``patch=`` change a copy of
-the package, in which ``python test`` is run.
+the package, in which ``python test`` is run (``test-long`` if GDMP_TEST_LONG is set).
 """
 import importlib
 import os
@@ -28,6 +28,10 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
 #: What a page takes for granted: files that an earlier page has made, names in pieces of Python.
+#: What a page has left running must not have died.
+_STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
+                'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
+                'done\n')
 _SKILL = 'gdmp record lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 NAMES = {'docs/skills.md': """
@@ -80,7 +84,8 @@ def run_script(text, folder):
     domain = Domain()
     script = folder / '.page.sh'
     script.write_text('set -eo pipefail\n'
-                      "trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT\n" + text)
+                      "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT\n"
+                      + text + _STILL_THERE)
     environment = {**os.environ, **domain.environment(),
                    'PATH': os.pathsep.join([str(Path(sys.executable).parent),
                                             os.environ['PATH']])}
@@ -187,6 +192,7 @@ def test_python_works_as_written(page, folder):
 def test_changes_of_the_package_work_as_written(page, tmp_path):
     copy = tmp_path / 'gdmp_ros'
     shutil.copytree(ROOT / 'gdmp_ros', copy, ignore=shutil.ignore_patterns('__pycache__'))
+    wanted = ['test', *(['test-long'] if os.environ.get('GDMP_TEST_LONG') else [])]
     code = ''
     for block in blocks(page):
         what, _, path = block.kind.partition('=')
@@ -198,7 +204,7 @@ def test_changes_of_the_package_work_as_written(page, tmp_path):
                 assert text.count(old) == 1, old
                 text = text.replace(old, new)
             (tmp_path / path).write_text(text)
-        elif block.language == 'python' and block.kind == 'test':
+        elif block.language == 'python' and block.kind in wanted:
             code += block.text
     environment = {**os.environ, 'PYTHONPATH': str(tmp_path),
                    'GDMP_CACHE': str(tmp_path / 'cache')}

@@ -171,11 +171,13 @@ def node(name: str) -> Any:
     from gdmp_ros.nodes.adapter import Adapter
     from gdmp_ros.nodes.panda_sim import PandaSim
     from gdmp_ros.nodes.trajectory_server import TrajectoryServer
+    from gdmp_ros.nodes.visualizer import Visualizer
     if not rclpy.ok():
         # A domain of one's own, kept to the end of the process.
         _nodes['domain'] = domain = Domain()
         rclpy.init(args=[], domain_id=domain.id)
-    made: Any = {'server': TrajectoryServer, 'sim': PandaSim, 'adapter': Adapter}[name]()
+    made: Any = {'server': TrajectoryServer, 'sim': PandaSim, 'adapter': Adapter,
+                 'visualizer': Visualizer}[name]()
     if name == 'server':
         path = _folder() / 'skill.json'
         short_skill().save(path)
@@ -199,6 +201,10 @@ def tick(name: str) -> None:
         made._publish(1e-3, time.time_ns())
     elif name == 'sim':
         made._advance(time.time_ns())
+    elif name == 'visualizer':
+        made._tend_handles()
+        made._all()
+        return
     else:
         made._tick(time.time_ns(), time.time_ns())
         return
@@ -317,6 +323,32 @@ def topic_reference() -> Entrance:
 def topic_passed_on() -> Entrance:
     """Reference that the adapter passes on to other controllers."""
     return _reference('adapter', lambda adapter, message: adapter.pass_on(message))
+
+
+def topic_shown() -> Entrance:
+    """State of an arm that the visualizer shows."""
+    from gdmp_msgs.msg import RobotState
+    valid = RobotState()
+    valid.pose.orientation.w = 1.0
+    valid.stiffness = np.diag([400.0] * 3 + [30.0] * 3).ravel()
+    valid.position = [0.0, -0.7, 0.0, -2.3, 0.0, 1.6, 0.8]
+    return _message(RobotState, [valid], 'visualizer',
+                    lambda node, message: node.take_robot(message))
+
+
+def topic_handle() -> Entrance:
+    """What a user does to the handles of the visualizer."""
+    from gdmp_msgs.msg import ServerState
+    from visualization_msgs.msg import InteractiveMarkerFeedback
+    made = node('visualizer')
+    made.take_server(ServerState(goal=[_pose().pose]))
+    tick('visualizer')
+    valid = [InteractiveMarkerFeedback(marker_name='goal', event_type=kind, menu_entry_id=1)
+             for kind in (1, 2, 4, 5)]
+    for message in valid:
+        message.header.frame_id, message.pose = FRAME, _pose().pose
+    return _message(InteractiveMarkerFeedback, valid, 'visualizer',
+                    lambda made, message: made.handles.take_feedback(message))
 
 
 def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
@@ -464,7 +496,7 @@ ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
         topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
-        topic_reference, topic_passed_on,
+        topic_reference, topic_passed_on, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
         action_execute, services_of_the_simulation, parameters_of_the_server,
         parameters_of_the_simulation)}

@@ -208,3 +208,42 @@ def pose_only(skill):
     path = skill.reproduce(0.005)
     manifold = Product(*skill.manifold.factors[:2])
     return Skill.learn(Demonstration(path.times, path.points[:, :7], manifold))
+
+
+def test_looking_ahead_tells_the_path_to_the_goal_and_changes_nothing(skill):
+    watched, alone = Player(skill, SETTINGS), Player(skill, SETTINGS)
+    for player in (watched, alone):
+        player.start(None)
+    assert watched.to_come(40) is None
+    run(watched, 500)
+    run(alone, 500)
+    watched.look_ahead()
+    assert watched.to_come(40) is None  # a copy is made in the tick
+    row, same = run(watched, 1)[0], run(alone, 1)[0]
+    path = watched.to_come(40)
+    np.testing.assert_allclose(path[0], row[:7], atol=1e-3)
+    assert 20 < len(path) < 100
+    assert np.linalg.norm(path[-1, :3] - skill.goal[:3]) < 1e-3
+    np.testing.assert_array_equal(row, same)
+    np.testing.assert_array_equal(run(watched, 300), run(alone, 300))
+    np.testing.assert_array_equal(watched.goal(), skill.goal[:7])
+    # After a switch the path leads to the new goal, which comes slowly.
+    goal = skill.goal[:7].copy()
+    goal[:3] += [0.05, -0.05, 0.02]
+    watched.goal_pose(goal)
+    watched.look_ahead()
+    run(watched, 1)
+    np.testing.assert_allclose(watched.goal(), goal)
+    np.testing.assert_allclose(watched.to_come(40)[-1, :3], goal[:3], atol=1e-3)
+
+
+def test_a_stopped_motion_can_be_looked_ahead_from(skill):
+    player = Player(skill, SETTINGS)
+    player.start(None)
+    run(player, 500)
+    player.pause(True)
+    run(player, 1000)
+    player.look_ahead()
+    run(player, 1)
+    assert np.linalg.norm(player.to_come(40)[-1, :3] - skill.goal[:3]) < 1e-3
+    assert player.status == 'paused'
