@@ -15,7 +15,7 @@ import time
 from typing import NamedTuple
 
 from gdmp_ros import compilation
-from gdmp_ros.realtime.domain import CHOSEN, network
+from gdmp_ros.realtime.domain import CHOSEN, network, RANGE
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
@@ -143,11 +143,13 @@ def _middleware() -> Finding:
 
 def _reach() -> Finding:
     chosen = [name for name in CHOSEN if os.environ.get(name)]
-    if network():
+    given = network()
+    if RANGE in given:
         return Finding('DDS', GOOD, 'this machine only, over UDP')
     words = ', '.join(f'{name}={os.environ[name]}' for name in chosen)
-    if 'FASTDDS_BUILTIN_TRANSPORTS' in chosen:
-        return Finding('DDS', GOOD, words)
+    if 'FASTDDS_BUILTIN_TRANSPORTS' in (*chosen, *given):
+        return Finding('DDS', GOOD, f'{words}, over {given.get("FASTDDS_BUILTIN_TRANSPORTS", "")}'
+                       if given else words)
     return Finding('DDS', FAIR, words, 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 keeps a node that is '
                    'killed from silencing others through shared memory')
 

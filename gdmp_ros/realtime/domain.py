@@ -12,10 +12,13 @@ from gdmp_ros.errors import GdmpError
 
 #: Ids whose ports do not collide with ephemeral ones on Linux.
 IDS = range(1, 102)
-#: With one of these the user has chosen who can reach the nodes, or how; otherwise we do.
-CHOSEN = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY',
-          'ROS_DISCOVERY_SERVER', 'FASTRTPS_DEFAULT_PROFILES_FILE',
-          'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS', 'CYCLONEDDS_URI')
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+#: With one of these the user has chosen who can reach the nodes, …
+REACH = (RANGE, 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER')
+#: … with one of these, over what; otherwise we do.
+TRANSPORT = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
+             'FASTDDS_BUILTIN_TRANSPORTS', 'CYCLONEDDS_URI')
+CHOSEN = (*REACH, *TRANSPORT)
 #: Sockets on 127.0.0.1 alone.
 PROFILE = Path(__file__).with_name('this_machine.xml')
 
@@ -25,20 +28,25 @@ def network() -> dict[str, str]:
     Environment that keeps nodes to this machine and to UDP, where the user has not chosen.
 
     In shared memory a process that is killed in the middle of a message can leave a lock behind
-    that silences others, also those that are started in its place.
+    that silences others, also those that are started in its place; and whoever publishes stands
+    still for a third of a second now and then when somebody new is met.
     """
-    if any(os.environ.get(name) for name in CHOSEN):
+    reach = [name for name in REACH if os.environ.get(name)]
+    if any(os.environ.get(name) for name in TRANSPORT):
         return {}
-    if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
-        return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
-                'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE)}
-    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    here = not reach or (reach == [RANGE] and os.environ[RANGE] == 'LOCALHOST')
+    if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+        return {RANGE: 'LOCALHOST'} if here else {}
+    if not here:
+        return {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+    # With LOCALHOST rmw adds shared memory, whatever else is said.
+    return {RANGE: 'SYSTEM_DEFAULT', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE)}
 
 
 def any_machine(environment: Mapping[str, str]) -> dict[str, str]:
     """Return an environment changed so that it reaches other machines too, over UDP."""
     kept = {name: value for name, value in environment.items() if name not in CHOSEN}
-    return {**kept, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    return {**kept, RANGE: 'SUBNET',
             'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
 
 

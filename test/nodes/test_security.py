@@ -10,7 +10,7 @@ import pytest
 from rclpy.action import get_action_server_names_and_types_by_node
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.domain import any_machine, CHOSEN
+from gdmp_ros.realtime.domain import any_machine, CHOSEN, RANGE
 from gdmp_ros.reliability.network import Quality, TwoHosts
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +66,8 @@ LOOK = ('import rclpy, time\nfrom rclpy.node import Node\nrclpy.init()\nnode = N
         'print("panda_sim" in node.get_node_names())')
 
 
-@pytest.mark.parametrize('chosen, seen', [({}, 'False'), (any_machine({}), 'True')])
+@pytest.mark.parametrize('chosen, seen', [
+    ({}, 'False'), ({RANGE: 'LOCALHOST'}, 'False'), (any_machine({}), 'True')])
 def test_only_this_machine_reaches_the_nodes_unless_more_is_asked_for(tmp_path, chosen, seen):
     plain = {key: value for key, value in os.environ.items() if key not in CHOSEN}
     try:

@@ -39,6 +39,8 @@ def test_what_dds_left_behind_is_found_and_a_choice_of_transport_is_respected(mo
         monkeypatch.delenv(name, raising=False)
     assert doctor._reach().level == doctor.GOOD
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    assert doctor._reach().found == 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET, over UDPv4'
+    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', '/mine.xml')
     assert doctor._reach().level == doctor.FAIR
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     assert doctor._reach().level == doctor.GOOD
