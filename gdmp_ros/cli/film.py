@@ -33,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='bag with the state of an arm, or skill file')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILM',
                         help=f'{" or ".join(SUFFIXES)}; .png: the last picture')
+    parser.add_argument('--robot', default='', metavar='NAME',
+                        help='namespace, where a bag has several robots')
     parser.add_argument('--speed', type=float, default=1.0, metavar='X',
                         help='times faster than it was (default %(default)g)')
     parser.add_argument('--fps', type=float, default=25.0, metavar='N',
@@ -53,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
         raise DataError(f'{options.output.parent}: there is no such folder')
     with needs(extra('sim')):
         from gdmp_ros.sim.render import render_to
-        times, joints, path = (_recorded(options.source) if options.source.is_dir()
+        times, joints, path = (_recorded(options) if options.source.is_dir()
                                or options.source.suffix == '.mcap' else _played(options))
     wanted = np.arange(times[0], times[-1], options.speed / options.fps)
     shown = joints[np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)]
@@ -65,9 +67,9 @@ def run(options: argparse.Namespace) -> None:
     print(f'wrote {options.output}: {1 if still else len(shown)} pictures')
 
 
-def _recorded(bag: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _recorded(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], joints [rad] and positions [m] of a run."""
-    found = runs.read(bag)
+    found = runs.read(options.source, options.robot)
     return (1e-9 * (found.state_stamps - found.state_stamps[0]), found.joints,
             found.poses[:, :3])
 

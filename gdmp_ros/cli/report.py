@@ -21,11 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='rosbag2 folder')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='HTML')
+    parser.add_argument('--robot', default='', metavar='NAME',
+                        help='namespace, where the bag has several robots')
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
     with needs(extra('report')):
         from gdmp_ros.report import page
-    what = page.write(options.bag, options.output)
+    what = page.write(options.bag, options.output, options.robot)
     print(f'wrote {options.output}, about {what}')

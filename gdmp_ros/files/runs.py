@@ -1,7 +1,7 @@
 """The two 1 kHz topics of a recorded run as arrays."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import gc
@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.files.bags import opened
+from gdmp_ros.files.bags import opened, REFERENCE, topics_in
 
 #: Sequence numbers of one publisher lie within this many of each other.
 ONE_STREAM = 1 << 20
 REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
+STATE = 'gdmp_msgs/msg/RobotState'
 
 
 @dataclass(frozen=True)
@@ -44,23 +45,44 @@ class Run:
     limited: np.ndarray
 
 
-def read(bag: Path) -> Run:
+def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
+    """
+    Topics of references and of states among those of a bag (`gdmp_ros.files.bags.topics`).
+
+    :param robot: namespace; any by default
+    """
+    within = f'/{robot.strip("/")}/' if robot else '/'
+    references, states = ([topic for topic, kind, _ in found
+                           if kind == wanted and topic.startswith(within)]
+                          for wanted in (REFERENCE, STATE))
+    return references, states
+
+
+def read(bag: Path, robot: str = '') -> Run:
     """
     Read a recorded run.
 
-    :raises DataError: if a topic is missing or empty
+    :param robot: namespace of the robot, where the bag has several
+    :raises DataError: if a topic is missing or empty, or it is not clear which of several
     """
     references: list[Any] = []
     states: list[Any] = []
     published: list[int] = []
     with opened(bag) as reader, _uncollected():
+        found = streams(topics_in(reader), robot)
+        for what, topics in zip(('references', 'states of an arm'), found):
+            if len(topics) != 1:
+                have = ', '.join(topics) or 'none'
+                raise DataError(f'{bag}: expected one topic with {what}'
+                                f'{f" in {robot}" if robot else ""}, the bag has {have}')
+        reference_topic, state_topic = found[0][0], found[1][0]
         for connection, bag_time, raw in reader.messages():
-            if connection.topic == REFERENCE_TOPIC:
+            if connection.topic == reference_topic:
                 published.append(bag_time)
             message: Any = reader.deserialize(raw, connection.msgtype)
-            {REFERENCE_TOPIC: references, STATE_TOPIC: states}.get(connection.topic, []).append(
+            {reference_topic: references, state_topic: states}.get(connection.topic, []).append(
                 message)
-    for topic, messages in ((REFERENCE_TOPIC, references), (STATE_TOPIC, states)):
+    for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
     return Run(

@@ -16,16 +16,16 @@ from gdmp_ros.writing import write_text
 MOST_MARKS = 40
 
 
-def write(bag: Path, path: Path) -> str:
+def write(bag: Path, path: Path, robot: str = '') -> str:
     """
     Write the report of a bag: of a run if it has references and states, else of a demonstration.
 
+    :param robot: namespace of the robot, where the bag has several
     :returns: what it is a report of
     :raises DataError: if the bag cannot be read, holds neither, or the page cannot be written
     """
-    topics = {topic for topic, _, _ in bags.topics(bag)}
-    is_run = {runs.REFERENCE_TOPIC, runs.STATE_TOPIC} <= topics
-    parts = _run(bag) if is_run else _demonstration(bag)
+    is_run = all(runs.streams(bags.topics(bag), robot))
+    parts = _run(bag, robot) if is_run else _demonstration(bag)
     page = Environment(loader=PackageLoader('gdmp_ros.report', '.'), autoescape=True)
     text = page.get_template('page.html').render(
         library=drawing.library(), source=str(bag), version=__version__, **parts)
@@ -37,8 +37,8 @@ def write(bag: Path, path: Path) -> str:
     return 'a run' if is_run else 'a demonstration'
 
 
-def _run(bag: Path) -> dict[str, object]:
-    run = runs.read(bag)
+def _run(bag: Path, robot: str) -> dict[str, object]:
+    run = runs.read(bag, robot)
     events, tracked = findings.events(run), findings.tracking(run)
     marks = events if len(events) <= MOST_MARKS else []
     return {'title': f'Run {bag.name}', 'rows': findings.figures(run, tracked), 'events': events,
