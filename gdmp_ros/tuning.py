@@ -26,6 +26,8 @@ SWITCH_AT, SWITCH_BY, CALM = 0.5, 0.25, 0.5
 REACHED = 0.05
 #: Bounds of any stiffness that is suggested [N/m].
 SOFTEST, STIFFEST = 20.0, 3000.0
+#: A position that moves less than this stands still [m].
+LEAST_SPAN = 1e-3
 _DT = 0.005
 
 
@@ -102,7 +104,11 @@ def goal_switches(skill: Skill, span: float) -> list[GoalSwitch]:
     Switch the goal of a pose skill half-way with different gains, along each axis both ways.
 
     :param span: of the position [m]
+    :raises DataError: if the position hardly moves
     """
+    if span < LEAST_SPAN:
+        raise DataError(f'the position moves by {1e3 * span:.2g} mm, goals are switched from '
+                        f'{1e3 * LEAST_SPAN:g} mm on')
     times = np.arange(0.0, 3.0 * skill.duration, _DT)
     usual = _peak(_positions(Rollout(skill), times))
     result = []
@@ -121,7 +127,8 @@ def goal_switches(skill: Skill, span: float) -> list[GoalSwitch]:
             worst = max(worst, _peak(path - plain) / usual)
             left = np.linalg.norm(path - plain - (goal[:3] - skill.goal[:3]), axis=1)
             far = np.flatnonzero(left > REACHED * SWITCH_BY * span)
-            latest = max(latest, (times[far[-1]] - times[len(before)]) / skill.duration)
+            end = times[far[-1]] if len(far) else 0.0
+            latest = max(latest, (end - times[len(before)]) / skill.duration)
         result.append(GoalSwitch(gain, float(worst), float(latest)))
     return result
 

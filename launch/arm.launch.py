@@ -24,7 +24,7 @@ ARGUMENTS = (
     ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can'),
     ('composed', 'false', 'all nodes in one process'),
     ('visualize', 'true', 'start the visualizer: markers, handles'),
-    ('model', '', 'MJCF file of another arm'),
+    ('model', '', 'another arm: MJCF file, menagerie:NAME, robot_descriptions:NAME'),
     ('base_frame', 'panda_link0', "frame of the robot's base"),
     ('measured_pose_topic', 'panda_sim/measured_pose', 'where motions start'),
     ('params_file', '', 'parameter file that comes last'),
@@ -34,8 +34,11 @@ ARGUMENTS = (
 def start(context):
     """Make the nodes that the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    on = {name: given[name].lower() in ('true', '1') for name in (
-        'headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize')}
+    on = {}
+    for name in ('headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize'):
+        if given[name].lower() not in ('true', 'false', '1', '0'):
+            raise ValueError(f'{name} is {given[name]!r}, expected true or false')
+        on[name] = given[name].lower() in ('true', '1')
     share = FindPackageShare('gdmp_ros').perform(context)
     frame = {'frame_id': given['base_frame'], 'use_sim_time': on['use_sim_time']}
     wanted = {}

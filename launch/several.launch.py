@@ -14,6 +14,9 @@ def start(context):
     """Include the launch file of one robot for each; other arguments go on to all of them."""
     path = FindPackageShare('gdmp_ros').perform(context) + '/launch/arm.launch.py'
     robots = LaunchConfiguration('robots').perform(context).split()
+    if context.launch_configurations.get('use_sim_time', 'false').lower() in ('true', '1'):
+        raise ValueError('use_sim_time with several robots: each simulation would publish a '
+                         '/clock of its own; give one robot, or leave it out')
     return [IncludeLaunchDescription(path, launch_arguments={
         'namespace': robot, 'base_frame': f'{robot}_link0'}.items()) for robot in robots]
 

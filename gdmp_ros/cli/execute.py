@@ -30,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='switch the goal of the position to here [m]')
     parser.add_argument('--after', type=float, default=1.0, metavar='S',
                         help='when the goal is switched, after the start (default %(default)g)')
-    parser.add_argument('--speed', type=float, metavar='X', help='tempo, 0 to 2; 1 is as shown')
+    parser.add_argument('--speed', type=float, metavar='X', help='tempo, 0 to 2; 1 is as shown; '
+                        'it stays for motions to come')
     parser.add_argument('--wait', type=float, default=120.0, metavar='S',
                         help='for the server at most (default %(default)g)')
 

@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Sequence
 import math
 from pathlib import Path
+import shlex
 
 import numpy as np
 
@@ -61,15 +62,18 @@ def run(options: argparse.Namespace) -> None:
         skill = Skill.learn(poses, count)
         span = max(float(np.linalg.norm(one.points[:, :3] - one.points[0, :3], axis=1).max())
                    for one in poses)
-        switches = tuning.goal_switches(skill, span)
+        switches = tuning.goal_switches(skill, span) if span >= tuning.LEAST_SPAN else []
         step()
-    gain, fastest = tuning.calm_gain(switches), tuning.speeds(poses, skill)
+    gain = tuning.calm_gain(switches) if switches else skill.gains.alpha_g
+    fastest = tuning.speeds(poses, skill)
     _show(errors, count, switches, gain)
-    words = ['gdmp learn', *map(str, options.bags), '-o skill.json', f'--n-basis {count}',
-             f'--alpha-g {gain:g}', *_stiffness(recorded, poses, options.force)]
+    words = ['gdmp', 'learn', *map(str, options.bags), '-o', 'skill.json', '--n-basis',
+             str(count), '--alpha-g', f'{gain:g}',
+             *(['--pose-topic', options.pose_topic] if options.pose_topic else []),
+             *_stiffness(recorded, poses, options.force)]
     print(f'largest speeds: {fastest.speed:.3f} m/s, {fastest.turn_speed:.3f} rad/s, '
           f'{fastest.acceleration:.2f} m/s²')
-    print('learn with:\n  ' + ' '.join(words))
+    print(f'learn with:\n  {shlex.join(words)}')
     if options.write:
         write_text(options.write, _parameters(fastest))
         print(f'wrote {options.write}: with trajectory_server and panda_sim, '
@@ -88,6 +92,9 @@ def _show(errors: Sequence[tuning.BasisError], count: int,
         [f'{one.functions}{"  <- enough" if one.functions == count else ""}',
          f'{one.detail:.2e}', f'{one.shown:.2e}', f'{one.unseen:.2e}' if several else '-']
         for one in errors])
+    if not switches:
+        print('goal gain: the position hardly moves, no goal was switched')
+        return
     table('goal gain: a switch half-way by a quarter of the span', [
         '', 'adds acceleration', 'reached after'], [
         [f'{one.gain:g}{"  <- calm" if one.gain == gain else ""}',
@@ -107,16 +114,19 @@ def _stiffness(recorded: Sequence[recordings.Recording], poses: Sequence[Demonst
     low, high = tuning.stiffness_bounds(poses, force)
     print(f'stiffness: {low:.0f} to {high:.0f} N/m pull with {force:g} N at two standard '
           'deviations')
-    return ['--stiffness variance', f'--k-min {low:.0f}', f'--k-max {high:.0f}']
+    return ['--stiffness', 'variance', '--k-min', f'{low:.0f}', '--k-max', f'{high:.0f}']
 
 
 def _parameters(fastest: tuning.Speeds) -> str:
     """Parameters that keep the robot near what was demonstrated."""
-    return (f'# Limits {MARGIN:g} times what the demonstrations have, goals at their speed.\n'
+    speed, turn_speed = max(fastest.speed, 0.05), max(fastest.turn_speed, 0.3)
+    acceleration = max(2.0 * MARGIN * fastest.acceleration, 0.5)
+    return (f'# Speeds {MARGIN:g} times and accelerations {2.0 * MARGIN:g} times what the '
+            'demonstrations have,\n# goals at their speed; never less than what a slow motion '
+            'needs.\n'
             '/**/trajectory_server:\n  ros__parameters:\n'
-            f'    goal_speed: {fastest.speed:.4f}\n'
-            f'    goal_turn_speed: {max(fastest.turn_speed, 0.1):.4f}\n'
+            f'    goal_speed: {speed:.4f}\n    goal_turn_speed: {turn_speed:.4f}\n'
             '/**/panda_sim:\n  ros__parameters:\n'
-            f'    speed: {min(MARGIN * fastest.speed, 1.7):.4f}\n'
-            f'    turn_speed: {min(max(MARGIN * fastest.turn_speed, 0.5), 2.5):.4f}\n'
-            f'    acceleration: {min(2.0 * MARGIN * fastest.acceleration, 13.0):.4f}\n')
+            f'    speed: {min(MARGIN * speed, 1.7):.4f}\n'
+            f'    turn_speed: {min(MARGIN * turn_speed, 2.5):.4f}\n'
+            f'    acceleration: {min(acceleration, 13.0):.4f}\n')

@@ -117,6 +117,11 @@ class Rollout:
         result._adopt(self._memory.copy())
         return result
 
+    def go_on(self) -> None:
+        """Take up the tempo 1 as if the robot had caught up (`observe`)."""
+        self._numbers[mem.SLOWDOWN] = 1.0
+        self.set_speed(1.0)
+
     def retarget(self, goal: np.ndarray) -> None:
         """
         Switch to a new goal; the present one moves there along the geodesic, [GDMP] eq. (28).

@@ -52,8 +52,8 @@ def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[lis
     :param robot: namespace; any by default
     """
     within = f'/{robot.strip("/")}/' if robot else '/'
-    references, states = ([topic for topic, kind, _ in found
-                           if kind == wanted and topic.startswith(within)]
+    references, states = (sorted({topic for topic, kind, _ in found
+                                  if kind == wanted and topic.startswith(within)})
                           for wanted in (REFERENCE, STATE))
     return references, states
 

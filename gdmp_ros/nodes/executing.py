@@ -57,8 +57,13 @@ def execute(wish: Wish) -> int:
                 if not reply.success:
                     raise GdmpError(reply.message)
         _meet_robot(operator)
-        operator.execute()
-        return _follow(operator, wish)
+        try:
+            operator.execute()
+            return _follow(operator, wish)
+        except (KeyboardInterrupt, GdmpError):
+            operator.cancel()
+            print('stopped')
+            raise
     finally:
         operator.close()
 
@@ -66,28 +71,24 @@ def execute(wish: Wish) -> int:
 def _meet_robot(operator: Operator) -> None:
     """Give a server that has just started a while to learn where the robot is; it may need not."""
     for _ in range(round(MEET_S / 0.1)):
-        if operator.state is not None and operator.state.status != 'idle':
+        state = operator.state
+        if state is not None and (state.status != 'idle' or not state.goal):
             return
         operator.spend(0.1)
 
 
 def _follow(operator: Operator, wish: Wish) -> int:
     """Switch the goal in time and show progress until it is over."""
-    try:
-        with progress('executing', 100) as step:
-            if wish.position is not None:
-                operator.spend(wish.after)
-                _switch(operator, wish.position)
-            done = 0.0
-            while not operator.done():
-                operator.spend(0.1)
-                now = 100.0 * min(operator.state.progress if operator.state else 0.0, 1.0)
-                step(max(now - done, 0.0))
-                done = max(done, now)
-    except KeyboardInterrupt:
-        operator.cancel()
-        print('stopped')
-        raise
+    with progress('executing', 100) as step:
+        if wish.position is not None:
+            operator.spend(wish.after)
+            _switch(operator, wish.position)
+        done = 0.0
+        while not operator.done():
+            operator.spend(0.1)
+            now = 100.0 * min(operator.state.progress if operator.state else 0.0, 1.0)
+            step(max(now - done, 0.0))
+            done = max(done, now)
     result = operator.result(10.0)
     left = ', '.join(f'{name} {value:.2g}'
                      for name, value in zip(result.factors, result.distance_to_goal))

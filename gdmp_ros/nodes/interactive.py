@@ -1,5 +1,5 @@
 """
-Interactive markers, as RViz and Foxglove know them: poses that a user drags.
+Interactive markers, as RViz knows them: poses that a user drags.
 
 The protocol is that of visualization_msgs: a service tells a newcomer all markers, a topic tells
 changes, numbered; what the user does comes back on a third.
@@ -30,6 +30,8 @@ from gdmp_ros.nodes.managed import ManagedNode
 DEPTH = 100
 #: A user who holds a marker says so four times a second; after this it has been let go [s].
 HELD_S = 1.0
+#: Where it was let go it stays for so long: what it asked for takes a moment [s].
+REST_S = 0.5
 _AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 
 
@@ -68,6 +70,7 @@ class InteractiveMarkers:
         self._used = used
         self._sequence = 0
         self._dragged: dict[str, float] = {}
+        self._resting: dict[str, float] = {}
         self._update = node.add_publisher(InteractiveMarkerUpdate, '~/update', DEPTH)
         node.add_subscription(InteractiveMarkerFeedback, '~/feedback', self.take_feedback, DEPTH)
         node.add_service(GetInteractiveMarkers, 'get_interactive_markers', self._on_get)
@@ -97,8 +100,9 @@ class InteractiveMarkers:
         return wire.pose_numbers(self._markers[name].pose)
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put a marker elsewhere, unless a user holds it or it is there already."""
-        if self.dragged(name) or np.allclose(pose, self.pose(name), atol=1e-9):
+        """Put a marker elsewhere, unless a user holds it, has just let go, or it is there."""
+        waits = time.monotonic() - self._resting.get(name, -REST_S) < REST_S
+        if self.dragged(name) or waits or np.allclose(pose, self.pose(name), atol=1e-9):
             return
         marker = self._markers[name]
         wire.set_pose(marker.pose, pose)
@@ -125,10 +129,11 @@ class InteractiveMarkers:
         if not np.isfinite(numbers).all():
             return
         kind = InteractiveMarkerFeedback
-        if message.event_type in (kind.MOUSE_DOWN, kind.POSE_UPDATE):
+        if message.event_type in (kind.MOUSE_DOWN, kind.POSE_UPDATE, kind.KEEP_ALIVE):
             self._dragged[message.marker_name] = time.monotonic()
         if message.event_type in (kind.POSE_UPDATE, kind.MOUSE_UP):
             marker.pose = message.pose
         if message.event_type == kind.MOUSE_UP:
             self._dragged.pop(message.marker_name, None)
+            self._resting[message.marker_name] = time.monotonic()
         self._used(message)

@@ -25,6 +25,8 @@ from gdmp_ros.realtime.statistics import Punctuality
 
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
 DEEP = 2000
+#: A burst of /clock that is waited for: each message is a tick.
+CLOCK_DEPTH = 200
 
 
 def reliable(depth: int) -> QoSProfile:

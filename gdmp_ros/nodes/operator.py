@@ -31,6 +31,7 @@ class Operator(Client):
                                                    reliable(10))
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._result: Any = None
+        self.handle: Any = None
 
     def _on_state(self, message: ServerState) -> None:
         self.state = message
@@ -53,6 +54,8 @@ class Operator(Client):
 
     def cancel(self, timeout: float = 5.0) -> None:
         """Have the motion that was executed come to a smooth stop."""
+        if self.handle is None or self.done():
+            return
         asked = self.handle.cancel_goal_async()
         self.wait('the motion to be cancelled', asked.done, timeout)
 

@@ -19,7 +19,15 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference import Origin
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import DEEP, lateness_diagnostics, ManagedNode, run, take, take_latest
+from gdmp_ros.nodes.managed import (
+    CLOCK_DEPTH,
+    DEEP,
+    lateness_diagnostics,
+    ManagedNode,
+    run,
+    take,
+    take_latest,
+)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import controller_settings, grip_settings, SPECS
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
@@ -236,7 +244,7 @@ class PandaSim(ManagedNode):
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._describe()
         if self.parameters.pace == 'fast':
-            self._clock_out = self.add_publisher(ClockMessage, '/clock', 10)
+            self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
         state, pose = RobotState(), PoseStamped()
         state.header.frame_id = pose.header.frame_id = frame
         self._state_message = wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * len(names),

@@ -28,7 +28,13 @@ from gdmp_ros.files import recordings
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.execute_action import ExecuteAction
 from gdmp_ros.nodes.learning import LearningProcess
-from gdmp_ros.nodes.managed import lateness_diagnostics, ManagedNode, run, take_latest
+from gdmp_ros.nodes.managed import (
+    CLOCK_DEPTH,
+    lateness_diagnostics,
+    ManagedNode,
+    run,
+    take_latest,
+)
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.reference_publisher import ReferencePublisher
 from gdmp_ros.nodes.server_parameters import player_settings, SPECS
@@ -285,7 +291,7 @@ class TrajectoryServer(ManagedNode):
         self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None)
         self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
         if self.get_parameter('use_sim_time').value:
-            self.add_subscription(ClockMessage, '/clock', self._clock_tick, 10)
+            self.add_subscription(ClockMessage, '/clock', self._clock_tick, CLOCK_DEPTH)
         self.add_report(self._report)
 
     def _make_services(self) -> None:

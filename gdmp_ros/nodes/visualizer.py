@@ -1,4 +1,4 @@
-"""Shows server and arm in RViz or Foxglove: markers, and handles for the goal and for teaching."""
+"""Shows server and arm: markers for RViz and Foxglove, handles for RViz."""
 from __future__ import annotations
 
 from collections import deque
@@ -45,6 +45,8 @@ SPECS = (
 )
 MENU = ('start', 'stop', 'pause', 'go on', 'lead the arm by hand', 'end leading')
 _GOAL, _HAND = 'goal', 'hand'
+#: Who has said nothing for so long is not shown any more [s].
+SILENT_S = 1.0
 
 
 class Visualizer(ManagedNode):
@@ -64,6 +66,7 @@ class Visualizer(ManagedNode):
         self._shown: set[tuple[str, int]] = set()
         self._goal: np.ndarray | None = None
         self._robot: RobotState | None = None
+        self._heard = {'server': 0.0, 'arm': 0.0}
         self._markers = self.add_publisher(MarkerArray, '~/markers', 1)
         self._goal_out = self.add_publisher(PoseStamped, f'{p.server}/goal_pose', 1)
         self._hand_out = self.add_publisher(PoseStamped, f'{p.arm}/hand_pose', 1)
@@ -100,11 +103,16 @@ class Visualizer(ManagedNode):
 
     def take_server(self, message: ServerState) -> None:
         """Show this state of the server from now on."""
+        if not self._of_this_frame(message.header.frame_id):
+            return
         goal = wire.pose_numbers(message.goal[0]) if message.goal else None
         self._goal = goal if goal is not None and _is_pose(goal) else None
+        self._heard['server'] = time.monotonic()
 
     def take_plan(self, message: Path) -> None:
         """Show this path to come from now on."""
+        if not self._of_this_frame(message.header.frame_id):
+            return
         poses = np.array([wire.pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
         self._coming = poses[np.isfinite(poses).all(axis=1), :3]
 
@@ -116,6 +124,8 @@ class Visualizer(ManagedNode):
 
     def take_robot(self, message: RobotState) -> None:
         """Show this state of the arm from now on, if it is one of this arm."""
+        if not self._of_this_frame(message.header.frame_id):
+            return
         if not (_is_pose(wire.pose_numbers(message.pose)) and np.isfinite(message.stiffness).all()
                 and np.isfinite(message.position).all()):
             return
@@ -125,8 +135,16 @@ class Visualizer(ManagedNode):
                 'the parameter model', throttle_duration_sec=5.0)
             return
         self._robot = message
+        self._heard['arm'] = time.monotonic()
         self._arm.reset(np.asarray(message.position))
         self._past.append((time.monotonic(), wire.pose_numbers(message.pose)[:3]))
+
+    def _of_this_frame(self, frame: str) -> bool:
+        wanted = self.parameters.frame_id
+        if frame != wanted:
+            self.get_logger().warning(f'a message is in frame {frame!r}, expected {wanted!r}: set '
+                                      'frame_id', throttle_duration_sec=5.0)
+        return bool(frame == wanted)
 
     # What is shown
 
@@ -134,6 +152,11 @@ class Visualizer(ManagedNode):
         if not self._active:
             return
         self._look()
+        now = time.monotonic()
+        if now - self._heard['server'] > SILENT_S:
+            self._goal, self._coming = None, np.empty((0, 3))
+        if now - self._heard['arm'] > SILENT_S:
+            self._robot = None
         oldest = time.monotonic() - self.parameters.path_s
         while self._past and self._past[0][0] < oldest:
             self._past.popleft()
@@ -235,7 +258,7 @@ class Visualizer(ManagedNode):
             lambda future: self._answered(title, future.result()))
 
     def _answered(self, title: str, reply: Any) -> None:
-        if not reply.success:
+        if reply is not None and not reply.success:
             self.get_logger().warning(f'{title} was refused: {reply.message}')
 
 

@@ -34,13 +34,16 @@ def network() -> dict[str, str]:
     reach = [name for name in REACH if os.environ.get(name)]
     if any(os.environ.get(name) for name in TRANSPORT):
         return {}
-    here = not reach or (reach == [RANGE] and os.environ[RANGE] == 'LOCALHOST')
+    # The older variable comes before the range, whatever that says.
+    older = os.environ.get('ROS_LOCALHOST_ONLY') == '1'
+    here = not reach or older or (reach == [RANGE] and os.environ[RANGE] == 'LOCALHOST')
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return {RANGE: 'LOCALHOST'} if here else {}
     if not here:
         return {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
     # With LOCALHOST rmw adds shared memory, whatever else is said.
-    return {RANGE: 'SYSTEM_DEFAULT', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE)}
+    return {RANGE: 'SYSTEM_DEFAULT', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE),
+            **({'ROS_LOCALHOST_ONLY': '0'} if older else {})}
 
 
 def any_machine(environment: Mapping[str, str]) -> dict[str, str]:

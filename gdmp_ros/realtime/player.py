@@ -196,7 +196,7 @@ class Player:
         rollout, self._copy = self._copy, None
         if rollout is None:
             return None
-        rollout.set_speed(1.0)
+        rollout.go_on()
         step = rollout.duration / count
         poses = [rollout.state.point[:7]]
         # A goal that moves slowly, or a tempo that has to grow first, take longer than that.

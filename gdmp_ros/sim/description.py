@@ -37,15 +37,28 @@ class Shape(NamedTuple):
 
 
 def shapes(arm: Arm) -> list[Shape]:
-    """Shapes of all bodies, capsules in three parts. Meshes are left out."""
+    """
+    Shapes of all bodies: capsules in three parts, meshes as the boxes around them.
+
+    Of a body whose geoms are all hidden, the hidden ones.
+    """
     model, result = arm.model, []
+    visible = {int(model.geom_bodyid[i]) for i in range(model.ngeom)
+               if model.geom_group[i] < _SHOWN_GROUPS}
     for i in range(model.ngeom):
-        kind = _KINDS.get(int(model.geom_type[i]))
         body = int(model.geom_bodyid[i])
-        if kind is None or body == 0 or model.geom_group[i] >= _SHOWN_GROUPS:
+        kind = _KINDS.get(int(model.geom_type[i]), '')
+        mesh = int(model.geom_type[i]) == int(_GEOM.mjGEOM_MESH)
+        hidden = model.geom_group[i] >= _SHOWN_GROUPS and body in visible
+        if body == 0 or hidden or not (kind or mesh):
             continue
-        size, colour = model.geom_size[i], model.geom_rgba[i].astype(float).round(4)
-        place, turn = model.geom_pos[i], model.geom_quat[i]
+        material = int(model.geom_matid[i])
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[i]
+        colour = colour.astype(float).round(4)
+        size, place, turn = model.geom_size[i], model.geom_pos[i], model.geom_quat[i]
+        if mesh:
+            kind, size = 'box', model.geom_aabb[i, 3:]
+            place = place + _rotation(turn).apply(model.geom_aabb[i, :3])
 
         def add(kind: str, extents: list[float], along: float = 0.0, turn: np.ndarray = turn,
                 place: np.ndarray = place, body: int = body, colour: np.ndarray = colour) -> None:
@@ -79,27 +92,46 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
     Links are the model's bodies and sites; joints keep the names that ``joint_states`` has.
     Frames, inertial parameters, limits and simple shapes are the model's.
 
-    :param frame: name of the base link; what it has before the base's own name, as ``panda_``
-        before ``link0``, goes before the names of the other links too
+    :param frame: name of the link where the model's origin is, in which poses are; what it has
+        before the first body's own name, as ``panda_`` before ``link0``, goes before the names of
+        the other links too
     :param joint_speed: limit of every joint, which MJCF does not know [rad/s]
-    :raises DataError: for joints that URDF cannot describe
+    :raises DataError: for joints that URDF cannot describe, or if the frame is elsewhere
     """
     model, drawn = arm.model, shapes(arm)
     root = int(model.body_rootid[arm.tool_body])
+    bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
     own = model.body(root).name
     prefix = frame.removesuffix(own) if own and frame.endswith(own) else ''
+    # A body that stands at the origin for good is the frame itself.
+    base = next((i for i in bodies if f'{prefix}{model.body(i).name}' == frame), 0)
+    if base and not _at_origin(model, base):
+        raise DataError(f'the body {model.body(base).name!r} is not at the origin of the model: '
+                        f'{frame!r} cannot be the frame of its poses')
     robot = ET.Element('robot', name=prefix.strip('_') or 'arm')
+    names: dict[int, str] = {0: frame if base == 0 else 'world'}
+
+    def unique(name: str) -> str:
+        while name in names.values():
+            name += '_'
+        return name
+
+    for i in bodies:
+        names[i] = unique(f'{prefix}{model.body(i).name or f"body{i}"}')
 
     def link(i: int) -> str:
-        return frame if i == root else f'{prefix}{model.body(i).name or f"body{i}"}'
+        return names[i]
 
-    bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
+    if base == root:
+        del names[0]
+    else:
+        ET.SubElement(robot, 'link', name=names[0])
     for i in bodies:
         element = ET.SubElement(robot, 'link', name=link(i))
         _inertial(element, model, i)
         for shape in (s for s in drawn if s.body == i):
             _visual(element, shape)
-    for i in bodies[1:]:
+    for i in bodies[1:] if base == root else bodies:
         joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == i]
         pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
         parent = link(int(model.body_parentid[i]))
@@ -110,11 +142,21 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
     for s in range(model.nsite):
         site, holder = model.site(s), int(model.site_bodyid[s])
         if holder in bodies and site.name:
-            ET.SubElement(robot, 'link', name=f'{prefix}{site.name}')
-            _fixed(robot, link(holder), f'{prefix}{site.name}',
-                   np.concatenate([site.pos, site.quat]))
+            name = names[-1 - s] = unique(f'{prefix}{site.name}')
+            ET.SubElement(robot, 'link', name=name)
+            _fixed(robot, link(holder), name, np.concatenate([site.pos, site.quat]))
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
+
+
+def _at_origin(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is where the model's origin is, whatever the joints do."""
+    while body != 0:
+        if (model.body_jntnum[body] or np.abs(model.body_pos[body]).max() > 1e-9
+                or abs(model.body_quat[body, 0]) < 1.0 - 1e-12):
+            return False
+        body = int(model.body_parentid[body])
+    return True
 
 
 def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: str,

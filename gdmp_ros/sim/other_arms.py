@@ -89,9 +89,9 @@ def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
     """
     Give a model one torque motor for each joint that moves the tool, unless it is so already.
 
-    Joints that do not move the tool, those of a gripper, are held where the model has them. Limits
-    of the torques are those of the model's actuators or joints. The time step becomes 1 ms, the
-    first keyframe keeps the arm's joints.
+    Joints that do not move the tool, those of a gripper or of things around, are held where the
+    model has them; sensors go. Limits of the torques are those of the model's actuators or joints.
+    The time step becomes 1 ms, the first keyframe keeps the arm's joints.
 
     :param tool: name of a site
     :raises DataError: for a joint of another kind, or without a limit of its torque
@@ -105,7 +105,7 @@ def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
     moving.reverse()
     limits = {name: _torque_limit(spec, name) for name in moving}
     posture = _first_posture(spec, moving)
-    for group in (spec.keys, spec.actuators, spec.tendons, spec.equalities):
+    for group in (spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities):
         for element in list(group):
             spec.delete(element)
     for joint in list(spec.joints):
@@ -122,20 +122,26 @@ def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
 
 
 def _motors_alone(spec: mujoco.MjSpec) -> bool:
-    """Whether there is one plain motor for each joint."""
+    """Whether there is one plain motor with limits for each joint, in the order of the joints."""
     driven = [one.target for one in spec.actuators
-              if one.trntype == mujoco.mjtTrn.mjTRN_JOINT
+              if one.trntype == mujoco.mjtTrn.mjTRN_JOINT and one.gear[0] == 1.0
               and one.gaintype == mujoco.mjtGain.mjGAIN_FIXED and one.gainprm[0] == 1.0
-              and one.biastype == mujoco.mjtBias.mjBIAS_NONE]
-    return sorted(driven) == sorted(joint.name for joint in spec.joints)
+              and one.biastype == mujoco.mjtBias.mjBIAS_NONE
+              and one.ctrlrange[1] > one.ctrlrange[0]]
+    return (len(driven) == len(spec.actuators)
+            and driven == [joint.name for joint in spec.joints])
 
 
 def _torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
     if spec.joint(joint).type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
         raise DataError(f'joint {joint!r} is neither a hinge nor a slide')
     for one in spec.actuators:
-        if one.target == joint and one.forcerange[1] > one.forcerange[0]:
-            return float(np.abs(one.forcerange).min())
+        if one.target != joint or one.trntype != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        plain = (one.gainprm[0] == 1.0 and one.biastype == mujoco.mjtBias.mjBIAS_NONE)
+        for limits, said in ((one.forcerange, True), (one.ctrlrange, plain)):
+            if said and limits[1] > limits[0]:
+                return float(abs(one.gear[0]) * np.abs(limits).min())
     limits = spec.joint(joint).actfrcrange
     if limits[1] > limits[0]:
         return float(np.abs(limits).min())

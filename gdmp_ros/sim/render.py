@@ -5,7 +5,7 @@ A process of its own because the way to draw without a screen is chosen before M
 """
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 import os
 from pathlib import Path
@@ -60,45 +60,71 @@ def main(numbers: str, target: str) -> int:
 
     from gdmp_ros.sim.panda import Arm
     from gdmp_ros.sim.viewer import Pictures
-    with np.load(numbers) as given:
-        postures = np.atleast_2d(given['joints'])
-        film = given['joints'].ndim == 2
-        arm, path = Arm(str(given['model'])), given['path']
-        frame_ms = round(1e3 * float(given['frame_s']))
+    partial = Path(target).with_name(f'.{Path(target).stem}.partial{Path(target).suffix}')
     try:
-        with Pictures(arm, (640, 480) if film else (960, 720)) as pictures:
-            images = []
-            for posture in postures:
-                arm.reset(posture)
-                images.append(Image.fromarray(pictures.take(path)))
-    except DataError as error:
+        with np.load(numbers) as given:
+            postures = np.atleast_2d(given['joints'])
+            film = given['joints'].ndim == 2
+            arm, path = Arm(str(given['model'])), given['path']
+            frame_s = float(given['frame_s'])
+        if postures.shape[1] != arm.model.nq:
+            raise DataError(f'postures have {postures.shape[1]} joints, the model has '
+                            f'{arm.model.nq}: name the model of the arm')
+        encode = _h264 if partial.suffix == '.mp4' else _pillow
+        with _screen(Pictures, arm, (640, 480) if film else (960, 720)) as pictures:
+            def images() -> Iterator[Any]:
+                for posture in postures:
+                    arm.reset(posture)
+                    yield Image.fromarray(pictures.take(path))
+            encode(partial, images(), frame_s)
+        os.replace(partial, target)
+    except _NoScreenError as error:
         print(error)
         return 1
-    try:
-        if target.endswith('.mp4'):
-            _encode(target, images, frame_ms)
-        elif film:
-            images[0].save(target, save_all=True, append_images=images[1:], duration=frame_ms,
-                           loop=0, quality=70)
-        else:
-            images[0].save(target)
     except ModuleNotFoundError as error:
         print(f"{error.name} is missing, it comes with pip install 'gdmp_ros[film]'")
+        return _REFUSED
+    except DataError as error:
+        print(error)
         return _REFUSED
     except OSError as error:
         print(f'{target}: cannot write: {error.strerror}')
         return _REFUSED
+    finally:
+        partial.unlink(missing_ok=True)
     return 0
 
 
-def _encode(target: str, images: list[Any], frame_ms: int) -> None:
-    """Write H.264 that every browser plays."""
+class _NoScreenError(Exception):
+    """This way to render cannot be had."""
+
+
+def _screen(make: Any, arm: Any, size: tuple[int, int]) -> Any:
+    try:
+        return make(arm, size)
+    except DataError as error:
+        raise _NoScreenError(error) from None
+
+
+def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
+    """Write a picture, or an animated one; it looks at each image as it needs it."""
+    first = next(images)
+    if target.suffix == '.webp':
+        first.save(target, save_all=True, append_images=images, duration=round(1e3 * frame_s),
+                   loop=0, quality=70)
+    else:
+        first.save(target)
+
+
+def _h264(target: Path, images: Iterator[Any], frame_s: float) -> None:
+    """Write a film that every browser plays."""
     import av
-    with av.open(target, 'w') as out:
-        stream = out.add_stream('libx264', rate=Fraction(1000, frame_ms))
-        stream.width, stream.height = images[0].size
-        stream.pix_fmt = 'yuv420p'
+    rate = Fraction(1.0 / frame_s).limit_denominator(1000)
+    with av.open(str(target), 'w') as out:
+        stream = out.add_stream('libx264', rate=rate)
         for image in images:
+            if stream.width != image.width:
+                stream.width, stream.height, stream.pix_fmt = image.width, image.height, 'yuv420p'
             out.mux(stream.encode(av.VideoFrame.from_image(image)))
         out.mux(stream.encode())
 

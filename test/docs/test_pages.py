@@ -1,5 +1,5 @@
 """
-Every command and every piece of Python on every page works as written; every link leads there.
+Commands and Python on every page are run, or else checked; every link leads somewhere.
 
 Blocks say in their first line what they are: ``bash`` is run, page by page, each page as one
 script in a folder of its own. After ``bash`` may come: ``long`` (covered by other tests: the
@@ -18,6 +18,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
+import mujoco
 import pytest
 import yaml
 
@@ -27,11 +28,11 @@ from gdmp_ros.nodes import wire
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
-#: What a page takes for granted: files that an earlier page has made, names in pieces of Python.
 #: What a page has left running must not have died.
 _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
                 'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
                 'done\n')
+#: What a page takes for granted: files that an earlier page has made, names in pieces of Python.
 _SKILL = 'gdmp record lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 NAMES = {'docs/skills.md': """
@@ -92,7 +93,8 @@ def run_script(text, folder):
     try:
         with (folder / '.log').open('w') as log:
             done = subprocess.run(['bash', '-x', str(script)], cwd=folder, env=environment,
-                                  stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+                                  stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                                  start_new_session=True, timeout=280)
     finally:
         domain.release()
     assert done.returncode == 0, (folder / '.log').read_text()[-6000:]
@@ -108,6 +110,8 @@ def test_commands_work_as_written(page, folder):
     said = run_script(text, folder)
     for output in re.findall(r'-o (\S+\.(?:png|webp|mp4|json|html|csv|urdf|npz))', text):
         assert (folder / output).stat().st_size > 200, f'{output}: {said[-3000:]}'
+        if output.endswith('.urdf'):
+            mujoco.MjModel.from_xml_path(str(folder / output))
     assert 'Traceback' not in said
 
 

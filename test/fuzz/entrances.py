@@ -329,7 +329,7 @@ def topic_shown() -> Entrance:
     """State of an arm that the visualizer shows."""
     from gdmp_msgs.msg import RobotState
     valid = RobotState()
-    valid.pose.orientation.w = 1.0
+    valid.header.frame_id, valid.pose.orientation.w = FRAME, 1.0
     valid.stiffness = np.diag([400.0] * 3 + [30.0] * 3).ravel()
     valid.position = [0.0, -0.7, 0.0, -2.3, 0.0, 1.6, 0.8]
     return _message(RobotState, [valid], 'visualizer',
@@ -341,7 +341,9 @@ def topic_handle() -> Entrance:
     from gdmp_msgs.msg import ServerState
     from visualization_msgs.msg import InteractiveMarkerFeedback
     made = node('visualizer')
-    made.take_server(ServerState(goal=[_pose().pose]))
+    state = ServerState(goal=[_pose().pose])
+    state.header.frame_id = FRAME
+    made.take_server(state)
     tick('visualizer')
     valid = [InteractiveMarkerFeedback(marker_name='goal', event_type=kind, menu_entry_id=1)
              for kind in (1, 2, 4, 5)]

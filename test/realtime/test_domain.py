@@ -10,6 +10,8 @@ PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
     ({}, {domain.RANGE: 'SYSTEM_DEFAULT', PROFILE: str(domain.PROFILE)}),
     # The same in other words: and no shared memory either.
     ({domain.RANGE: 'LOCALHOST'}, {domain.RANGE: 'SYSTEM_DEFAULT', PROFILE: str(domain.PROFILE)}),
+    ({'ROS_LOCALHOST_ONLY': '1'}, {domain.RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': '0',
+                                   PROFILE: str(domain.PROFILE)}),
     ({domain.RANGE: 'SUBNET'}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
     ({'ROS_STATIC_PEERS': '10.0.0.2'}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
     ({domain.RANGE: 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2'},

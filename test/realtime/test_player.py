@@ -247,3 +247,17 @@ def test_a_stopped_motion_can_be_looked_ahead_from(skill):
     run(player, 1)
     assert np.linalg.norm(player.to_come(40)[-1, :3] - skill.goal[:3]) < 1e-3
     assert player.status == 'paused'
+
+
+def test_looking_ahead_of_a_robot_that_is_held_back_goes_to_the_goal(skill):
+    player = Player(skill, PlayerSettings(SETTINGS.stiffness, phase_stopping=50.0))
+    player.start(None)
+    behind = pose_of(skill)
+    behind[0] -= 0.3
+    for _ in range(500):
+        player.observe(behind)
+        player.tick(DT)
+    assert player.rollout.speed < 0.5
+    player.look_ahead()
+    player.tick(DT)
+    assert np.linalg.norm(player.to_come(40)[-1, :3] - skill.goal[:3]) < 1e-3

@@ -54,11 +54,57 @@ def test_shapes_lie_where_the_geoms_are():
     assert sum(shape.kind == 'sphere' for shape in drawn) == 2 * capsules
 
 
+ELSEWHERE = """<mujoco><worldbody><body name="foot" pos="0.1 0 0.5" quat="0 0 0 1">
+    <joint name="j1" type="hinge" axis="0 0 1"/><geom type="box" size="0.05 0.05 0.1"/>
+    <body name="tcp" pos="0.3 0 0"><joint name="j2" type="hinge" axis="0 1 0"/>
+    <geom type="sphere" size="0.05"/><site name="tcp" pos="0 0 0.1"/></body></body></worldbody>
+    <actuator><motor joint="j1" ctrlrange="-5 5"/><motor joint="j2" ctrlrange="-2 2"/></actuator>
+    </mujoco>"""
+
+
+def test_an_arm_that_stands_elsewhere_and_turns_at_its_foot_is_described_where_it_is(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text(ELSEWHERE)
+    arm = Arm(path)
+    model, data = read_back(arm, frame='table')
+    assert [model.joint(i).name for i in range(model.njnt)] == ['j1', 'j2']
+    for posture in ([0.0, 0.0], [0.7, -0.4]):
+        arm.reset(np.array(posture))
+        data.qpos[:] = posture
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.body('tcp_').xpos, arm.measure().pose[:3], atol=1e-12)
+    with pytest.raises(DataError, match="'foot' is not at the origin"):
+        description.urdf(arm, 'foot')
+
+
+def test_a_base_frame_may_be_a_body_above_the_first(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text(ELSEWHERE.replace(
+        '<body name="foot" pos="0.1 0 0.5" quat="0 0 0 1">',
+        '<body name="base"><body name="fr3_link0"><body name="foot">').replace(
+            '</body></body></worldbody>', '</body></body></body></body></worldbody>'))
+    arm = Arm(path)
+    model, data = read_back(arm, frame='fr3_link0')
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.body('tcp_').xpos, arm.measure().pose[:3], atol=1e-12)
+    np.testing.assert_allclose(data.body('fr3_link0').xpos, 0.0)
+
+
+def test_meshes_are_drawn_as_the_boxes_around_them(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text(ELSEWHERE.replace('<worldbody>', '<asset><mesh name="wedge" vertex="0 0 0  '
+                                      '0.2 0 0  0 0.1 0  0 0 0.3"/></asset><worldbody>').replace(
+        '<geom type="sphere" size="0.05"/>', '<geom type="mesh" mesh="wedge" group="3"/>'))
+    drawn = [shape for shape in description.shapes(Arm(path)) if shape.body == 2]
+    assert [shape.kind for shape in drawn] == ['box']
+    np.testing.assert_allclose(np.sort(drawn[0].size), [0.1, 0.2, 0.3], atol=0.05)
+
+
 def test_links_take_the_name_of_the_base_frame():
     text = description.urdf(Arm(), 'left_link0')
     assert '<link name="left_link0">' in text and '<link name="left_tcp" />' in text
     other = description.urdf(Arm(), 'base')
-    assert '<link name="base">' in other and '<link name="link1">' in other
+    assert '<link name="base" />' in other and '<link name="link0">' in other
 
 
 def test_what_urdf_cannot_say_is_refused(tmp_path):
@@ -66,6 +112,6 @@ def test_what_urdf_cannot_say_is_refused(tmp_path):
     path.write_text("""<mujoco><worldbody><body name="a"><body name="b" pos="0 0 1">
         <joint name="j" type="hinge" pos="0.1 0 0"/><geom size="0.1"/>
         <site name="tcp"/></body></body></worldbody>
-        <actuator><motor joint="j"/></actuator></mujoco>""")
+        <actuator><motor joint="j" ctrlrange="-1 1"/></actuator></mujoco>""")
     with pytest.raises(DataError, match=r"b: URDF describes one hinge .* \['j'\]"):
         description.urdf(Arm(path))

@@ -86,6 +86,20 @@ def test_a_model_with_its_own_motors_stays_as_it_is():
     assert [m.ctrlrange[1] for m in spec.actuators] == gears and arm.model.nkey == 1
 
 
+def test_motors_in_another_order_or_with_gears_are_put_right(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text("""<mujoco><worldbody><body><joint name="j1" axis="0 0 1"/><geom size="0.1"/>
+        <body pos="0.3 0 0"><joint name="j2" axis="0 1 0"/><geom size="0.1"/><site name="tcp"/>
+        </body></body></worldbody><actuator>
+        <motor name="m2" joint="j2" gear="10" ctrlrange="-0.5 0.5"/>
+        <motor name="m1" joint="j1" ctrlrange="-50 50"/></actuator>
+        <sensor><actuatorfrc actuator="m1"/></sensor></mujoco>""")
+    arm = Arm(path)
+    np.testing.assert_array_equal(arm.limits.torque, [50.0, 5.0])
+    arm.step(np.array([1.0, 0.0]))
+    np.testing.assert_allclose(arm.data.qfrc_actuator, [1.0, 0.0])
+
+
 def test_what_cannot_be_had_is_said(menagerie, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'robot_descriptions', None)  # as if it were not installed
     for name, said in (('menagerie:oven', "Unknown robot 'oven'"),
