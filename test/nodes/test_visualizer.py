@@ -55,8 +55,8 @@ class Viewer:
 def test_the_goal_is_switched_by_its_handle_and_everything_is_shown(world):
     world.start()
     viewer = Viewer(world)
-    world.wait('the arm to be drawn', lambda: ('arm', 0) in viewer.shown, 60.0)
-    assert {'arm', 'tool', 'base', 'goal', 'stiffness', 'manipulability'} <= viewer.spaces()
+    world.wait('everything to be drawn', lambda: {
+        'arm', 'tool', 'base', 'goal', 'stiffness', 'manipulability'} <= viewer.spaces(), 60.0)
     stiffness = viewer.shown['stiffness', 0]
     size = np.sort([stiffness.scale.x, stiffness.scale.y, stiffness.scale.z])
     applied = np.linalg.eigvalsh(np.reshape(world.robot[-1].stiffness, (6, 6))[:3, :3])
@@ -86,6 +86,16 @@ def test_the_goal_is_switched_by_its_handle_and_everything_is_shown(world):
     world.wait('the tool to be there', lambda: np.linalg.norm(world.tool()[:3] - goal[:3]) < 0.01)
     world.wait('the path to come to vanish', lambda: 'path to come' not in viewer.spaces())
     assert len(viewer.shown['path so far', 0].points) > 10
+    # Who holds a handle still says so four times a second; who is gone has let go.
+    held = goal.copy()
+    held[2] += 0.1
+    viewer.use('goal', FEEDBACK.POSE_UPDATE, held)
+    for _ in range(7):
+        viewer.use('goal', FEEDBACK.KEEP_ALIVE)
+        world.spin(0.25)
+    np.testing.assert_allclose(wire.pose_numbers(viewer.handles()['goal'].pose), held)
+    world.wait('the handle to be back', lambda: np.allclose(
+        wire.pose_numbers(viewer.handles()['goal'].pose), goal, atol=1e-6))
     # Updates are numbered without gaps: a viewer that finds one starts anew.
     numbers = [update.seq_num for update in viewer.updates]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -94,7 +104,7 @@ def test_the_goal_is_switched_by_its_handle_and_everything_is_shown(world):
 def test_a_goal_that_is_refused_springs_back(world):
     world.start()
     viewer = Viewer(world)
-    world.wait('the arm to be drawn', lambda: ('arm', 0) in viewer.shown, 60.0)
+    world.wait('the goal to be drawn', lambda: ('goal', 0) in viewer.shown, 60.0)
     assert world.call(Trigger, '/trajectory_server/start').success
     there = wire.pose_numbers(viewer.handles()['goal'].pose)
     away = there.copy()
