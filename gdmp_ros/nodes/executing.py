@@ -61,8 +61,8 @@ def execute(wish: Wish) -> int:
             operator.execute()
             return _follow(operator, wish)
         except (KeyboardInterrupt, GdmpError):
-            operator.cancel()
-            print('stopped')
+            if operator.cancel():
+                print('stopped')
             raise
     finally:
         operator.close()

@@ -52,12 +52,13 @@ class Operator(Client):
         self.handle = sent.result()
         self._result = self.handle.get_result_async()
 
-    def cancel(self, timeout: float = 5.0) -> None:
-        """Have the motion that was executed come to a smooth stop."""
+    def cancel(self, timeout: float = 5.0) -> bool:
+        """Have the motion that was executed come to a smooth stop, if one is under way."""
         if self.handle is None or self.done():
-            return
+            return False
         asked = self.handle.cancel_goal_async()
         self.wait('the motion to be cancelled', asked.done, timeout)
+        return True
 
     def done(self) -> bool:
         """Whether the motion that was executed has ended."""
