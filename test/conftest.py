@@ -1,11 +1,43 @@
-"""What every test may ask for."""
+"""What every test may ask for, and what none may leave behind."""
+import ctypes
+
 import numpy as np
+import psutil
 import pytest
+
+_PR_SET_CHILD_SUBREAPER = 36
+#: Helpers of libraries that stay until this process ends.
+_HELPERS = ('resource_tracker', 'joblib.externals.loky')
 
 
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _adopt_orphans():
+    """Processes whose parent has gone become this one's, so that they can be found."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _left_running():
+    """Descendants that still run; those that have ended are read off."""
+    found = psutil.Process().children(recursive=True)
+    _, alive = psutil.wait_procs(found, timeout=5.0)
+    return [one for one in alive
+            if not any(helper in ' '.join(one.cmdline()) for helper in _HELPERS)]
+
+
+@pytest.fixture(scope='module', autouse=True)
+def nothing_left_running():
+    """No test file leaves a process behind, not even one whose parent has gone."""
+    yield
+    left = _left_running()
+    told = [f'{one.pid}: {" ".join(one.cmdline())[:200]}' for one in left]
+    for one in left:
+        one.kill()
+    assert not told, told
 
 
 def pytest_collection_modifyitems(items):

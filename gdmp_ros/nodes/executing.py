@@ -13,9 +13,6 @@ from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.operator import Operator
 from gdmp_ros.terminal import progress
 
-#: How long a server that has just started may take to hear of its robot [s].
-MEET_S = 10.0
-
 
 class Wish(NamedTuple):
     """
@@ -26,7 +23,7 @@ class Wish(NamedTuple):
     :ivar position: to switch the goal to [m], None to leave it
     :ivar after: when, after the start [s]
     :ivar speed: tempo, None to leave it
-    :ivar wait: for the server at most [s]
+    :ivar wait: for the server, and for the server to hear of its robot, at most [s]
     """
 
     server: str
@@ -56,7 +53,7 @@ def execute(wish: Wish) -> int:
                 reply = operator.call(kind, f'{wish.server}/{name}', **fields)
                 if not reply.success:
                     raise GdmpError(reply.message)
-        _meet_robot(operator)
+        _meet_robot(operator, wish.wait)
         try:
             operator.execute()
             return _follow(operator, wish)
@@ -68,13 +65,15 @@ def execute(wish: Wish) -> int:
         operator.close()
 
 
-def _meet_robot(operator: Operator) -> None:
-    """Give a server that has just started a while to learn where the robot is; it may need not."""
-    for _ in range(round(MEET_S / 0.1)):
-        state = operator.state
-        if state is not None and (state.status != 'idle' or not state.goal):
-            return
+def _meet_robot(operator: Operator, patience: float) -> None:
+    """Let the server learn where the robot is; after that it says itself why it does not start."""
+    said = False
+    while patience > 0.0 and operator.state is not None and 'no_robot' in operator.state.flags:
+        if not said:
+            print('waiting for the pose of the robot', flush=True)
+            said = True
         operator.spend(0.1)
+        patience -= 0.1
 
 
 def _follow(operator: Operator, wish: Wish) -> int:

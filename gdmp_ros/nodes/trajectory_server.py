@@ -401,15 +401,25 @@ class TrajectoryServer(ManagedNode):
         message.goal = [Pose()]
         wire.set_pose(message.goal[0], player.goal())
         message.last_refusal = player.last_refusal
+        message.flags = self._robot_flags()
         rollout = player.rollout
         if rollout is not None:
             manifold = rollout.skill.manifold
             message.progress, message.speed = rollout.progress, rollout.speed
             message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
-            message.finished, message.flags = rollout.finished, sorted(rollout.flags)
+            message.finished = rollout.finished
+            message.flags = sorted([*message.flags, *rollout.flags])
             message.factors = list(manifold.names)
             message.distance_to_goal = player.distances()
         return message
+
+    def _robot_flags(self) -> list[str]:
+        """Say that nobody knows where the robot is, where a motion has to start from there."""
+        try:
+            self._start_pose()
+        except ParameterError:
+            return ['no_robot'] if self._active else []
+        return []
 
     def _tell(self) -> None:
         """Log what the tick has noticed."""

@@ -72,14 +72,29 @@ def with_blocks(language, kinds):
             if any(b.language == language and b.kind in kinds for b in blocks(page))]
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with what lies in the project's."""
-    (tmp_path / 'config').symlink_to(ROOT / 'config')
-    return tmp_path
+def make_folder(path):
+    """Make a folder with what lies in the project's."""
+    path.mkdir()
+    (path / 'config').symlink_to(ROOT / 'config')
+    return path
 
 
-def run_script(text, folder):
+def run_script(text, place):
+    """
+    Run a page's commands, and once more if they failed on a machine that stood still meanwhile.
+
+    :returns: the folder in which they ran, and what they said
+    """
+    for attempt in ('first', 'second'):
+        folder = make_folder(place / attempt)
+        code, said = run_once(text, folder)
+        if code == 0 or 'the time jumped' not in said:
+            break
+    assert code == 0, said[-6000:]
+    return folder, said
+
+
+def run_once(text, folder):
     """Run a page's commands on a DDS domain of their own; whatever is left running ends."""
     from gdmp_ros.realtime.domain import Domain
     domain = Domain()
@@ -97,17 +112,16 @@ def run_script(text, folder):
                                   start_new_session=True, timeout=280)
     finally:
         domain.release()
-    assert done.returncode == 0, (folder / '.log').read_text()[-6000:]
-    return (folder / '.log').read_text()
+    return done.returncode, (folder / '.log').read_text()
 
 
 @pytest.mark.parametrize('page', with_blocks('bash', ['', 'ros2', 'web']))
-def test_commands_work_as_written(page, folder):
+def test_commands_work_as_written(page, tmp_path):
     wanted = ['', *(['ros2'] if shutil.which('ros2') else []),
               *(['web'] if os.environ.get('GDMP_TEST_WEB') else [])]
     text = BEFORE.get(name_of(page), '') + ''.join(
         b.text for b in blocks(page) if b.language == 'bash' and b.kind in wanted)
-    said = run_script(text, folder)
+    folder, said = run_script(text, tmp_path)
     for output in re.findall(r'-o (\S+\.(?:png|webp|mp4|json|html|csv|urdf|npz))', text):
         assert (folder / output).stat().st_size > 200, f'{output}: {said[-3000:]}'
         if output.endswith('.urdf'):
@@ -185,10 +199,11 @@ def set_message_fields(kind, values):
 
 
 @pytest.mark.parametrize('page', with_blocks('python', ['']))
-def test_python_works_as_written(page, folder):
+def test_python_works_as_written(page, tmp_path):
     code = NAMES.get(name_of(page), '') + ''.join(
         b.text for b in blocks(page) if b.language == 'python' and not b.kind)
-    done = subprocess.run([sys.executable, '-c', code], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, '-c', code], cwd=make_folder(tmp_path / 'folder'),
+                          capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

@@ -33,6 +33,23 @@ def test_it_executes_switches_the_goal_and_says_how_it_ended(world, skill_file):
     assert missing.returncode == 1 and 'nowhere.json: cannot read the skill' in missing.stderr
 
 
+def test_it_waits_for_the_robot_as_long_as_it_was_told(world):
+    world.start_server()
+    world.operator.wait_status('idle', 60.0)
+    early = run('--wait', '1')
+    assert early.returncode == 1 and 'waiting for the pose of the robot' in early.stdout
+    assert 'no measured pose has arrived on /panda_sim/measured_pose' in early.stdout
+    process = subprocess.Popen(EXECUTE, stdout=subprocess.PIPE, text=True)
+    world.spin(2.0)
+    world.start_sim()
+    world.operator.wait_status('moving', 60.0)
+    assert 'no_robot' not in world.operator.state.flags
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0 and 'the goal is reached' in out
+    world.children.stop('panda_sim')
+    world.wait('the robot to be missed', lambda: 'no_robot' in world.operator.state.flags)
+
+
 def test_ctrl_c_brings_the_motion_to_a_smooth_stop(world):
     world.start()
     world.listen()
