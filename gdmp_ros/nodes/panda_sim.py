@@ -30,6 +30,7 @@ from gdmp_ros.nodes.managed import (
 )
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import controller_settings, grip_settings, SPECS
+from gdmp_ros.nodes.stream import Stream
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -219,13 +220,12 @@ class PandaSim(ManagedNode):
 
     def _publish(self, tick: Tick, stamp_ns: int) -> None:
         measured = tick.measurement
-        self._state.publish(self._state_message.bytes(wire.robot_state_numbers(tick), stamp_ns,
-                                                      self._sequence))
+        self._state.publish(wire.robot_state_numbers(tick), stamp_ns, self._sequence)
         self._ticks += 1
         if self._ticks % self._every == 0:
-            self._pose.publish(self._pose_message.bytes(measured.pose, stamp_ns))
-            self._stiffness.publish(self._stiffness_message.bytes(tick.stiffness))
-            self._requested.publish(self._stiffness_message.bytes(tick.requested))
+            self._pose.publish(measured.pose, stamp_ns)
+            self._stiffness.publish(tick.stiffness)
+            self._requested.publish(tick.requested)
             self._joint_message.header.stamp = wire.stamp_of(stamp_ns)
             self._joint_message.position = measured.position.tolist()
             self._joint_message.velocity = measured.velocity.tolist()
@@ -236,10 +236,6 @@ class PandaSim(ManagedNode):
 
     def _make_publishers(self) -> None:
         frame, names = self.parameters.frame_id, self._loop.arm.names
-        self._state = self.add_publisher(RobotState, '~/state', DEEP)
-        self._pose = self.add_publisher(PoseStamped, '~/measured_pose', 10)
-        self._stiffness = self.add_publisher(Float64MultiArray, '~/applied_stiffness', 10)
-        self._requested = self.add_publisher(Float64MultiArray, '~/requested_stiffness', 10)
         self._joints = self.add_publisher(JointState, 'joint_states', 10)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._describe()
@@ -247,10 +243,15 @@ class PandaSim(ManagedNode):
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
         state, pose = RobotState(), PoseStamped()
         state.header.frame_id = pose.header.frame_id = frame
-        self._state_message = wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * len(names),
-                                           wire.fill_robot_state)
-        self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
-        self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
+        self._state = Stream(self.add_publisher(RobotState, '~/state', DEEP),
+                             wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * len(names),
+                                          wire.fill_robot_state))
+        self._pose = Stream(self.add_publisher(PoseStamped, '~/measured_pose', 10),
+                            wire.Patched(pose, 7, wire.fill_pose_stamped))
+        self._stiffness, self._requested = (
+            Stream(self.add_publisher(Float64MultiArray, f'~/{name}_stiffness', 10),
+                   wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix))
+            for name in ('applied', 'requested'))
         self._joint_message = JointState(name=names)
 
     def _describe(self) -> None:

@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import DEEP, ManagedNode
+from gdmp_ros.nodes.stream import Stream
 
 
 class ReferencePublisher:
@@ -18,14 +19,15 @@ class ReferencePublisher:
 
     def __init__(self, node: ManagedNode, frame: str):
         """:param frame: ``frame_id`` of the references"""
-        self._whole = node.add_publisher(Reference, '~/reference', DEEP)
-        self._pose = node.add_publisher(PoseStamped, '~/reference_pose', 10)
-        self._stiffness = node.add_publisher(Float64MultiArray, '~/reference_stiffness', 10)
         reference, pose = Reference(), PoseStamped()
         reference.header.frame_id = pose.header.frame_id = frame
-        self._whole_message = wire.Patched(reference, TARGET_SIZE, wire.fill_reference)
-        self._pose_message = wire.Patched(pose, 7, wire.fill_pose_stamped)
-        self._stiffness_message = wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix)
+        self._whole = Stream(node.add_publisher(Reference, '~/reference', DEEP),
+                             wire.Patched(reference, TARGET_SIZE, wire.fill_reference))
+        self._pose = Stream(node.add_publisher(PoseStamped, '~/reference_pose', 10),
+                            wire.Patched(pose, 7, wire.fill_pose_stamped))
+        self._stiffness = Stream(
+            node.add_publisher(Float64MultiArray, '~/reference_stiffness', 10),
+            wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix))
         # Numbers of two publishers never follow each other: who listens can tell them apart.
         self._sequence = secrets.randbelow(1 << 31) << 30
 
@@ -36,7 +38,6 @@ class ReferencePublisher:
         :param target: `TARGET_SIZE` numbers
         """
         self._sequence += 1
-        self._whole.publish(self._whole_message.bytes(target, stamp_ns, self._sequence))
-        self._pose.publish(self._pose_message.bytes(target[POSE:POSE + 7], stamp_ns))
-        self._stiffness.publish(
-            self._stiffness_message.bytes(target[STIFFNESS:STIFFNESS + 36]))
+        self._whole.publish(target, stamp_ns, self._sequence)
+        self._pose.publish(target[POSE:POSE + 7], stamp_ns)
+        self._stiffness.publish(target[STIFFNESS:STIFFNESS + 36])
