@@ -10,7 +10,7 @@ import numpy as np
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
 from gdmp_ros.errors import DataError
-from gdmp_ros.stiffness.variance import Mixture
+from gdmp_ros.stiffness.variance import evenly, Mixture
 
 #: Numbers of basis functions that are tried, and gains of a moving goal.
 COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -29,6 +29,8 @@ SOFTEST, STIFFEST = 20.0, 3000.0
 #: A position that moves less than this stands still [m].
 LEAST_SPAN = 1e-3
 _DT = 0.005
+#: Samples of a demonstration whose variance is looked at.
+_PATH = 200
 
 
 class BasisError(NamedTuple):
@@ -161,11 +163,7 @@ def stiffness_bounds(demonstrations: Sequence[Demonstration], force: float) -> t
     :returns: softest and stiffest [N/m]
     :raises DataError: with fewer than two demonstrations
     """
-    paths = []
-    for one in demonstrations:
-        at = np.linspace(one.times[0], one.times[-1], 200)
-        paths.append(np.column_stack([np.interp(at, one.times, column)
-                                      for column in one.points[:, :3].T]))
+    paths = [evenly(one.points[:, :3], one.times, _PATH) for one in demonstrations]
     covariances = Mixture(paths).covariances(np.linspace(0.0, 1.0, 100))
     away = 2.0 * np.sqrt(np.linalg.eigvalsh(covariances))
     low, high = force / away.max(), force / away.min()

@@ -9,10 +9,10 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
 #: Lower may not import higher; folders on one level may import each other as listed below.
-LEVELS = {'errors': 0, 'compilation': 0, 'terminal': 0, 'writing': 0, 'parallel': 1,
-          'manifolds': 1, 'dmp': 2, 'stiffness': 3, 'control': 3, 'files': 4, 'sim': 4,
-          'realtime': 4, 'plots': 4, 'tuning': 4, 'nodes': 5, 'bench': 5, 'cli': 5, 'demo': 6,
-          'paper': 5, 'report': 5, 'reliability': 6}
+LEVELS = {'errors': 0, 'compilation': 0, 'terminal': 0, 'writing': 0, 'profiles': 0, 'needs': 1,
+          'parallel': 1, 'manifolds': 1, 'dmp': 2, 'stiffness': 3, 'control': 3, 'files': 4,
+          'sim': 4, 'realtime': 4, 'plots': 4, 'tuning': 4, 'nodes': 5, 'bench': 5, 'cli': 5,
+          'demo': 6, 'paper': 5, 'report': 5, 'reliability': 6}
 ONLY_IN = {'rclpy': ('nodes', 'demo', 'reliability'), 'mujoco': ('sim',),
            'matplotlib': ('plots', 'demo'), 'rosbags': ('files', 'nodes'),
            'numba': ('compilation',), 'plotly': ('report',)}

@@ -1,7 +1,5 @@
 """What is suggested follows from what was demonstrated."""
 import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -10,6 +8,8 @@ import yaml
 from gdmp_ros import DataError, Demonstration, Skill, tuning
 from gdmp_ros.files import lasa
 from gdmp_ros.files.recordings import tool_manifold
+from gdmp_ros.profiles import minimum_jerk
+from test.commands import gdmp
 
 TIMES = np.linspace(0.0, 2.0, 400)
 STILL = np.tile([1.0, 0.0, 0.0, 0.0], (len(TIMES), 1))
@@ -21,8 +21,7 @@ def pose(x, y, z):
 
 
 def smooth():
-    s = TIMES / 2.0
-    return s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    return minimum_jerk(TIMES / 2.0)
 
 
 def test_finer_motions_need_more_basis_functions():
@@ -77,11 +76,6 @@ def test_stiffness_costs_the_same_force_at_two_standard_deviations(rng):
     assert softer[1] == pytest.approx(1.0 / (2.0 * 0.001), rel=0.3)
     with pytest.raises(DataError, match='at least 2'):
         tuning.stiffness_bounds(shown[:1], 10.0)
-
-
-def gdmp(*words, cwd):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          capture_output=True, text=True, cwd=cwd)
 
 
 def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path):

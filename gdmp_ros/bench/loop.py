@@ -10,33 +10,26 @@ from gdmp_ros.bench import measure
 from gdmp_ros.dmp import Skill
 from gdmp_ros.files import lasa
 
+#: Time after the motion [s].
+REST_S = 0.5
 TITLE = 'closed-loop simulation of a Panda, one core, without ROS'
 
 
 def run(settings: measure.Settings) -> dict[str, Any]:
     """Simulated time over real time: median over the repetitions of one skill from end to end."""
-    from gdmp_ros.control.controller import HOLD_STIFFNESS
-    from gdmp_ros.realtime.player import Player
-    from gdmp_ros.realtime.tool_skill import PlayerSettings
     from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.panda import Arm
+    from gdmp_ros.sim.playback import ticks
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     loop = ClosedLoop(Arm())
     ratios, errors, seconds = [], [], 0.0
     with measure.one_core():
         for _ in range(settings.repetitions):
             loop.reset()
-            player = Player(skill, PlayerSettings(HOLD_STIFFNESS))
-            player.start(loop.arm.measure().pose.copy())
-            begun, away = time.perf_counter(), []
-            period, ticks = loop.arm.period, round(1.2 * skill.duration / loop.arm.period)
-            for _ in range(ticks):
-                target = player.tick(period)
-                if target is None:
-                    continue
-                loop.follow(target)
-                away.append(np.linalg.norm(loop.tick().measurement.pose[:3] - target[:3]))
-            seconds = ticks * period
+            begun = time.perf_counter()
+            away = [np.linalg.norm(tick.measurement.pose[:3] - target[:3])
+                    for target, tick in ticks(skill, loop, REST_S)]
+            seconds = len(away) * loop.arm.period
             ratios.append(seconds / (time.perf_counter() - begun))
             errors.append(float(np.sqrt(np.mean(np.square(away)))))
     return {'times_real_time': float(np.median(ratios)), 'simulated_s': seconds,

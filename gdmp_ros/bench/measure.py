@@ -23,6 +23,7 @@ from gdmp_ros.manifolds import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
+from gdmp_ros.profiles import minimum_jerk
 
 POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation'))
 
@@ -63,8 +64,8 @@ def demonstration(manifold: Manifold, duration: float, seed: int = 0,
     first *= 0.6 / manifold.norm(base, first)
     second *= 0.2 / manifold.norm(base, second)
     t = np.linspace(0.0, 1.0, samples)
-    blend = t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
-    points = [manifold.exp(base, b * first + np.sin(2.0 * np.pi * b) * second) for b in blend]
+    points = [manifold.exp(base, b * first + np.sin(2.0 * np.pi * b) * second)
+              for b in minimum_jerk(t)]
     return Demonstration(duration * t, np.array(points), manifold)
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import psutil
 
 from gdmp_ros.bench import measure
-from gdmp_ros.errors import GdmpError
 from gdmp_ros.files import lasa, recordings
 from gdmp_ros.files.bags import NS
+from gdmp_ros.needs import needs, ROS
 from gdmp_ros.realtime.domain import Domain
 from gdmp_ros.realtime.processes import Children
 from gdmp_ros.realtime.statistics import punctuality_of
@@ -35,11 +35,8 @@ def run(settings: measure.Settings) -> dict[str, Any]:
 
 def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[str, Any]:
     os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
-    try:
+    with needs(ROS):
         from gdmp_ros.nodes.operator import Operator
-    except ImportError as error:
-        raise GdmpError(f'streaming needs ROS 2 ({error.name} is not installed): set the '
-                        'environment up with make setup') from None
     bag = folder / 'demonstration'
     recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', 10 ** 9 * NS)
     files = {name: folder / f'{name}.npy' for name in (*NODES, 'bare')}

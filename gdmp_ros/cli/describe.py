@@ -1,7 +1,7 @@
 """Describe an arm as URDF, for robot_state_publisher, RViz and others that read no MJCF.
 
-Frames, inertial parameters, limits and simple shapes are those of the model; meshes are left out.
-A running panda_sim publishes the same on robot_description.
+Frames, inertial parameters, limits and simple shapes are those of the model; of meshes the boxes
+around them. A running panda_sim publishes the same on robot_description.
 
 examples:
   gdmp describe -o panda.urdf
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.needs import extra, needs
+from gdmp_ros.needs import extra, needs
 from gdmp_ros.writing import write_text
 
 HELP = 'describe an arm as URDF'

@@ -15,8 +15,8 @@ import math
 import os
 from pathlib import Path
 
-from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.needs import needs, ROS
 
 HELP = "execute a running server's skill, switch its goal"
 

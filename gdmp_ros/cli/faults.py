@@ -19,6 +19,7 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.errors import DataError
+from gdmp_ros.needs import needs, ROS
 
 HELP = 'try what can go wrong on the nodes'
 
@@ -34,15 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Try the faults; 0 if all that could be tried hold."""
-    try:
+    with needs(ROS):
         from gdmp_ros.reliability import report
         from gdmp_ros.reliability.faults import FAULTS
         if options.list:
             print(report.known())
             return 0
-    except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing: faults are tried on the nodes, which need '
-                        'ROS 2 (make setup)') from None
     for name in options.what:
         if name not in FAULTS:
             raise DataError(f'fault {name!r} is unknown, expected one of {", ".join(FAULTS)}')

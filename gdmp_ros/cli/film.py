@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.cli.needs import extra, needs
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.files import runs
+from gdmp_ros.needs import extra, needs
 
 HELP = 'make a film of a run, or of a skill'
 SUFFIXES = ('.mp4', '.webp')

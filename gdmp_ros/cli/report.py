@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.needs import extra, needs
+from gdmp_ros.needs import extra, needs
 
 HELP = 'make one HTML page about a bag'
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
+from gdmp_ros.needs import needs, ROS
 
 HELP = 'work the nodes for a long time and watch them'
 

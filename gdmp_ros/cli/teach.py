@@ -17,10 +17,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
 from gdmp_ros.files import lasa
 from gdmp_ros.files.bags import STORAGES
+from gdmp_ros.needs import needs, ROS
 
 HELP = 'lead a simulated arm by hand and record takes'
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.needs import needs, ROS
 from gdmp_ros.errors import DataError
+from gdmp_ros.needs import needs, ROS
 
 HELP = 'watch server and arm live in the terminal'
 

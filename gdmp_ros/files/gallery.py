@@ -9,6 +9,7 @@ import numpy as np
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.files import lasa
 from gdmp_ros.files.recordings import tool_manifold
+from gdmp_ros.profiles import minimum_jerk
 
 _SAMPLES = 400
 
@@ -27,10 +28,8 @@ class Piece(NamedTuple):
     make: Callable[[], Sequence[Demonstration]]
 
 
-def _smooth(count: int = _SAMPLES) -> np.ndarray:
-    """Progress from 0 to 1 with the least jerk."""
-    s = np.linspace(0.0, 1.0, count)
-    return s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s)
+def _smooth() -> np.ndarray:
+    return np.asarray(minimum_jerk(np.linspace(0.0, 1.0, _SAMPLES)))
 
 
 def _down(turn: np.ndarray) -> np.ndarray:

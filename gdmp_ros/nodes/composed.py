@@ -3,10 +3,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import sys
 
 from gdmp_ros.nodes.adapter import Adapter
-from gdmp_ros.nodes.managed import ManagedNode, run
+from gdmp_ros.nodes.managed import ManagedNode, own_words, run
 from gdmp_ros.nodes.panda_sim import PandaSim
 from gdmp_ros.nodes.take_recorder import TakeRecorder
 from gdmp_ros.nodes.trajectory_server import TrajectoryServer
@@ -26,9 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
                'process of its own.')
     parser.add_argument('nodes', nargs='+', choices=NODES, metavar='NODE',
                         help=f'one of {", ".join(NODES)}; each once')
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    own = words[:words.index('--ros-args')] if '--ros-args' in words else words
-    names = parser.parse_args(own).nodes
+    names = parser.parse_args(own_words(arguments)).nodes
     if len(set(names)) < len(names):
         parser.error(f'every node once, got {" ".join(names)}')
     return run([NODES[name] for name in names], arguments)

@@ -232,6 +232,12 @@ def _spin(executor: SingleThreadedExecutor, node: ManagedNode) -> None:
                                 throttle_duration_sec=1.0)
 
 
+def own_words(arguments: Sequence[str] | None = None) -> list[str]:
+    """Words of the command line, or those given, that are not ROS's."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    return words[:words.index('--ros-args')] if '--ros-args' in words else words
+
+
 def run(makes: Sequence[Callable[[], ManagedNode]],
         arguments: Sequence[str] | None = None) -> int:
     """

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 import shutil
-import sys
 import time
 from typing import Any
 
@@ -32,6 +31,7 @@ from gdmp_ros.nodes.managed import (
     CLOCK_DEPTH,
     lateness_diagnostics,
     ManagedNode,
+    own_words,
     run,
     take_latest,
 )
@@ -487,9 +487,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--robots', nargs='+', default=[''], metavar='NAMESPACE',
                         help='stream for several robots from this process, one node '
                              'NAMESPACE/trajectory_server each, all in one real-time thread')
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    own = words[:words.index('--ros-args')] if '--ros-args' in words else words
-    robots = parser.parse_args(own).robots
+    robots = parser.parse_args(own_words(arguments)).robots
     if len(set(robots)) < len(robots):
         parser.error(f'--robots: every namespace once, got {" ".join(robots)}')
     return run([partial(TrajectoryServer, name) for name in robots], arguments)

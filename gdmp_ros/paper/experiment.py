@@ -33,11 +33,6 @@ class Settings:
     folder: Path = Path('out/paper')
 
 
-def minimum_jerk(t: Any) -> Any:
-    """Give ``10 t³ - 15 t⁴ + 6 t⁵``: from 0 to 1, at rest at both ends; also of an array."""
-    return t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
-
-
 def spd_distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Geodesic distances between positive definite matrices, shape ``(T, m, m)`` each."""
     spd = SymmetricPositiveDefinite(first.shape[-1])

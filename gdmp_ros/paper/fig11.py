@@ -11,13 +11,8 @@ from gdmp_ros import plots
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.files.lasa import TOOL
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.paper.experiment import (
-    Data,
-    minimum_jerk,
-    Settings,
-    spd_distances,
-    Verdict,
-)
+from gdmp_ros.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.profiles import minimum_jerk
 from gdmp_ros.stiffness import force_stiffness, ForceRecords
 
 CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstrations with forces '

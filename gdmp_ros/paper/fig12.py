@@ -15,13 +15,8 @@ from gdmp_ros.control.manipulability import (
 )
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
-from gdmp_ros.paper.experiment import (
-    Data,
-    minimum_jerk,
-    Settings,
-    spd_distances,
-    Verdict,
-)
+from gdmp_ros.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.profiles import minimum_jerk
 from gdmp_ros.terminal import progress
 
 CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 is enough to enter boxes 2 and 3 by '

@@ -10,7 +10,8 @@ from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Sphere
-from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.profiles import minimum_jerk
 
 CLAIM = ('On S², an “N” over both hemispheres is reproduced. A “C” through the antipode of its '
          'goal turns back there; split into segments, it is followed through.')

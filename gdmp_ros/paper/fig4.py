@@ -8,7 +8,8 @@ import numpy as np
 from gdmp_ros import plots
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.paper.experiment import Data, minimum_jerk, Settings, Verdict
+from gdmp_ros.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.profiles import minimum_jerk
 
 CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the '
          'error to the new goal vanishes.')

@@ -10,13 +10,8 @@ from gdmp_ros.control.manipulability import PositionGains, PositionTarget
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.files import lasa
 from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
-from gdmp_ros.paper.experiment import (
-    Data,
-    minimum_jerk,
-    Settings,
-    spd_distances,
-    Verdict,
-)
+from gdmp_ros.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.profiles import minimum_jerk
 
 CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the '
          'stiffness goal is switched at mid-run, the profile bends to it and the spring force '

@@ -99,6 +99,44 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
     :raises DataError: for joints that URDF cannot describe, or if the frame is elsewhere
     """
     model, drawn = arm.model, shapes(arm)
+    links = _links(arm, frame)
+    robot = ET.Element('robot', name=links.prefix.strip('_') or 'arm')
+    for i, name in links.bodies.items():
+        element = ET.SubElement(robot, 'link', name=name)
+        if i == 0:
+            continue
+        _inertial(element, model, i)
+        for shape in (s for s in drawn if s.body == i):
+            _visual(element, shape)
+    for i, name in links.bodies.items():
+        parent = links.bodies.get(int(model.body_parentid[i]))
+        if i == 0 or parent is None:
+            continue
+        joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == i]
+        pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
+        if joints:
+            _joint(robot, arm, joints, parent, name, pose, joint_speed)
+        else:
+            _fixed(robot, parent, name, pose)
+    for s, name in links.sites.items():
+        site = model.site(s)
+        ET.SubElement(robot, 'link', name=name)
+        _fixed(robot, links.bodies[int(model.site_bodyid[s])], name,
+               np.concatenate([site.pos, site.quat]))
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
+
+
+class _Links(NamedTuple):
+    """Names of the links: of bodies (0 is the world, where it is a link) and sites by number."""
+
+    prefix: str
+    bodies: dict[int, str]
+    sites: dict[int, str]
+
+
+def _links(arm: Arm, frame: str) -> _Links:
+    model = arm.model
     root = int(model.body_rootid[arm.tool_body])
     bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
     own = model.body(root).name
@@ -108,45 +146,19 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
     if base and not _at_origin(model, base):
         raise DataError(f'the body {model.body(base).name!r} is not at the origin of the model: '
                         f'{frame!r} cannot be the frame of its poses')
-    robot = ET.Element('robot', name=prefix.strip('_') or 'arm')
-    names: dict[int, str] = {0: frame if base == 0 else 'world'}
+    taken: set[str] = set()
 
     def unique(name: str) -> str:
-        while name in names.values():
+        while name in taken:
             name += '_'
+        taken.add(name)
         return name
 
-    for i in bodies:
-        names[i] = unique(f'{prefix}{model.body(i).name or f"body{i}"}')
-
-    def link(i: int) -> str:
-        return names[i]
-
-    if base == root:
-        del names[0]
-    else:
-        ET.SubElement(robot, 'link', name=names[0])
-    for i in bodies:
-        element = ET.SubElement(robot, 'link', name=link(i))
-        _inertial(element, model, i)
-        for shape in (s for s in drawn if s.body == i):
-            _visual(element, shape)
-    for i in bodies[1:] if base == root else bodies:
-        joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == i]
-        pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
-        parent = link(int(model.body_parentid[i]))
-        if joints:
-            _joint(robot, arm, joints, parent, link(i), pose, joint_speed)
-        else:
-            _fixed(robot, parent, link(i), pose)
-    for s in range(model.nsite):
-        site, holder = model.site(s), int(model.site_bodyid[s])
-        if holder in bodies and site.name:
-            name = names[-1 - s] = unique(f'{prefix}{site.name}')
-            ET.SubElement(robot, 'link', name=name)
-            _fixed(robot, link(holder), name, np.concatenate([site.pos, site.quat]))
-    ET.indent(robot)
-    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
+    named = {} if base == root else {0: unique('world' if base else frame)}
+    named |= {i: unique(f'{prefix}{model.body(i).name or f"body{i}"}') for i in bodies}
+    return _Links(prefix, named, {
+        s: unique(f'{prefix}{model.site(s).name}') for s in range(model.nsite)
+        if int(model.site_bodyid[s]) in bodies and model.site(s).name})
 
 
 def _at_origin(model: mujoco.MjModel, body: int) -> bool:

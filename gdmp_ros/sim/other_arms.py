@@ -14,11 +14,10 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.errors import DataError
+from gdmp_ros.needs import extra, needs
 
 #: Time step of the control loop [s].
 PERIOD = 0.001
-#: How to install what knows a source of models.
-_EXTRA = "it comes with pip install 'gdmp_ros[models]'"
 
 
 class Tool(NamedTuple):
@@ -79,10 +78,8 @@ def _robot_descriptions(rest: str) -> str:
 
 
 def _module(name: str) -> Any:
-    try:
+    with needs(extra('models')):
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        raise DataError(f'{error.name} is missing, {_EXTRA}') from None
 
 
 def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:

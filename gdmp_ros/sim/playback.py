@@ -1,12 +1,13 @@
 """A skill executed by a simulated arm, from end to end, without ROS and without waiting."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.controller import HOLD_STIFFNESS
+from gdmp_ros.control.controller import HOLD_STIFFNESS, Tick
+from gdmp_ros.control.impedance import POSE
 from gdmp_ros.dmp import Skill
 from gdmp_ros.realtime.player import Player
 from gdmp_ros.realtime.tool_skill import PlayerSettings
@@ -28,31 +29,36 @@ class Played(NamedTuple):
     measured: np.ndarray
 
 
-def play(skill: Skill, arm: Arm, rest_s: float = 0.5, most_s: float = 120.0,
-         step: Callable[[], object] = lambda: None) -> Played:
+def ticks(skill: Skill, loop: ClosedLoop, rest_s: float, most_s: float = 120.0
+          ) -> Iterator[tuple[np.ndarray, Tick]]:
     """
-    Let an arm execute a skill of pose and stiffness from where it stands.
+    Let an arm execute a skill of pose and stiffness from where it stands, tick by tick.
 
     :param rest_s: time after the motion [s]
     :param most_s: longest motion [s]
-    :param step: called after every tick
+    :returns: the reference (`gdmp_ros.control.impedance.TARGET_SIZE` numbers, the same array every
+        time) and what the arm did
     :raises DataError: if the skill is not one of pose and stiffness
     """
-    loop = ClosedLoop(arm)
     player = Player(skill, PlayerSettings(HOLD_STIFFNESS))
-    player.start(arm.measure().pose.copy())
-    joints, references, measured = [], [], []
-    left = most_s
+    player.start(loop.arm.measure().pose.copy())
+    left, period = most_s, loop.arm.period
     while left > 0.0:
-        target = player.tick(arm.period)
-        if target is not None:
-            loop.follow(target)
-            references.append(target[:7].copy())
-        tick = loop.tick()
-        joints.append(tick.measurement.position.copy())
-        measured.append(tick.measurement.pose.copy())
+        target = player.tick(period)
+        if target is None:
+            raise RuntimeError('a motion that was started has no reference')
+        loop.follow(target)
+        yield target, loop.tick()
         if player.status == 'holding':
             left = min(left, rest_s)
-        left -= arm.period
-        step()
+        left -= period
+
+
+def play(skill: Skill, arm: Arm, rest_s: float = 0.5) -> Played:
+    """Collect the `ticks` of a skill."""
+    joints, references, measured = [], [], []
+    for target, tick in ticks(skill, ClosedLoop(arm), rest_s):
+        references.append(target[POSE:POSE + 7].copy())
+        joints.append(tick.measurement.position.copy())
+        measured.append(tick.measurement.pose.copy())
     return Played(np.array(joints), np.array(references), np.array(measured))

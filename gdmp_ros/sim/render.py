@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.errors import DataError
+from gdmp_ros.needs import extra, needs
 
 #: Ways to render without a screen, tried in this order, and the Debian packages they need.
 BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
@@ -59,7 +60,7 @@ def main(numbers: str, target: str) -> int:
     from PIL import Image
 
     from gdmp_ros.sim.panda import Arm
-    from gdmp_ros.sim.viewer import Pictures
+    from gdmp_ros.sim.viewer import NoScreenError, Pictures
     partial = Path(target).with_name(f'.{Path(target).stem}.partial{Path(target).suffix}')
     try:
         with np.load(numbers) as given:
@@ -71,19 +72,16 @@ def main(numbers: str, target: str) -> int:
             raise DataError(f'postures have {postures.shape[1]} joints, the model has '
                             f'{arm.model.nq}: name the model of the arm')
         encode = _h264 if partial.suffix == '.mp4' else _pillow
-        with _screen(Pictures, arm, (640, 480) if film else (960, 720)) as pictures:
+        with Pictures(arm, (640, 480) if film else (960, 720)) as pictures:
             def images() -> Iterator[Any]:
                 for posture in postures:
                     arm.reset(posture)
                     yield Image.fromarray(pictures.take(path))
             encode(partial, images(), frame_s)
         os.replace(partial, target)
-    except _NoScreenError as error:
+    except NoScreenError as error:
         print(error)
         return 1
-    except ModuleNotFoundError as error:
-        print(f"{error.name} is missing, it comes with pip install 'gdmp_ros[film]'")
-        return _REFUSED
     except DataError as error:
         print(error)
         return _REFUSED
@@ -93,17 +91,6 @@ def main(numbers: str, target: str) -> int:
     finally:
         partial.unlink(missing_ok=True)
     return 0
-
-
-class _NoScreenError(Exception):
-    """This way to render cannot be had."""
-
-
-def _screen(make: Any, arm: Any, size: tuple[int, int]) -> Any:
-    try:
-        return make(arm, size)
-    except DataError as error:
-        raise _NoScreenError(error) from None
 
 
 def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
@@ -118,7 +105,8 @@ def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
 
 def _h264(target: Path, images: Iterator[Any], frame_s: float) -> None:
     """Write a film that every browser plays."""
-    import av
+    with needs(extra('film')):
+        import av
     rate = Fraction(1.0 / frame_s).limit_denominator(1000)
     with av.open(str(target), 'w') as out:
         stream = out.add_stream('libx264', rate=rate)

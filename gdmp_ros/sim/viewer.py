@@ -10,6 +10,10 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.sim.panda import Arm
 
 
+class NoScreenError(DataError):
+    """There is no way to draw where no screen is."""
+
+
 class Viewer:
     """MuJoCo's own window beside a running simulation."""
 
@@ -39,7 +43,7 @@ class Pictures:
         Open.
 
         :param size: width and height [pixels]
-        :raises DataError: without a way to render off screen; names the package to install
+        :raises NoScreenError: without a way to render off screen; names the package to install
         """
         self._arm = arm
         # -1 looks at the middle of a model that has no such camera.
@@ -48,8 +52,9 @@ class Pictures:
         try:
             self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
         except Exception as error:
-            raise DataError('no off-screen rendering: install libegl1 (MUJOCO_GL=egl) or '
-                            f'libosmesa6 (MUJOCO_GL=osmesa) [{type(error).__name__}]') from None
+            raise NoScreenError('no off-screen rendering: install libegl1 (MUJOCO_GL=egl) or '
+                                f'libosmesa6 (MUJOCO_GL=osmesa) [{type(error).__name__}]'
+                                ) from None
 
     def __enter__(self) -> Pictures:
         return self

@@ -97,16 +97,16 @@ def stiffness_along(paths: Sequence[np.ndarray], times: Sequence[np.ndarray],
     :returns: for each demonstration, shape ``(T, d, d)`` [N/m]
     """
     normalised = np.linspace(0.0, 1.0, _PROFILE)
-    profile = variance_stiffness([_even(path, each) for path, each in zip(paths, times)],
-                                 normalised, k_min, k_max)
+    even = [evenly(path, each, len(each)) for path, each in zip(paths, times)]
+    profile = variance_stiffness(even, normalised, k_min, k_max)
     stiffness = Demonstration(normalised, profile,
                               SymmetricPositiveDefinite(paths[0].shape[1]))
     return [stiffness.at((each - each[0]) / (each[-1] - each[0])) for each in times]
 
 
-def _even(path: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """A path at evenly spaced times, with as many samples."""
-    at = np.linspace(times[0], times[-1], len(times))
+def evenly(path: np.ndarray, times: np.ndarray, count: int) -> np.ndarray:
+    """``count`` samples of a path at evenly spaced times, shape ``(count, d)``."""
+    at = np.linspace(times[0], times[-1], count)
     return np.column_stack([np.interp(at, times, column) for column in path.T])
 
 

@@ -1,6 +1,4 @@
 """Films and descriptions from the command line."""
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -11,11 +9,7 @@ from gdmp_ros import Skill
 from gdmp_ros.files import lasa
 from gdmp_ros.sim.panda import Arm
 from gdmp_ros.sim.playback import play
-
-
-def gdmp(*words, cwd=None, **options):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          capture_output=True, text=True, cwd=cwd, **options)
+from test.commands import gdmp
 
 
 @pytest.fixture(scope='module')

@@ -9,13 +9,9 @@ import sys
 import pytest
 
 from gdmp_ros.cli.main import VERBS
+from test.commands import gdmp
 
 ROOT = Path(__file__).parent.parent.parent
-
-
-def gdmp(*words, cwd=None):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          capture_output=True, text=True, cwd=cwd)
 
 
 @pytest.fixture(scope='module')

@@ -18,9 +18,10 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
+from gdmp_ros.profiles import minimum_jerk
 
 TIMES = np.linspace(0.0, 1.0, 500)
-BLEND = TIMES ** 3 * (10.0 - 15.0 * TIMES + 6.0 * TIMES * TIMES)
+BLEND = minimum_jerk(TIMES)
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
                names=['position', 'orientation', 'stiffness'])
 CONNECTIONS = ['parallel', 'published']

@@ -18,6 +18,7 @@ from gdmp_ros import (
 from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
+from gdmp_ros.profiles import minimum_jerk
 
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
                names=['position', 'orientation', 'stiffness'])
@@ -29,9 +30,8 @@ def wave(manifold, rng, times, cycles=1.0, size=0.5):
     first *= size / manifold.norm(base, first)
     second *= 0.4 * size / manifold.norm(base, second)
     t = (times - times[0]) / (times[-1] - times[0])
-    blend = t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
     points = [manifold.exp(base, b * first + np.sin(2.0 * np.pi * cycles * b) * second)
-              for b in blend]
+              for b in minimum_jerk(t)]
     return Demonstration(times, np.array(points), manifold)
 
 

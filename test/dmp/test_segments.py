@@ -13,10 +13,11 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.dmp.evaluation import reproduction_error
+from gdmp_ros.profiles import minimum_jerk
 
 CONNECTIONS = ['parallel', 'published']
 TIMES = np.linspace(0.0, 1.0, 600)
-BLEND = TIMES ** 3 * (10.0 - 15.0 * TIMES + 6.0 * TIMES * TIMES)
+BLEND = minimum_jerk(TIMES)
 
 
 def great_circle(length=1.25 * np.pi):

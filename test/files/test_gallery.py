@@ -2,8 +2,6 @@
 import json
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 import jsonschema
 import numpy as np
@@ -11,14 +9,10 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.files import gallery
+from test.commands import gdmp
 
 DOCS = Path(__file__).parents[2] / 'docs'
 SCHEMA = json.loads((DOCS / 'skill.schema.json').read_text())
-
-
-def gdmp(*words, cwd):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          capture_output=True, text=True, cwd=cwd)
 
 
 @pytest.fixture(scope='module')

@@ -1,6 +1,4 @@
 """Takes are recorded by service, and a session of teaching ends in a skill."""
-import subprocess
-import sys
 
 from gdmp_msgs.msg import RecorderState
 from geometry_msgs.msg import PoseStamped
@@ -11,13 +9,9 @@ from gdmp_ros import Skill
 from gdmp_ros.files import recordings, takes
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import reliable
+from test.commands import gdmp
 
 RECORDER = 'take_recorder'
-
-
-def gdmp(*words, given=None):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          input=given, capture_output=True, text=True, timeout=300)
 
 
 def test_takes_are_begun_ended_and_dropped_by_service(world, tmp_path):

@@ -1,6 +1,6 @@
 """``gdmp paper``: what it writes, and that its verdicts can fail."""
+from functools import partial
 import json
-import os
 from pathlib import Path
 import subprocess
 import sys
@@ -26,12 +26,10 @@ from gdmp_ros.paper import (
     theorem1,
 )
 from gdmp_ros.paper.theorem1 import energies, unforced
+from test.commands import gdmp
 
-
-def gdmp(*words, **environment):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          capture_output=True, text=True,
-                          env={**os.environ, 'GDMP_LETTERS': '', **environment})
+#: Without the data of the 2D-Letters, whatever the user has.
+paper = partial(gdmp, 'paper', GDMP_LETTERS='')
 
 
 def test_every_experiment_has_the_shared_shape():
@@ -42,17 +40,17 @@ def test_every_experiment_has_the_shared_shape():
 
 
 def test_the_help_names_every_experiment_and_an_unknown_one_is_refused():
-    told = gdmp('paper', '--help').stdout
+    told = paper('--help').stdout
     assert all(f'\n{name} ' in told for name in IDS)
     for words in (('fig99',), ('all', 'fig99')):
-        refused = gdmp('paper', *words)
+        refused = paper(*words)
         assert refused.returncode == 1 and 'expected one of fig2, fig3' in refused.stderr
-    assert '--jobs is 0' in gdmp('paper', 'fig2', '--jobs', 0).stderr
-    assert 'fig11 only' in gdmp('paper', 'fig2', '--ros').stderr
+    assert '--jobs is 0' in paper('fig2', '--jobs', 0).stderr
+    assert 'fig11 only' in paper('fig2', '--ros').stderr
 
 
 def test_experiments_write_pictures_data_report_and_page(tmp_path):
-    done = gdmp('paper', 'fig2', 'fig10', '--out', tmp_path)
+    done = paper('fig2', 'fig10', '--out', tmp_path)
     assert done.returncode == 0, done.stderr
     entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
     assert list(entries) == ['fig2', 'fig10']
@@ -66,7 +64,7 @@ def test_experiments_write_pictures_data_report_and_page(tmp_path):
     assert page.count('data:image/png;base64,') == 2
     assert 'src="http' not in page and 'href="http' not in page
     # A second run keeps what is there and replaces its own entry only.
-    assert gdmp('paper', 'letters', '--out', tmp_path).returncode == 0
+    assert paper('letters', '--out', tmp_path).returncode == 0
     entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
     assert list(entries) == ['fig2', 'letters', 'fig10']
     assert entries['letters']['holds'] is None and 'public' in entries['letters']['notes']
@@ -74,7 +72,7 @@ def test_experiments_write_pictures_data_report_and_page(tmp_path):
 
 def test_what_cannot_be_run_fails_with_its_reason_and_the_rest_goes_on(tmp_path):
     (tmp_path / 'empty').mkdir()
-    done = gdmp('paper', 'letters', 'table1', '--letters', tmp_path / 'empty', '--out', tmp_path)
+    done = paper('letters', 'table1', '--letters', tmp_path / 'empty', '--out', tmp_path)
     assert done.returncode == 1
     entries = json.loads((tmp_path / 'report.json').read_text())['experiments']
     assert entries['letters']['holds'] is False

@@ -1,4 +1,4 @@
-"""What a verb needs beyond the library, and where it comes from when it is missing."""
+"""Modules that may not be installed, and where they come from."""
 from __future__ import annotations
 
 from collections.abc import Iterator
