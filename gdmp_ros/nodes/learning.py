@@ -4,7 +4,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import subprocess
-import sys
 import tempfile
 from typing import Any, TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from rclpy.task import Future
 
 from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.realtime import child
 
 if TYPE_CHECKING:
     from gdmp_ros.nodes.trajectory_server import TrajectoryServer
@@ -77,11 +77,11 @@ class LearningProcess:
             if '\0' in name or not name.isprintable():
                 raise ParameterError(f'{name!r} is not the name of a file')
         output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
-        return output, [
-            sys.executable, '-m', 'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
+        return output, child.command(
+            'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
             f'--stiffness={parameters.learned_stiffness}',
             f'--n-basis={request.n_basis or parameters.n_basis}', f'--connection={connection}',
-            '--', *request.bags]
+            '--', *request.bags)
 
     def cancel(self) -> None:
         """End a learning process."""

@@ -2,20 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import ctypes
 from pathlib import Path
 import signal
 import subprocess
-import sys
 import threading
 
 from gdmp_ros.errors import GdmpError
-
-_PR_SET_PDEATHSIG = 1
-
-
-def _end_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+from gdmp_ros.realtime import child
 
 
 def interrupt_on_sigterm() -> None:
@@ -53,16 +46,16 @@ class Children:
     def start(self, name: str, module: str, arguments: Sequence[str] = (),
               prefix: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
         """
-        Start ``python -m module`` under a name.
+        Start ``python -m module`` under a name (see `gdmp_ros.realtime.child`).
 
         :param prefix: command that runs it
         :param environment: added to that of all
         """
         with self.log(name).open('ab') as out:
             self.processes[name] = subprocess.Popen(
-                [*prefix, sys.executable, '-m', module, *arguments],
+                [*prefix, *child.command(module, *arguments)],
                 env={**self._environment, **(environment or {})}, stdout=out,
-                stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, preexec_fn=_end_with_parent)
+                stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
 
     def start_node(self, name: str, module: str, parameters: Mapping[str, object],
                    extra: Sequence[str] = (), prefix: Sequence[str] = (),

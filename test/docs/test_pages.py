@@ -109,7 +109,7 @@ def run_once(text, folder):
         with (folder / '.log').open('w') as log:
             done = subprocess.run(['bash', '-x', str(script)], cwd=folder, env=environment,
                                   stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                  start_new_session=True, timeout=280)
+                                  start_new_session=True, timeout=560)
     finally:
         domain.release()
     return done.returncode, (folder / '.log').read_text()
