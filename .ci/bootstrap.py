@@ -53,7 +53,8 @@ def check_machine():
 
 def fingerprint(prefixes):
     """Hash of everything the environment is made from."""
-    digest = hashlib.sha256(f'{sys.version}{sys.executable}{prefixes}{ROOT}'.encode())
+    python = os.path.realpath(sys.executable)
+    digest = hashlib.sha256(f'{sys.version}{python}{prefixes}{ROOT}'.encode())
     inputs = [ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')]
     inputs += [Path(__file__), *sorted(p for p in (ROOT / 'msg_defs').rglob('*') if p.is_file())]
     for path in inputs:
@@ -161,6 +162,22 @@ def write_wrappers(venv, prefixes):
     python.chmod(0o755)
 
 
+def step_outside(venv):
+    """
+    Go on in the interpreter that the environment was made with, if this is the environment's own.
+
+    That is first in PATH once the environment is; it must not remove itself, and its start-up
+    hook looks like a sourced ROS. How the environment was when it started, the kernel knows.
+    """
+    if Path(sys.prefix).resolve() != venv:
+        return
+    lines = (venv / 'pyvenv.cfg').read_text().splitlines()
+    python = dict(line.split(' = ', 1) for line in lines)['executable']
+    started_with = dict(entry.split(b'=', 1) for entry in
+                        Path('/proc/self/environ').read_bytes().split(b'\0') if b'=' in entry)
+    os.execve(python, [python, *sys.argv], started_with)
+
+
 def make(venv):
     """Bring the environment up to date."""
     prefixes = sourced_ros()
@@ -195,6 +212,7 @@ def main():
     parser.add_argument('--venv', type=Path, default=ROOT / '.venv', help='where to put it')
     venv = parser.parse_args().venv.resolve()
     try:
+        step_outside(venv)
         make(venv)
     except SetupError as error:
         sys.exit(f'setup: {error}')

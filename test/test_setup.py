@@ -1,5 +1,6 @@
 """What set-up says where it cannot work, and that files beside the code agree with it."""
 import importlib.util
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -20,7 +21,6 @@ def bootstrap(monkeypatch):
 
 
 def run(tmp_path, **changes):
-    import os
     environment = {**os.environ, **changes}
     return subprocess.run([sys.executable, str(BOOTSTRAP), '--venv', str(tmp_path / 'venv')],
                           env=environment, capture_output=True, text=True)
@@ -38,6 +38,21 @@ def test_a_missing_compiler_is_one_clear_line(tmp_path):
 def test_another_ros_distribution_is_refused(tmp_path):
     done = run(tmp_path, ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
     assert done.returncode == 1 and 'ROS humble is sourced; gdmp_ros needs Jazzy' in done.stderr
+
+
+def test_the_environment_s_own_python_does_not_make_it_again(bootstrap, tmp_path):
+    """It is the first in PATH where the first page has put it."""
+    venv = (tmp_path / 'venv').resolve()
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(venv)], check=True)
+    (venv / 'gdmp-setup.stamp').write_text(bootstrap.fingerprint(None))
+    hook = next(venv.glob('lib/python*/site-packages')) / 'hook.pth'
+    hook.write_text("import os; os.environ.update(ROS_DISTRO='humble', AMENT_PREFIX_PATH='x')\n")
+    environment = {name: value for name, value in os.environ.items()
+                   if name not in ('ROS_DISTRO', 'AMENT_PREFIX_PATH')}
+    done = subprocess.run([venv / 'bin' / 'python3', BOOTSTRAP, '--venv', venv], env=environment,
+                          capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+    assert (venv / 'bin' / 'python3').exists()
 
 
 def test_an_unsupported_python_is_refused(bootstrap, monkeypatch):

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import argparse
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -10,11 +9,9 @@ import shutil
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ServerState
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
-from geometry_msgs.msg import Pose, PoseStamped
-from nav_msgs.msg import Path as PathMessage
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -29,7 +26,6 @@ from gdmp_ros.nodes.execute_action import ExecuteAction
 from gdmp_ros.nodes.learning import LearningProcess
 from gdmp_ros.nodes.managed import (
     CLOCK_DEPTH,
-    lateness_diagnostics,
     ManagedNode,
     own_words,
     run,
@@ -38,9 +34,10 @@ from gdmp_ros.nodes.managed import (
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.reference_publisher import ReferencePublisher
 from gdmp_ros.nodes.server_parameters import player_settings, SPECS
+from gdmp_ros.nodes.server_report import ServerReport
 from gdmp_ros.realtime import shared
 from gdmp_ros.realtime.player import Player
-from gdmp_ros.realtime.statistics import LatenessRecorder, Punctuality
+from gdmp_ros.realtime.statistics import LatenessRecorder
 
 NS = 1_000_000_000
 #: A longer step of the time, of /clock or of the machine's own after the process stood still,
@@ -49,8 +46,6 @@ CLOCK_JUMP_S, STALL_S = 0.01, 0.05
 #: Ticks between two looks at the measured pose, and between two at the goals. Polled, a flood of
 #: messages costs no more than a few: an executor would wake for each.
 POLL_EVERY = 20
-#: Poses of the path to come in one duration of the motion, and reports between two such paths.
-PLAN_POSES, PLAN_EVERY = 40, 5
 
 
 class TrajectoryServer(ManagedNode):
@@ -60,20 +55,15 @@ class TrajectoryServer(ManagedNode):
         super().__init__('trajectory_server', namespace)
         self.parameters = Parameters(self, SPECS)
         self.player: Player | None = None
-        self._thread: shared.Member | None = None
+        self.skill_name = ''
+        self.thread: shared.Member | None = None
+        self.lateness = LatenessRecorder(1_000_000)
         self._measured: tuple[np.ndarray, float] | None = None
         self._action: ExecuteAction | None = None
         self._learning = LearningProcess(self)
-        self._skill_name = ''
         self._last_tick = 0
         self._polled = 0
-        self._reports = 0
-        self._stalls: deque[float] = deque(maxlen=10)
-        self._complaints: deque[str] = deque(maxlen=10)
-        self._publishing: list[str] = []
         self._active = False
-        self._planned = False
-        self._lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
 
@@ -83,7 +73,7 @@ class TrajectoryServer(ManagedNode):
         skill, name = self._skill_from_parameters()
         if skill is not None:
             self._use(skill, name)
-        self._make_publishers()
+        self._make_outputs()
         self._make_inputs()
         self._make_services()
         self._action = ExecuteAction(self)
@@ -92,7 +82,7 @@ class TrajectoryServer(ManagedNode):
         self.parameters.locked = True
 
     def activate(self) -> None:
-        self._lateness = LatenessRecorder(self._period_ns())
+        self.lateness = LatenessRecorder(self._period_ns())
         self._last_tick = 0
         # Goals that came while nobody looked are none.
         take_latest(self._goal_poses)
@@ -101,9 +91,9 @@ class TrajectoryServer(ManagedNode):
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
         else:
-            self._thread = shared.join(self._period_ns(), self.parameters.realtime_priority,
+            self.thread = shared.join(self._period_ns(), self.parameters.realtime_priority,
                                        self._wall_tick)
-            self.log_scheduler(self._thread.scheduler)
+            self.log_scheduler(self.thread.scheduler)
         if self.parameters.execute_on_activate:
             self.begin()
 
@@ -116,13 +106,13 @@ class TrajectoryServer(ManagedNode):
             while self.player.status == 'stopping' and time.monotonic() < ends:
                 time.sleep(0.005)
         self._active = False
-        if self._thread is not None:
-            self._thread.leave()
-            self._thread = None
+        if self.thread is not None:
+            self.thread.leave()
+            self.thread = None
         if self._action is not None:
             self._action.deactivated()
         if self.parameters.lateness_file:
-            self._lateness.save(self.parameters.lateness_file)
+            self.lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
         self.release()
@@ -140,6 +130,18 @@ class TrajectoryServer(ManagedNode):
     def active(self) -> bool:
         """Whether references are being streamed."""
         return self._active
+
+    def robot_is_met(self) -> bool:
+        """Whether it is known where a motion would start, so far as it has to be."""
+        try:
+            self._start_pose()
+        except ParameterError:
+            return not self._active
+        return True
+
+    def state(self) -> ServerState:
+        """Describe the present state."""
+        return self._reporter.state()
 
     def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
               duration: float | None = None,
@@ -208,7 +210,7 @@ class TrajectoryServer(ManagedNode):
             self.player = Player(skill, player_settings(self.parameters))
         else:
             self.player.load(skill)
-        self._skill_name = name
+        self.skill_name = name
 
     def _check_parameters(self, proposed: Any) -> None:
         for axis, low, high in zip('xyz', proposed.workspace_min, proposed.workspace_max):
@@ -240,11 +242,11 @@ class TrajectoryServer(ManagedNode):
         return NS // int(self.parameters.rate_hz)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
-        self._lateness.add(deadline_ns, now_ns)
+        self.lateness.add(deadline_ns, now_ns)
         dt = (deadline_ns - self._last_tick) / NS if self._last_tick else self._period_ns() / NS
         self._last_tick = deadline_ns
         if dt > STALL_S:
-            self._stalls.append(dt)
+            self._reporter.stalled(dt)
             dt = 0.0
         self._publish(dt, time.time_ns() - (time.monotonic_ns() - deadline_ns))
 
@@ -254,10 +256,10 @@ class TrajectoryServer(ManagedNode):
         now = message.clock.sec * NS + message.clock.nanosec
         dt = (now - self._last_tick) / NS if self._last_tick else 0.0
         self._last_tick = now
-        self._lateness.add(self._lateness.ticks * self._period_ns(),
-                           self._lateness.ticks * self._period_ns())
+        self.lateness.add(self.lateness.ticks * self._period_ns(),
+                           self.lateness.ticks * self._period_ns())
         if not 0.0 <= dt <= CLOCK_JUMP_S:
-            self._stalls.append(dt)
+            self._reporter.stalled(dt)
             dt = 0.0
         self._publish(dt, now)
 
@@ -275,15 +277,19 @@ class TrajectoryServer(ManagedNode):
         target = player.tick(dt)
         if target is None:
             return
-        self._stream_out.publish(target, stamp_ns)
+        self._references.publish(target, stamp_ns)
 
     # Interfaces
 
-    def _make_publishers(self) -> None:
-        self._stream_out = ReferencePublisher(self, self.parameters.frame_id)
-        self._state = self.add_publisher(ServerState, '~/state', 10)
-        self._plan = self.add_publisher(PathMessage, '~/plan', 1)
-        self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
+    def _make_outputs(self) -> None:
+        self._references = ReferencePublisher(self, self.parameters.frame_id)
+        self._reporter = ServerReport(self)
+        self.add_report(self._report)
+
+    def _report(self) -> None:
+        state = self._reporter.publish()
+        if self._action is not None:
+            self._action.watch(state)
 
     def _make_inputs(self) -> None:
         self._measurements = self.add_subscription(PoseStamped,
@@ -292,7 +298,6 @@ class TrajectoryServer(ManagedNode):
         self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
         if self.get_parameter('use_sim_time').value:
             self.add_subscription(ClockMessage, '/clock', self._clock_tick, CLOCK_DEPTH)
-        self.add_report(self._report)
 
     def _make_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], None]) -> None:
@@ -338,7 +343,7 @@ class TrajectoryServer(ManagedNode):
         try:
             action()
         except GdmpError as error:
-            self._complaints.append(f'{topic} refused: {error}')
+            self._reporter.refused(f'{topic} refused: {error}')
             if self.player is not None:
                 self.player.refuse(f'{topic}: {error}')
 
@@ -380,103 +385,6 @@ class TrajectoryServer(ManagedNode):
         if player.status == 'idle' or (player.rollout is None and player.status == 'holding'):
             raise ParameterError('no skill is being executed; start one first')
         return player
-
-    # Reports
-
-    def state(self, figures: Punctuality | None = None) -> ServerState:
-        """Describe the present state."""
-        figures = figures or self._lateness.punctuality(1000)
-        message = ServerState(status='idle', skill=self._skill_name)
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.header.frame_id = self.parameters.frame_id
-        player = self.player
-        message.ticks, message.missed = self._lateness.ticks, self._lateness.missed
-        message.rate_hz = figures.rate_hz
-        message.lateness_p50_us, message.lateness_p99_us = figures.p50_us, figures.p99_us
-        message.lateness_max_us = figures.max_us
-        message.scheduler = self._thread.scheduler if self._thread is not None else 'other'
-        if player is None:
-            return message
-        message.status, message.refused = player.status, player.refused
-        message.goal = [Pose()]
-        wire.set_pose(message.goal[0], player.goal())
-        message.last_refusal = player.last_refusal
-        message.flags = self._robot_flags()
-        rollout = player.rollout
-        if rollout is not None:
-            manifold = rollout.skill.manifold
-            message.progress, message.speed = rollout.progress, rollout.speed
-            message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
-            message.finished = rollout.finished
-            message.flags = sorted([*message.flags, *rollout.flags])
-            message.factors = list(manifold.names)
-            message.distance_to_goal = player.distances()
-        return message
-
-    def _robot_flags(self) -> list[str]:
-        """Say that nobody knows where the robot is, where a motion has to start from there."""
-        try:
-            self._start_pose()
-        except ParameterError:
-            return ['no_robot'] if self._active else []
-        return []
-
-    def _tell(self) -> None:
-        """Log what the tick has noticed."""
-        while self._stalls:
-            self.get_logger().warning(f'the time jumped by {self._stalls.popleft():.3f} s: the '
-                                      'motion goes on from where it was')
-        if self._complaints:
-            self.get_logger().warning(self._complaints[-1], throttle_duration_sec=1.0)
-            self._complaints.clear()
-
-    def _streaming(self) -> list[str]:
-        """Who publishes on this node's topic of references, looked up once a second."""
-        self._reports += 1
-        if self._reports % 10 == 0:
-            self._publishing = self.publishers('~/reference')
-        return self._publishing
-
-    def _publish_plan(self) -> None:
-        """Publish the path to come where somebody looks at it, and once more when it is over."""
-        player = self.player
-        if player is None or self._plan.get_subscription_count() == 0:
-            return
-        poses = player.to_come(PLAN_POSES)
-        if poses is None and self._planned and player.status == 'holding':
-            poses = np.empty((0, 7))
-        if poses is not None:
-            self._planned = len(poses) > 0
-            self._plan.publish(wire.path_message(poses, self.parameters.frame_id,
-                                                 self.get_clock().now().to_msg()))
-        if player.status in ('moving', 'paused') and self._reports % PLAN_EVERY == 0:
-            player.look_ahead()
-
-    def _report(self) -> None:
-        self._tell()
-        self._publish_plan()
-        figures = self._lateness.punctuality(1000)
-        message = self.state(figures)
-        self._state.publish(message)
-        if self._action is not None:
-            self._action.watch(message)
-        level, text = DiagnosticStatus.OK, message.status
-        thread = self._thread
-        if thread is not None and thread.failure is not None:
-            level, text = DiagnosticStatus.ERROR, f'streaming failed: {thread.failure!r}'
-            self.get_logger().error(text, throttle_duration_sec=5.0)
-        elif message.flags:
-            level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
-        streaming = self._streaming()
-        if len(streaming) > 1:
-            level = max(level, DiagnosticStatus.WARN)
-            text = f'{text}; {len(streaming)} nodes publish references: {", ".join(streaming)}'
-            self.get_logger().warning(text, throttle_duration_sec=5.0)
-        extra = {'skill': message.skill, 'refused': message.refused,
-                 'last refusal': message.last_refusal, 'scheduler': message.scheduler}
-        self._diagnostics.publish(lateness_diagnostics(
-            self.get_fully_qualified_name().strip('/'), level, text, figures, extra,
-            message.header.stamp))
 
 
 def main(arguments: list[str] | None = None) -> int:
