@@ -36,7 +36,7 @@ def test_it_executes_switches_the_goal_and_says_how_it_ended(world, skill_file):
 def test_it_waits_for_the_robot_as_long_as_it_was_told(world):
     world.start_server()
     world.operator.wait_status('idle', 60.0)
-    early = run('--wait', '1')
+    early = run('--wait', '6')
     assert early.returncode == 1 and 'waiting for the pose of the robot' in early.stdout
     assert 'no measured pose has arrived on /panda_sim/measured_pose' in early.stdout
     process = subprocess.Popen(EXECUTE, stdout=subprocess.PIPE, text=True)
