@@ -15,8 +15,9 @@ PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || ec
 
 .PHONY: setup demo test lint bench paper faults soak fuzz docs clean
 
+# -S: what an environment runs when its Python starts is not for the one that is made.
 setup:
-	@$(PYTHON) .ci/bootstrap.py --venv $(VENV)
+	@$(PYTHON) -S .ci/bootstrap.py --venv $(VENV)
 
 demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo

@@ -17,6 +17,9 @@ import sysconfig
 
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 12), (3, 13))
+#: The interpreter itself: that of an environment, perhaps of the one that is made anew here, is
+#: none to build on.
+PYTHON = os.path.realpath(sys._base_executable)
 #: Lines of the lock file a sourced ROS installation stands in for.
 ROS_PREFIXES = ('ros-',)
 
@@ -53,8 +56,7 @@ def check_machine():
 
 def fingerprint(prefixes):
     """Hash of everything the environment is made from."""
-    python = os.path.realpath(sys.executable)
-    digest = hashlib.sha256(f'{sys.version}{python}{prefixes}{ROOT}'.encode())
+    digest = hashlib.sha256(f'{sys.version}{PYTHON}{prefixes}{ROOT}'.encode())
     inputs = [ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')]
     inputs += [Path(__file__), *sorted(p for p in (ROOT / 'msg_defs').rglob('*') if p.is_file())]
     for path in inputs:
@@ -162,22 +164,6 @@ def write_wrappers(venv, prefixes):
     python.chmod(0o755)
 
 
-def step_outside(venv):
-    """
-    Go on in the interpreter that the environment was made with, if this is the environment's own.
-
-    That is first in PATH once the environment is; it must not remove itself, and its start-up
-    hook looks like a sourced ROS. How the environment was when it started, the kernel knows.
-    """
-    if Path(sys.prefix).resolve() != venv:
-        return
-    lines = (venv / 'pyvenv.cfg').read_text().splitlines()
-    python = dict(line.split(' = ', 1) for line in lines)['executable']
-    started_with = dict(entry.split(b'=', 1) for entry in
-                        Path('/proc/self/environ').read_bytes().split(b'\0') if b'=' in entry)
-    os.execve(python, [python, *sys.argv], started_with)
-
-
 def make(venv):
     """Bring the environment up to date."""
     prefixes = sourced_ros()
@@ -190,8 +176,8 @@ def make(venv):
     venv.mkdir(parents=True)
     log = venv / 'setup.log'
     python = venv / 'bin' / 'python'
-    run('creating the environment', [sys.executable, '-m', 'venv', venv], log)
-    lock = locked(prefixes, sys.executable, venv / 'requirements.txt')
+    run('creating the environment', [PYTHON, '-m', 'venv', venv], log)
+    lock = locked(prefixes, PYTHON, venv / 'requirements.txt')
     run('installing packages (about a minute)',
         [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check', '-r', lock], log)
     if not prefixes:
@@ -212,7 +198,6 @@ def main():
     parser.add_argument('--venv', type=Path, default=ROOT / '.venv', help='where to put it')
     venv = parser.parse_args().venv.resolve()
     try:
-        step_outside(venv)
         make(venv)
     except SetupError as error:
         sys.exit(f'setup: {error}')

@@ -20,9 +20,11 @@ def needs(origin: str) -> Iterator[None]:
     Do what imports something that may not be installed.
 
     :param origin: where it comes from: `ROS`, or an `extra`
-    :raises DataError: naming the module that is missing
+    :raises DataError: naming the module that is missing or broken
     """
     try:
         yield
     except ModuleNotFoundError as error:
         raise DataError(f'{error.name} is missing{origin}') from None
+    except ImportError as error:  # it is there, but what it needs is not
+        raise DataError(f'{error.name} cannot be used ({error}){origin}') from None

@@ -1,4 +1,5 @@
 """What every test may ask for, and what none may leave behind."""
+import contextlib
 import ctypes
 
 import numpy as np
@@ -23,10 +24,17 @@ def _adopt_orphans():
 
 def _left_running():
     """Descendants that still run; those that have ended are read off."""
-    found = psutil.Process().children(recursive=True)
+    found = [one for one in psutil.Process().children(recursive=True)
+             if not any(helper in _words(one) for helper in _HELPERS)]
     _, alive = psutil.wait_procs(found, timeout=5.0)
-    return [one for one in alive
-            if not any(helper in ' '.join(one.cmdline()) for helper in _HELPERS)]
+    return alive
+
+
+def _words(process):
+    try:
+        return ' '.join(process.cmdline())
+    except psutil.NoSuchProcess:
+        return 'ended'
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -34,9 +42,10 @@ def nothing_left_running():
     """No test file leaves a process behind, not even one whose parent has gone."""
     yield
     left = _left_running()
-    told = [f'{one.pid}: {" ".join(one.cmdline())[:200]}' for one in left]
+    told = [f'{one.pid}: {_words(one)[:200]}' for one in left]
     for one in left:
-        one.kill()
+        with contextlib.suppress(psutil.NoSuchProcess):
+            one.kill()
     assert not told, told
 
 

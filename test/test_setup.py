@@ -45,14 +45,21 @@ def test_the_environment_s_own_python_does_not_make_it_again(bootstrap, tmp_path
     venv = (tmp_path / 'venv').resolve()
     subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(venv)], check=True)
     (venv / 'gdmp-setup.stamp').write_text(bootstrap.fingerprint(None))
-    hook = next(venv.glob('lib/python*/site-packages')) / 'hook.pth'
-    hook.write_text("import os; os.environ.update(ROS_DISTRO='humble', AMENT_PREFIX_PATH='x')\n")
     environment = {name: value for name, value in os.environ.items()
                    if name not in ('ROS_DISTRO', 'AMENT_PREFIX_PATH')}
-    done = subprocess.run([venv / 'bin' / 'python3', BOOTSTRAP, '--venv', venv], env=environment,
-                          capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
-    assert (venv / 'bin' / 'python3').exists()
+    for options in ([], ['-S']):
+        done = subprocess.run([venv / 'bin' / 'python3', *options, BOOTSTRAP, '--venv', venv],
+                              env=environment, capture_output=True, text=True)
+        assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_an_environment_s_python_builds_on_the_one_it_was_made_with(tmp_path):
+    venv = tmp_path / 'venv'
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(venv)], check=True)
+    code = f'import runpy; print(runpy.run_path({str(BOOTSTRAP)!r})["PYTHON"])'
+    named = subprocess.run([venv / 'bin' / 'python3', '-S', '-c', code], check=True,
+                           capture_output=True, text=True).stdout.strip()
+    assert named == os.path.realpath(sys.executable) and str(venv) not in named
 
 
 def test_an_unsupported_python_is_refused(bootstrap, monkeypatch):

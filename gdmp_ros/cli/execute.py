@@ -33,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--speed', type=float, metavar='X', help='tempo, 0 to 2; 1 is as shown; '
                         'it stays for motions to come')
     parser.add_argument('--wait', type=float, default=120.0, metavar='S',
-                        help='for the server and its robot at most (default %(default)g)')
+                        help='for the server, and then for its robot, at most '
+                             '(default %(default)g)')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -67,13 +67,17 @@ def execute(wish: Wish) -> int:
 
 def _meet_robot(operator: Operator, patience: float) -> None:
     """Let the server learn where the robot is; after that it says itself why it does not start."""
-    said = False
-    while patience > 0.0 and operator.state is not None and 'no_robot' in operator.state.flags:
-        if not said:
-            print('waiting for the pose of the robot', flush=True)
-            said = True
+    state, left, refusal = operator.state, patience, ''
+    if state is None or 'no_robot' not in state.flags:
+        return
+    print(f'waiting for the pose of the robot, {patience:g} s at most', flush=True)
+    refused = state.refused
+    while left > 0.0 and 'no_robot' in state.flags:
+        if state.refused > refused and state.last_refusal != refusal:
+            refusal = state.last_refusal
+            print(f'the server refused {refusal}', flush=True)
         operator.spend(0.1)
-        patience -= 0.1
+        state, left = operator.state or state, left - 0.1
 
 
 def _follow(operator: Operator, wish: Wish) -> int:

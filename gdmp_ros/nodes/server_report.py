@@ -60,6 +60,8 @@ class ServerReport:
         message.lateness_p50_us, message.lateness_p99_us = figures.p50_us, figures.p99_us
         message.lateness_max_us = figures.max_us
         message.scheduler = server.thread.scheduler if server.thread is not None else 'other'
+        flags = set() if server.robot_is_met() else {'no_robot'}
+        message.flags = sorted(flags)
         player = server.player
         if player is None:
             return message
@@ -67,7 +69,6 @@ class ServerReport:
         message.goal = [Pose()]
         wire.set_pose(message.goal[0], player.goal())
         message.last_refusal = player.last_refusal
-        flags = set() if server.robot_is_met() else {'no_robot'}
         rollout = player.rollout
         if rollout is not None:
             manifold = rollout.skill.manifold
@@ -76,8 +77,7 @@ class ServerReport:
             message.finished = rollout.finished
             message.factors = list(manifold.names)
             message.distance_to_goal = player.distances()
-            flags |= rollout.flags
-        message.flags = sorted(flags)
+            message.flags = sorted(flags | rollout.flags)
         return message
 
     def publish(self) -> ServerState:

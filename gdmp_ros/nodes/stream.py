@@ -17,7 +17,7 @@ class Stream:
     """
     Messages that differ in numbers, stamp and sequence number only.
 
-    While nobody listens nothing is made: what a volatile topic carried then would reach no one.
+    While nobody listens no message is made: what a volatile topic carried then would reach no one.
     """
 
     def __init__(self, publisher: Any, message: Patched):

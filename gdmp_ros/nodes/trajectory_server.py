@@ -92,7 +92,7 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().info('simulated time: one reference for each message on /clock')
         else:
             self.thread = shared.join(self._period_ns(), self.parameters.realtime_priority,
-                                       self._wall_tick)
+                                      self._wall_tick)
             self.log_scheduler(self.thread.scheduler)
         if self.parameters.execute_on_activate:
             self.begin()
@@ -257,7 +257,7 @@ class TrajectoryServer(ManagedNode):
         dt = (now - self._last_tick) / NS if self._last_tick else 0.0
         self._last_tick = now
         self.lateness.add(self.lateness.ticks * self._period_ns(),
-                           self.lateness.ticks * self._period_ns())
+                          self.lateness.ticks * self._period_ns())
         if not 0.0 <= dt <= CLOCK_JUMP_S:
             self._reporter.stalled(dt)
             dt = 0.0

@@ -18,7 +18,7 @@ CURVES = {'parallel_us': 'G-DMP parallel', 'published_us': 'G-DMP published',
 
 
 def run(settings: Settings) -> Data:
-    """Median step times [µs] at each size."""
+    """Step times [µs] at each size."""
     rows = []
     with progress('SPD(2) to SPD(20)', len(SIZES)) as done:
         for m in SIZES:

@@ -27,9 +27,7 @@ def main(parent: str, module: str, *arguments: str) -> None:
     :param parent: process that it ends with
     """
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    try:
-        os.kill(int(parent), 0)
-    except ProcessLookupError:  # before it could be asked for
+    if os.getppid() != int(parent):  # before it could be asked for
         sys.exit(f'{module}: who started it has gone')
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name='__main__', alter_sys=True)

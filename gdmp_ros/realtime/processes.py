@@ -48,7 +48,7 @@ class Children:
         """
         Start ``python -m module`` under a name (see `gdmp_ros.realtime.child`).
 
-        :param prefix: command that runs it
+        :param prefix: command that becomes it (exec), as ``nsenter`` does
         :param environment: added to that of all
         """
         with self.log(name).open('ab') as out:

@@ -14,6 +14,9 @@ from gdmp_ros.realtime.tool_skill import PlayerSettings
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.panda import Arm
 
+#: Longest motion [s].
+MOST_S = 120.0
+
 
 class Played(NamedTuple):
     """
@@ -29,20 +32,19 @@ class Played(NamedTuple):
     measured: np.ndarray
 
 
-def ticks(skill: Skill, loop: ClosedLoop, rest_s: float, most_s: float = 120.0
+def ticks(skill: Skill, loop: ClosedLoop, rest_s: float
           ) -> Iterator[tuple[np.ndarray, Tick]]:
     """
     Let an arm execute a skill of pose and stiffness from where it stands, tick by tick.
 
-    :param rest_s: time after the motion [s]
-    :param most_s: longest motion [s]
+    :param rest_s: time after the motion, which may last `MOST_S` [s]
     :returns: the reference (`gdmp_ros.control.impedance.TARGET_SIZE` numbers, the same array every
         time) and what the arm did
     :raises DataError: if the skill is not one of pose and stiffness
     """
     player = Player(skill, PlayerSettings(HOLD_STIFFNESS))
     player.start(loop.arm.measure().pose.copy())
-    left, period = most_s, loop.arm.period
+    left, period = MOST_S, loop.arm.period
     while left > 0.0:
         target = player.tick(period)
         if target is None:

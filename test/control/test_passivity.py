@@ -10,6 +10,7 @@ from gdmp_ros.control.limits import LimitSettings
 from gdmp_ros.control.passivity import compose_modes, growth_margin, relative_modes, TankSettings
 from gdmp_ros.control.reference import GuardSettings
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.profiles import minimum_jerk
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.panda import Arm
 
@@ -82,7 +83,7 @@ def test_in_free_motion_the_tank_gets_back_what_it_gave():
     for k in range(4000):
         s = min(k / 3000.0, 1.0)
         target = target_at(home, HOLD_STIFFNESS)
-        target[1] += 0.2 * s ** 3 * (10 - s * (15 - 6 * s))
+        target[1] += 0.2 * minimum_jerk(s)
         target[8] = 0.2 * 30 * s ** 2 * (1 - s) ** 2 / 3.0
         target[14] = 0.2 * 60 * s * (1 - s) * (1 - 2 * s) / 9.0
         loop.follow(target)

@@ -23,6 +23,7 @@ from gdmp_ros import (
 )
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.files import lasa
+from gdmp_ros.profiles import minimum_jerk
 
 CONNECTIONS = ['parallel', 'published']
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
@@ -34,7 +35,7 @@ MANIFOLDS = [Euclidean(2), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
 def curve(manifold, base, rng, samples=400, duration=2.0, size=0.6):
     """A smooth curve that starts at rest, wanders through all directions and ends at rest."""
     t = np.linspace(0.0, 1.0, samples)
-    blend = t ** 3 * (10.0 - 15.0 * t + 6.0 * t * t)
+    blend = minimum_jerk(t)
     first, second = manifold.random_tangent(base, rng), manifold.random_tangent(base, rng)
     first *= size / manifold.norm(base, first)
     second *= size / manifold.norm(base, second)
@@ -430,7 +431,7 @@ def test_a_far_goal_drives_published_out_of_the_cone_and_it_is_held(rng):
     manifold = SymmetricPositiveDefinite(3)
     start, goal = 1000.0 * np.eye(3), 50.0 * np.eye(3)
     times = np.linspace(0.0, 1.0, 200)
-    blend = times ** 3 * (10.0 - 15.0 * times + 6.0 * times ** 2)
+    blend = minimum_jerk(times)
     shown = Demonstration(times, np.array([manifold.geodesic(start, 0.9 * start, b)
                                            for b in blend]), manifold)
     parallel = Rollout(Skill.learn(shown))

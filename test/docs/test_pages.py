@@ -115,6 +115,7 @@ def run_once(text, folder):
     return done.returncode, (folder / '.log').read_text()
 
 
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize('page', with_blocks('bash', ['', 'ros2', 'web']))
 def test_commands_work_as_written(page, tmp_path):
     wanted = ['', *(['ros2'] if shutil.which('ros2') else []),

@@ -183,10 +183,27 @@ def node(name: str) -> Any:
         short_skill().save(path)
         made.set_parameters([_parameter('skill', str(path)), _parameter('start_from', 'skill')])
     made.configure()
+    _listen(made)
     made._active = True
     made.get_logger().set_level(50)
     _nodes[name] = made
     return made
+
+
+def _listen(made: Any) -> None:
+    """Listen to what a node streams: it makes no message otherwise."""
+    from gdmp_ros.nodes.managed import PolledGroup
+    from gdmp_ros.nodes.stream import Stream
+    streams = [value for holder in (made, getattr(made, '_references', made))
+               for value in vars(holder).values() if isinstance(value, Stream)]
+    for publisher in {id(one): one for one in (s._publisher for s in streams)}.values():
+        made.create_subscription(publisher.msg_type, publisher.topic, lambda _: None, 10,
+                                 callback_group=PolledGroup())
+        ends = time.monotonic() + 10.0
+        while publisher.get_subscription_count() == 0:
+            if time.monotonic() > ends:
+                raise RuntimeError(f'nobody hears {publisher.topic}')
+            time.sleep(0.01)
 
 
 def _parameter(name: str, value: Any) -> Any:

@@ -33,13 +33,14 @@ def test_it_executes_switches_the_goal_and_says_how_it_ended(world, skill_file):
     assert missing.returncode == 1 and 'nowhere.json: cannot read the skill' in missing.stderr
 
 
-def test_it_waits_for_the_robot_as_long_as_it_was_told(world):
-    world.start_server()
+def test_it_waits_for_the_robot_as_long_as_it_was_told(world, skill_file):
+    world.start_server(skill='')
     world.operator.wait_status('idle', 60.0)
-    early = run('--wait', '6')
+    early = run('--load', skill_file, '--wait', '6')
     assert early.returncode == 1 and 'waiting for the pose of the robot' in early.stdout
     assert 'no measured pose has arrived on /panda_sim/measured_pose' in early.stdout
-    process = subprocess.Popen(EXECUTE, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*EXECUTE, '--load', str(skill_file)], stdout=subprocess.PIPE,
+                               text=True)
     world.spin(2.0)
     world.start_sim()
     world.operator.wait_status('moving', 60.0)
