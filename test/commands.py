@@ -3,9 +3,10 @@ import os
 import subprocess
 import sys
 
+GDMP = [sys.executable, '-m', 'gdmp_ros.cli.main']
 
-def gdmp(*words, given=None, cwd=None, **environment):
+
+def gdmp(*words, given=None, cwd=None, timeout=280, **environment):
     """Run ``gdmp`` to its end; ``given`` is typed, the environment has these variables too."""
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', *map(str, words)],
-                          input=given, capture_output=True, text=True, cwd=cwd, timeout=280,
-                          env={**os.environ, **environment})
+    return subprocess.run([*GDMP, *map(str, words)], input=given, capture_output=True, text=True,
+                          cwd=cwd, timeout=timeout, env={**os.environ, **environment})

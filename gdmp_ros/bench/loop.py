@@ -10,8 +10,6 @@ from gdmp_ros.bench import measure
 from gdmp_ros.dmp import Skill
 from gdmp_ros.files import lasa
 
-#: Time after the motion [s].
-REST_S = 0.5
 TITLE = 'closed-loop simulation of a Panda, one core, without ROS'
 
 
@@ -28,7 +26,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
             loop.reset()
             begun = time.perf_counter()
             away = [np.linalg.norm(tick.measurement.pose[:3] - target[:3])
-                    for target, tick in ticks(skill, loop, REST_S)]
+                    for target, tick in ticks(skill, loop)]
             seconds = len(away) * loop.arm.period
             ratios.append(seconds / (time.perf_counter() - begun))
             errors.append(float(np.sqrt(np.mean(np.square(away)))))

@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.controller import Tick
@@ -30,7 +30,7 @@ from gdmp_ros.nodes.managed import (
 )
 from gdmp_ros.nodes.parameters import Parameters
 from gdmp_ros.nodes.sim_parameters import controller_settings, grip_settings, SPECS
-from gdmp_ros.nodes.stream import Stream
+from gdmp_ros.nodes.stream import pose_stream, stiffness_stream, Stream
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -241,17 +241,14 @@ class PandaSim(ManagedNode):
         self._describe()
         if self.parameters.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
-        state, pose = RobotState(), PoseStamped()
-        state.header.frame_id = pose.header.frame_id = frame
+        state = RobotState()
+        state.header.frame_id = frame
         self._state = Stream(self.add_publisher(RobotState, '~/state', DEEP),
                              wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * len(names),
                                           wire.fill_robot_state))
-        self._pose = Stream(self.add_publisher(PoseStamped, '~/measured_pose', 10),
-                            wire.Patched(pose, 7, wire.fill_pose_stamped))
-        self._stiffness, self._requested = (
-            Stream(self.add_publisher(Float64MultiArray, f'~/{name}_stiffness', 10),
-                   wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix))
-            for name in ('applied', 'requested'))
+        self._pose = pose_stream(self, '~/measured_pose', frame)
+        self._stiffness = stiffness_stream(self, '~/applied_stiffness')
+        self._requested = stiffness_stream(self, '~/requested_stiffness')
         self._joint_message = JointState(name=names)
 
     def _describe(self) -> None:

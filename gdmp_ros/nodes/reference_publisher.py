@@ -4,14 +4,12 @@ from __future__ import annotations
 import secrets
 
 from gdmp_msgs.msg import Reference
-from geometry_msgs.msg import PoseStamped
 import numpy as np
-from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.nodes import wire
 from gdmp_ros.nodes.managed import DEEP, ManagedNode
-from gdmp_ros.nodes.stream import Stream
+from gdmp_ros.nodes.stream import pose_stream, stiffness_stream, Stream
 
 
 class ReferencePublisher:
@@ -19,15 +17,12 @@ class ReferencePublisher:
 
     def __init__(self, node: ManagedNode, frame: str):
         """:param frame: ``frame_id`` of the references"""
-        reference, pose = Reference(), PoseStamped()
-        reference.header.frame_id = pose.header.frame_id = frame
+        reference = Reference()
+        reference.header.frame_id = frame
         self._whole = Stream(node.add_publisher(Reference, '~/reference', DEEP),
                              wire.Patched(reference, TARGET_SIZE, wire.fill_reference))
-        self._pose = Stream(node.add_publisher(PoseStamped, '~/reference_pose', 10),
-                            wire.Patched(pose, 7, wire.fill_pose_stamped))
-        self._stiffness = Stream(
-            node.add_publisher(Float64MultiArray, '~/reference_stiffness', 10),
-            wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix))
+        self._pose = pose_stream(node, '~/reference_pose', frame)
+        self._stiffness = stiffness_stream(node, '~/reference_stiffness')
         # Numbers of two publishers never follow each other: who listens can tell them apart.
         self._sequence = secrets.randbelow(1 << 31) << 30
 

@@ -14,8 +14,8 @@ from gdmp_ros.realtime.tool_skill import PlayerSettings
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.panda import Arm
 
-#: Longest motion [s].
-MOST_S = 120.0
+#: Longest motion, and time after it [s].
+MOST_S, REST_S = 120.0, 0.5
 
 
 class Played(NamedTuple):
@@ -32,7 +32,7 @@ class Played(NamedTuple):
     measured: np.ndarray
 
 
-def ticks(skill: Skill, loop: ClosedLoop, rest_s: float
+def ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
           ) -> Iterator[tuple[np.ndarray, Tick]]:
     """
     Let an arm execute a skill of pose and stiffness from where it stands, tick by tick.
@@ -56,7 +56,7 @@ def ticks(skill: Skill, loop: ClosedLoop, rest_s: float
         left -= period
 
 
-def play(skill: Skill, arm: Arm, rest_s: float = 0.5) -> Played:
+def play(skill: Skill, arm: Arm, rest_s: float = REST_S) -> Played:
     """Collect the `ticks` of a skill."""
     joints, references, measured = [], [], []
     for target, tick in ticks(skill, ClosedLoop(arm), rest_s):

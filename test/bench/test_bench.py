@@ -1,6 +1,6 @@
 """``gdmp bench``: what it writes, not how fast this machine is."""
+from functools import partial
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -8,13 +8,10 @@ import pytest
 
 from gdmp_ros.bench import accuracy, goal_switch, measure, tempo
 from gdmp_ros.cli.bench import SUBJECTS
+from test.commands import gdmp
 
 SETTINGS = measure.Settings(repetitions=7, classes=('GShape', 'Sine'))
-
-
-def bench(*words):
-    return subprocess.run([sys.executable, '-m', 'gdmp_ros.cli.main', 'bench',
-                           *map(str, words)], capture_output=True, text=True)
+bench = partial(gdmp, 'bench')
 
 
 @pytest.fixture(scope='module')

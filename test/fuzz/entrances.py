@@ -194,9 +194,8 @@ def _listen(made: Any) -> None:
     """Listen to what a node streams: it makes no message otherwise."""
     from gdmp_ros.nodes.managed import PolledGroup
     from gdmp_ros.nodes.stream import Stream
-    streams = [value for holder in (made, getattr(made, '_references', made))
-               for value in vars(holder).values() if isinstance(value, Stream)]
-    for publisher in {id(one): one for one in (s._publisher for s in streams)}.values():
+    holder = getattr(made, '_references', made)
+    for publisher in [one._publisher for one in vars(holder).values() if isinstance(one, Stream)]:
         made.create_subscription(publisher.msg_type, publisher.topic, lambda _: None, 10,
                                  callback_group=PolledGroup())
         ends = time.monotonic() + 10.0

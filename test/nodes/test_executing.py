@@ -1,18 +1,15 @@
 """`gdmp execute` asks a running server for what a user at the terminal wants."""
+from functools import partial
 import signal
 import subprocess
-import sys
 
 import numpy as np
 
 from gdmp_ros.nodes import wire
+from test.commands import GDMP, gdmp
 
-EXECUTE = [sys.executable, '-m', 'gdmp_ros.cli.main', 'execute']
-
-
-def run(*words):
-    return subprocess.run([*EXECUTE, *map(str, words)], capture_output=True, text=True,
-                          timeout=120)
+EXECUTE = [*GDMP, 'execute']
+run = partial(gdmp, 'execute', timeout=120)
 
 
 def test_it_executes_switches_the_goal_and_says_how_it_ended(world, skill_file):

@@ -3,9 +3,10 @@ import os
 import pty
 import re
 import subprocess
-import sys
 
-WATCH = [sys.executable, '-m', 'gdmp_ros.cli.main', 'watch', '--seconds']
+from test.commands import GDMP
+
+WATCH = [*GDMP, 'watch', '--seconds']
 
 
 def test_it_prints_what_goes_on_and_who_is_silent(world):
