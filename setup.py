@@ -43,12 +43,12 @@ setup(
     },
     zip_safe=False,
     entry_points={'console_scripts': [
-        'adapter = gdmp_ros.nodes.adapter:main',
-        'composed = gdmp_ros.nodes.composed:main',
+        'adapter = gdmp_ros.ros.adapter.node:main',
+        'composed = gdmp_ros.ros.composed:main',
         'gdmp = gdmp_ros.cli.main:main',
-        'panda_sim = gdmp_ros.nodes.panda_sim:main',
-        'take_recorder = gdmp_ros.nodes.take_recorder:main',
-        'trajectory_server = gdmp_ros.nodes.trajectory_server:main',
-        'visualizer = gdmp_ros.nodes.visualizer:main',
+        'panda_sim = gdmp_ros.ros.arm.node:main',
+        'take_recorder = gdmp_ros.ros.recorder.node:main',
+        'trajectory_server = gdmp_ros.ros.server.node:main',
+        'visualizer = gdmp_ros.ros.visualizer.node:main',
     ]},
 )

@@ -2,7 +2,7 @@
 import pytest
 
 from gdmp_ros import DataError
-from gdmp_ros.needs import extra, needs, ROS
+from gdmp_ros.util.optional_imports import extra, needs, ROS
 
 
 def test_what_is_missing_is_named_with_where_it_comes_from():

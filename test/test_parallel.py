@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from gdmp_ros.bench import accuracy
+from gdmp_ros.experiments.bench import accuracy
 from gdmp_ros.errors import DataError
-from gdmp_ros.parallel import chosen, Journal, mapped
+from gdmp_ros.util.parallel import chosen, Journal, mapped
 
 
 def slow_square(number):

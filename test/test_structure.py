@@ -65,7 +65,9 @@ sys.meta_path.insert(0, Blocked())
 import numpy as np
 import gdmp_ros
 from gdmp_ros.cli.main import parser
-from gdmp_ros.files import bags, lasa, recordings
+from gdmp_ros.data import bags
+from gdmp_ros.data import lasa
+from gdmp_ros.data import recordings
 from gdmp_ros.control import impedance
 parser()
 t = np.linspace(0, 1, 50)

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 import yaml
 
-from gdmp_ros import DataError, Demonstration, Skill, tuning
-from gdmp_ros.files import lasa
-from gdmp_ros.files.recordings import tool_manifold
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros import DataError, Demonstration, Skill
+from gdmp_ros.learning import tuning
+from gdmp_ros.data import lasa
+from gdmp_ros.data.recordings import tool_manifold
+from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 
 TIMES = np.linspace(0.0, 2.0, 400)
@@ -89,7 +90,7 @@ def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path)
     count = int(command.split('--n-basis ')[1].split()[0])
     assert Skill.load(tmp_path / 'skill.json').n_basis == count
     assert (tmp_path / 'tune.png').stat().st_size > 10_000
-    from gdmp_ros.nodes.parameter_tables import NODES
+    from gdmp_ros.ros.parameter_tables import NODES
     for node, content in yaml.safe_load((tmp_path / 'tuned.yaml').read_text()).items():
         specs = {spec.name: spec for spec in NODES[node.removeprefix('/**/')][1]}
         for name, value in content['ros__parameters'].items():

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.terminal import table
-from gdmp_ros.writing import write_json
+from gdmp_ros.util.terminal import table
+from gdmp_ros.util.atomic_write import write_json
 
 HELP = 'measure speed, accuracy and calm beside the peers'
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
@@ -63,9 +63,9 @@ def add_parallel_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, print a table, write the files."""
-    from gdmp_ros.bench.measure import environment, Settings
-    from gdmp_ros.files import lasa
-    from gdmp_ros.parallel import chosen
+    from gdmp_ros.experiments.timing import environment, Settings
+    from gdmp_ros.data import lasa
+    from gdmp_ros.util.parallel import chosen
     classes = tuple(options.classes or lasa.CLASSES)
     for name in classes:
         if name not in lasa.CLASSES:
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _module(what: str) -> Any:
-    return importlib.import_module(f'gdmp_ros.bench.{what.replace("-", "_")}')
+    return importlib.import_module(f'gdmp_ros.experiments.bench.{what.replace("-", "_")}')
 
 
 def _measure(what: str, settings: Any) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def _write(path: Path, document: dict[str, Any]) -> None:
 
 
 def _draw(documents: dict[str, dict[str, Any]], folder: Path) -> None:
-    from gdmp_ros import plots
+    from gdmp_ros.view import plots
     for what, document in documents.items():
         draw = getattr(_module(what), 'draw', None)
         if draw is not None:

@@ -20,9 +20,10 @@ from pathlib import Path
 from gdmp_ros.cli.record import EPOCH_NS
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import exchange, recordings
-from gdmp_ros.files.bags import STORAGES
-from gdmp_ros.needs import extra, needs
+from gdmp_ros.data import exchange
+from gdmp_ros.data import recordings
+from gdmp_ros.data.bags import STORAGES
+from gdmp_ros.util.optional_imports import extra, needs
 
 HELP = 'convert demonstrations and skills from and to other formats'
 KINDS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives')

@@ -25,5 +25,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; 0 where it ended well."""
-    from gdmp_ros.demo.run import run_demo  # needs ROS, unlike the other verbs
+    from gdmp_ros.experiments.demo.run import run_demo  # needs ROS, unlike the other verbs
     return run_demo(options.out, options.name)

@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.needs import extra, needs
-from gdmp_ros.writing import write_text
+from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.atomic_write import write_text
 
 HELP = 'describe an arm as URDF'
 
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Load the model and write it."""
     with needs(extra('sim')):
-        from gdmp_ros.sim.description import urdf
-        from gdmp_ros.sim.panda import Arm
+        from gdmp_ros.sim.urdf import urdf
+        from gdmp_ros.sim.arm import Arm
     text = urdf(Arm(options.model, options.tool_site), options.frame)
     if options.output is None:
         print(text, end='')

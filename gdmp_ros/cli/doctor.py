@@ -15,7 +15,7 @@ import json
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime import doctor
-from gdmp_ros.terminal import table
+from gdmp_ros.util.terminal import table
 
 HELP = 'check this machine and say what to change'
 

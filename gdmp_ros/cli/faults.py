@@ -19,7 +19,7 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.needs import needs, ROS
+from gdmp_ros.util.optional_imports import needs, ROS
 
 HELP = 'try what can go wrong on the nodes'
 
@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Try the faults; 0 if all that could be tried hold."""
     with needs(ROS):
-        from gdmp_ros.reliability import report
-        from gdmp_ros.reliability.faults import FAULTS
+        from gdmp_ros.experiments.reliability import report
+        from gdmp_ros.experiments.reliability.faults import FAULTS
         if options.list:
             print(report.known())
             return 0

@@ -18,8 +18,8 @@ import numpy as np
 
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.files import runs
-from gdmp_ros.needs import extra, needs
+from gdmp_ros.data import runs
+from gdmp_ros.util.optional_imports import extra, needs
 
 HELP = 'make a film of a run, or of a skill'
 SUFFIXES = ('.mp4', '.webp')
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.output.absolute().parent.is_dir():
         raise DataError(f'{options.output.parent}: there is no such folder')
     with needs(extra('sim')):
-        from gdmp_ros.sim.render import render_to
+        from gdmp_ros.view.films import render_to
         times, joints, path = (_recorded(options) if options.source.is_dir()
                                or options.source.suffix == '.mcap' else _played(options))
     wanted = np.arange(times[0], times[-1], options.speed / options.fps)
@@ -77,8 +77,8 @@ def _recorded(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.n
 def _played(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], joints [rad] and positions [m] of a skill that an arm executes."""
     skill = Skill.load(options.source)
-    from gdmp_ros.sim.panda import Arm
-    from gdmp_ros.sim.playback import play
+    from gdmp_ros.sim.arm import Arm
+    from gdmp_ros.sim.execution import play
     arm = Arm(options.model)
     played = play(skill, arm)
     return arm.period * np.arange(len(played.joints)), played.joints, played.measured[:, :3]

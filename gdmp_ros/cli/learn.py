@@ -23,8 +23,9 @@ from gdmp_ros.cli.bench import add_parallel_arguments
 from gdmp_ros.dmp import Fit, fit_report, Skill
 from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.files import recordings, takes
-from gdmp_ros.terminal import progress, table
+from gdmp_ros.data import recordings
+from gdmp_ros.data import takes
+from gdmp_ros.util.terminal import progress, table
 
 HELP = 'learn a skill from rosbag2 demonstrations'
 
@@ -141,7 +142,7 @@ def bags_in(given: Path) -> list[Path]:
 
 
 def _learn_each(bags: list[Path], recipe: Recipe, options: argparse.Namespace) -> None:
-    from gdmp_ros.parallel import chosen, Journal, mapped
+    from gdmp_ros.util.parallel import chosen, Journal, mapped
     if len({bag.name for bag in bags}) < len(bags):
         raise DataError('--each names the skills after the bags: two have the same name')
     options.output.mkdir(parents=True, exist_ok=True)

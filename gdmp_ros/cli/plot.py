@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros import plots
+from gdmp_ros.view import plots
 from gdmp_ros.dmp import Skill
 
 HELP = 'draw a skill'

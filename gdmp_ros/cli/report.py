@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.needs import extra, needs
+from gdmp_ros.util.optional_imports import extra, needs
 
 HELP = 'make one HTML page about a bag'
 
@@ -28,6 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
     with needs(extra('report')):
-        from gdmp_ros.report import page
+        from gdmp_ros.view import report_page as page
     what = page.write(options.bag, options.output, options.robot)
     print(f'wrote {options.output}, about {what}')

@@ -13,8 +13,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.files import recordings, takes
-from gdmp_ros.terminal import progress, table
+from gdmp_ros.data import recordings
+from gdmp_ros.data import takes
+from gdmp_ros.util.terminal import progress, table
 
 HELP = 'list, compare and drop takes of a demonstration'
 
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
             print(f'{one.name} differs: {one.differs}')
             print(f'  gdmp takes {options.folder} --drop {one.name}')
     if options.plot:
-        from gdmp_ros import plots
+        from gdmp_ros.view import plots
         plots.save(plots.takes_figure([one.demonstration for one in shown],
                                       [one.name for one in compared],
                                       [bool(one.differs) for one in compared]), options.plot)

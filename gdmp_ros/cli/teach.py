@@ -18,9 +18,9 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import lasa
-from gdmp_ros.files.bags import STORAGES
-from gdmp_ros.needs import needs, ROS
+from gdmp_ros.data import lasa
+from gdmp_ros.data.bags import STORAGES
+from gdmp_ros.util.optional_imports import needs, ROS
 
 HELP = 'lead a simulated arm by hand and record takes'
 
@@ -48,6 +48,6 @@ def run(options: argparse.Namespace) -> None:
         raise DataError(f'--takes is {options.takes}, expected 1 to 7: there are seven strokes')
     shown = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.takes]
     with needs(ROS):
-        from gdmp_ros.nodes import teaching
+        from gdmp_ros.ros.clients import teaching
     teaching.run(teaching.Setting(options.output, options.storage, options.frame,
                                   options.by_hand and not options.no_window), shown)

@@ -19,13 +19,13 @@ import shlex
 
 import numpy as np
 
-from gdmp_ros import tuning
+from gdmp_ros.learning import tuning
 from gdmp_ros.cli.learn import bags_in
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.files import recordings
-from gdmp_ros.terminal import progress, table
-from gdmp_ros.writing import write_text
+from gdmp_ros.data import recordings
+from gdmp_ros.util.terminal import progress, table
+from gdmp_ros.util.atomic_write import write_text
 
 HELP = 'suggest basis functions, gains, stiffness and limits from demonstrations'
 #: A limit lets through so many times what was demonstrated.
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> None:
         print(f'wrote {options.write}: with trajectory_server and panda_sim, '
               f'--ros-args --params-file {options.write}')
     if options.plot:
-        from gdmp_ros import plots
+        from gdmp_ros.view import plots
         plots.save(plots.tuning_figure(errors, count, switches, gain), options.plot)
         print(f'wrote {options.plot}')
 

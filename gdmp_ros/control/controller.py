@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.follower import limit_numbers, moved
+from gdmp_ros.control.governor import limit_numbers, moved
 from gdmp_ros.control.impedance import (
     ACCELERATION,
     DAMPING_RATIO,
@@ -28,14 +28,14 @@ from gdmp_ros.control.limits import (
     TorqueLimiter,
 )
 from gdmp_ros.control.measurement import JointLimits, Measurement
-from gdmp_ros.control.passivity import (
+from gdmp_ros.control.tank import (
     admit,
     EnergyTank,
     potential,
     stiffness_bounds,
     TankSettings,
 )
-from gdmp_ros.control.reference import GuardSettings, ReferenceGuard
+from gdmp_ros.control.guard import GuardSettings, ReferenceGuard
 
 #: Stiffness while nothing has been asked for [N/m, Nm/rad].
 HOLD_STIFFNESS = np.diag([400.0, 400.0, 400.0, 30.0, 30.0, 30.0])

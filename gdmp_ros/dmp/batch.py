@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gdmp_ros.dmp import stepping
+from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import ParameterError
@@ -15,9 +15,9 @@ class Batch:
     """
     Roll-outs that share a memory.
 
-    Each stays what it is: `Rollout.retarget`, `set_speed`, `flags` and even its own `advance` act
-    on it as before. A roll-out belongs to one batch at most. Not to be shared between threads; the
-    step itself holds no lock of the interpreter.
+    `Rollout.retarget`, `set_speed`, `flags` and even its own `advance` act on each of them as
+    before. A roll-out belongs to one batch at most. Not to be shared between threads; the step
+    itself does not hold the interpreter lock.
     """
 
     def __init__(self, rollouts: Sequence[Rollout]):
@@ -30,17 +30,17 @@ class Batch:
         if not self.rollouts:
             raise ParameterError('a batch needs at least one roll-out, got none')
         if (len({id(one) for one in self.rollouts}) < len(self.rollouts)
-                or any(one._memory.base is not None for one in self.rollouts)):
+                or any(one.memory.base is not None for one in self.rollouts)):
             raise ParameterError('a roll-out can be in one batch only, and only once')
-        sizes = [one._memory.size for one in self.rollouts]
-        self._memory = np.concatenate([one._memory for one in self.rollouts])
-        ends = np.cumsum(sizes)
-        for one, end, size in zip(self.rollouts, ends, sizes):
-            one._adopt(self._memory[end - size:end])
-        outs = np.array([one._out_size for one in self.rollouts])
-        self._cuts = [slice(end - size, end) for end, size in zip(np.cumsum(outs), outs)]
-        self._times = np.cumsum(outs) - outs
-        self._size = int(outs.sum())
+        sizes = [one.memory.size for one in self.rollouts]
+        self._memory = np.concatenate([one.memory for one in self.rollouts])
+        for one, end, size in zip(self.rollouts, np.cumsum(sizes), sizes):
+            one.use_memory(self._memory[end - size:end])
+        states = np.array([one.state_size for one in self.rollouts])
+        ends = np.cumsum(states)
+        self._parts = [slice(end - size, end) for end, size in zip(ends, states)]
+        self._times = ends - states
+        self._size = int(states.sum())
 
     def advance(self, dt: float | np.ndarray) -> list[State]:
         """
@@ -50,6 +50,6 @@ class Batch:
         """
         out = np.empty(self._size)
         out[self._times] = dt
-        stepping.advance(self._memory, out)
-        return [State.of(out[cut], one.skill.manifold)
-                for cut, one in zip(self._cuts, self.rollouts)]
+        advance(self._memory, out)
+        return [State(out[part], one.skill.manifold)
+                for part, one in zip(self._parts, self.rollouts)]

@@ -7,34 +7,35 @@ from functools import cached_property
 
 import numpy as np
 
-from gdmp_ros.dmp.development import Development, distances
+from gdmp_ros.dmp.development import Development
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds import Manifold
 
 #: Stamps whose spacing varies by less than this fraction are uniform and used as they are.
 UNIFORM = 1e-4
-#: Fewest samples a second derivative can be taken from.
-LEAST_SAMPLES = 3
-#: Demonstrations with fewer samples are interpolated to so many before they are learned from.
-LEAST_RESAMPLED = 300
+#: Fewest samples from which a second derivative can be computed.
+MIN_SAMPLES = 3
+#: Demonstrations with fewer samples are interpolated to this many before learning.
+MIN_RESAMPLED = 300
 
 
-def one_or_several(shown: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
-    """Give what callers may pass as a list."""
-    return [shown] if isinstance(shown, Demonstration) else list(shown)
+def as_list(demonstrations: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
+    """One demonstration or several, as a list."""
+    one = isinstance(demonstrations, Demonstration)
+    return [demonstrations] if one else list(demonstrations)  # type: ignore[arg-type,list-item]
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
     """
-    What was shown: one trajectory, validated.
+    One demonstrated trajectory, validated.
 
-    Quaternion factors are made sign-continuous. Irregular stamps are kept here and resampled when
-    the skill is learned (`uniform`).
+    Quaternion factors are made sign-continuous. Irregular stamps are kept, and resampled when a
+    skill is learned (`uniform`).
 
     :param times: increasing, shape ``(T,)`` [s]
     :param points: shape ``(T, *point_shape)``
-    :raises DataError: naming the first sample that is refused, and why
+    :raises DataError: with the first invalid sample and the reason
     """
 
     times: np.ndarray
@@ -44,9 +45,9 @@ class Demonstration:
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64)
         points = np.array(self.points, dtype=np.float64)
-        if times.ndim != 1 or len(times) < LEAST_SAMPLES:
+        if times.ndim != 1 or len(times) < MIN_SAMPLES:
             raise DataError(f'demonstration: {times.size} samples, '
-                            f'expected at least {LEAST_SAMPLES}')
+                            f'expected at least {MIN_SAMPLES}')
         if points.shape != (len(times), *self.manifold.point_shape):
             raise DataError(f'demonstration: points have shape {points.shape}, '
                             f'expected {(len(times), *self.manifold.point_shape)}')
@@ -101,22 +102,22 @@ class Demonstration:
 
     def uniform(self) -> Demonstration:
         """
-        Give the same curve with equally spaced stamps; itself if they are, and are many enough.
+        Return the same curve with equally spaced stamps; itself if they are, and enough of them.
 
-        A gap in the stamps is bridged by the spline of `at`.
+        The spline of `at` fills gaps in the stamps.
         """
-        if self.is_uniform and len(self.times) >= LEAST_RESAMPLED:
+        if self.is_uniform and len(self.times) >= MIN_RESAMPLED:
             return self
-        times = np.linspace(self.times[0], self.times[-1], max(len(self.times), LEAST_RESAMPLED))
+        times = np.linspace(self.times[0], self.times[-1], max(len(self.times), MIN_RESAMPLED))
         return Demonstration(times, self.at(times), self.manifold)
 
     def smoothed(self, cutoff: float) -> Demonstration:
         """
-        Give the motion without what is faster than ``cutoff`` [Hz].
+        Return the motion with frequencies above ``cutoff`` [Hz] removed, at the same stamps.
 
         A cubic smoothing spline on the manifold (`gdmp_ros.dmp.development.Development.smooth`):
-        half the amplitude is left at the cut-off, 94 % at half of it, 6 % at twice, without delay,
-        at the same stamps. Start and end move too where they are noisy.
+        50 % of the amplitude remains at the cut-off, 94 % at half of it, 6 % at twice, without
+        delay. Start and end are smoothed too.
 
         :raises DataError: with fewer than 5 samples
         """
@@ -128,7 +129,7 @@ class Demonstration:
         return Demonstration(self.times, flat.reshape(self.points.shape), self.manifold)
 
     def aligned(self, reference: np.ndarray) -> Demonstration:
-        """Give the same motion, beginning in the representative nearest ``reference``."""
+        """Return the same motion, beginning in the representative nearest ``reference``."""
         if np.array_equal(self.manifold.align(self.points[0], reference), self.points[0]):
             return self
         points = self.points.copy()
@@ -138,7 +139,7 @@ class Demonstration:
     def span(self) -> float:
         """Largest geodesic distance from the first point."""
         first = np.broadcast_to(self.flat_points[0], self.flat_points.shape)
-        away = distances(self.manifold, first, self.flat_points)
+        away = self.manifold.factor_distances(first, self.flat_points)
         return float(np.linalg.norm(away, axis=1).max())
 
     def _development(self) -> Development:

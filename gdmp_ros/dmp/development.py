@@ -1,66 +1,76 @@
 """
 A curve on a manifold unrolled into Rⁿ, and its derivatives.
 
-A frame is carried parallel along the samples. The step from one sample to the next has coordinates
-in it; their running sum is the curve's *development*, an ordinary curve in Rⁿ: its derivatives are
-the covariant derivatives of the curve, and it can be interpolated like any other.
+A frame is transported along the samples. The step from one sample to the next has coordinates in
+it; their cumulative sum is the curve's *development*, an ordinary curve in Rⁿ. Its derivatives are
+the covariant derivatives of the curve, and it can be interpolated like any other curve.
 """
 from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from gdmp_ros.compilation import compiled
 from gdmp_ros.errors import CutLocusError
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.registry import (
-    apply_factors,
-    factor_table,
-    map_factors,
+from gdmp_ros.manifolds.factors import (
+    CUT_LOCUS_LIMIT,
+    frame_point_rows,
+    log_in_frame,
+    log_rows,
+    project_tangent_rows,
+    renormalize_frame,
+    transport_frame,
+    transport_frame_rows,
     work_array,
 )
+from gdmp_ros.manifolds.linalg import copy_into
+from gdmp_ros.manifolds.point_space import kernel_array
 
-#: Frames are re-orthonormalised after this many moves.
-MEND_EVERY = 32
+#: Frames are renormalized after this many steps.
+RENORMALIZE_EVERY = 32
 
 
-@compiled
-def _develop(table, frame, points, goals, frames, steps, to_goal, gaps, work):
-    """Carry ``frame`` along; rows of ``gaps``: from the cut locus of neighbour and goal."""
-    none = np.empty(0)
+@kernel
+def _develop(factors, frame, points, targets, frames, steps, to_target, distances, work):
+    """
+    Transport ``frame`` along the samples.
+
+    :param distances: written: of each neighbour (row 0) and target (row 1) from the cut locus
+    """
     for i in range(points.shape[0]):
-        frames[i] = frame
-        gaps[1, i] = apply_factors(table, ops.FRAME_LOG, frame, goals[i], to_goal[i], work)
+        copy_into(frame, frames[i])
+        distances[1, i] = log_in_frame(factors, frame, targets[i], to_target[i], work)
         if i + 1 < points.shape[0]:
-            gaps[0, i] = apply_factors(table, ops.FRAME_LOG, frame, points[i + 1], steps[i], work)
-            apply_factors(table, ops.MOVE, frame, steps[i], none, work)
-            if i % MEND_EVERY == MEND_EVERY - 1:
-                apply_factors(table, ops.MEND, frame, none, none, work)
+            distances[0, i] = log_in_frame(factors, frame, points[i + 1], steps[i], work)
+            transport_frame(factors, frame, steps[i], work)
+            if i % RENORMALIZE_EVERY == RENORMALIZE_EVERY - 1:
+                renormalize_frame(factors, frame, work)
 
 
-def _rowwise(table: np.ndarray, op: int, a: np.ndarray, b: np.ndarray,
-             width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Apply an operation to each row: results of ``width`` numbers, and the kernels' answers."""
-    out, answers = np.empty((len(a), width)), np.empty(len(a))
-    first, second = (np.require(x, requirements=['C', 'W']) for x in (a, b))
-    map_factors(table, op, first, second, out, answers, work_array(table))
-    return out, answers
+def _log_each(manifold: Manifold, bases: np.ndarray,
+              points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithm of each row, and distances from the cut locus."""
+    table = manifold.factor_table
+    out, distances = np.empty((len(bases), manifold.tangent_size)), np.empty(len(bases))
+    log_rows(table, kernel_array(bases), kernel_array(points), out, distances, work_array(table))
+    return out, distances
 
 
-def _check_steps(manifold: Manifold, gaps: np.ndarray) -> None:
-    at = int(np.argmin(gaps))
-    if gaps[at] < ops.CUT_LOCUS_LIMIT:
-        raise CutLocusError(f'{manifold!r}: samples {at} and {at + 1} are {gaps[at]:.2g} rad from '
-                            f'the cut locus of each other: sampled too coarsely', float(gaps[at]))
+def _check_steps(manifold: Manifold, distances: np.ndarray) -> None:
+    at = int(np.argmin(distances))
+    if distances[at] < CUT_LOCUS_LIMIT:
+        raise CutLocusError(f'{manifold!r}: samples {at} and {at + 1} are {distances[at]:.2g} rad '
+                            f'from the cut locus of each other: sampled too coarsely',
+                            float(distances[at]))
 
 
-def _check_goal(manifold: Manifold, gaps: np.ndarray) -> None:
-    at = int(np.argmin(gaps))
-    if gaps[at] < ops.CUT_LOCUS_LIMIT:
-        raise CutLocusError(f'{manifold!r}: sample {at} is {gaps[at]:.2g} rad from the cut locus '
-                            f'of the goal, expected at least {ops.CUT_LOCUS_LIMIT:g}',
-                            float(gaps[at]))
+def _check_targets(manifold: Manifold, distances: np.ndarray) -> None:
+    at = int(np.argmin(distances))
+    if distances[at] < CUT_LOCUS_LIMIT:
+        raise CutLocusError(f'{manifold!r}: sample {at} is {distances[at]:.2g} rad from the cut '
+                            f'locus of the goal, expected at least {CUT_LOCUS_LIMIT:g}',
+                            float(distances[at]))
 
 
 class Development:
@@ -79,19 +89,18 @@ class Development:
         """
         count, size = len(points), manifold.tangent_size
         self.manifold = manifold
-        self.table = factor_table(manifold.factors)
-        self.points = np.require(points, requirements=['C', 'W'])
+        self.points = kernel_array(points)
         self.frames = np.empty((count, manifold.frame_size))
         self.steps = np.empty((count - 1, size))
-        self.to_goal = np.empty((count, size))
-        gaps = np.full((2, count), np.inf)
+        self.to_target = np.empty((count, size))
+        distances = np.full((2, count), np.inf)
         ends = np.broadcast_to(self.points[-1], points.shape) if targets is None else targets
-        _develop(self.table, frame.copy(), self.points,
-                 np.require(ends, requirements=['C', 'W']), self.frames, self.steps, self.to_goal,
-                 gaps, work_array(self.table))
-        _check_steps(manifold, gaps[0])
+        table = manifold.factor_table
+        _develop(table, frame.copy(), self.points, kernel_array(ends), self.frames, self.steps,
+                 self.to_target, distances, work_array(table))
+        _check_steps(manifold, distances[0])
         if targets is not None:
-            _check_goal(manifold, gaps[1])
+            _check_targets(manifold, distances[1])
 
     @property
     def unrolled(self) -> np.ndarray:
@@ -112,11 +121,10 @@ class Development:
 
     def smooth(self, times: np.ndarray, cutoff: float) -> np.ndarray:
         """
-        Samples of the cubic smoothing spline of the development, rolled back.
+        Samples of the cubic smoothing spline of the development, back on the manifold.
 
-        A motion at ``cutoff`` [Hz] comes out with half its amplitude, one at half of it with
-        94 %, one at twice with 6 %, none delayed (``1 / (1 + (f / cutoff)⁴)``); the stamps may be
-        irregular.
+        The frequency response is ``1 / (1 + (f / cutoff)⁴)`` without delay: 50 % of the amplitude
+        at ``cutoff`` [Hz], 94 % at half of it, 6 % at twice. Stamps may be irregular.
         """
         spacing = np.gradient(times)
         mean = (times[-1] - times[0]) / (len(times) - 1)
@@ -129,31 +137,19 @@ class Development:
 
     def _moved(self, index: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """Points ``offsets`` away from the samples at ``index``, in their frames."""
-        moved = self.frames[index]
-        _rowwise(self.table, ops.MOVE, moved, offsets, 0)
-        return _rowwise(self.table, ops.POINT, moved, np.empty((len(index), 0)),
-                        self.manifold.point_size)[0]
-
-
-def distances(manifold: Manifold, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """
-    Geodesic distance in each factor between points of two sequences.
-
-    :param a: flat points, shape ``(count, point_size)``
-    :returns: shape ``(count, factors)``; the distance in the product is their Euclidean norm
-    """
-    table = factor_table(manifold.factors)
-    frames, _ = _rowwise(table, ops.FRAME, a, np.empty((len(a), 0)), manifold.frame_size)
-    away, _ = _rowwise(table, ops.FRAME_LOG, frames, b, manifold.tangent_size)
-    return np.column_stack([np.linalg.norm(away[:, part], axis=1)
-                            for part in manifold.tangent_slices])
+        table, moved = self.manifold.factor_table, self.frames[index]
+        points, work = np.empty((len(index), self.manifold.point_size)), work_array(table)
+        transport_frame_rows(table, moved, kernel_array(offsets), work)
+        frame_point_rows(table, moved, points, work)
+        return points
 
 
 def differentiate(steps: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """
     First and second derivatives at the samples from the steps between them (central differences).
 
-    At the ends the second derivative is the neighbour's and the first is extrapolated half a step.
+    At the ends the second derivative is that of the neighbour; the first is extrapolated half a
+    step.
 
     :param steps: shape ``(samples - 1, n)``, at least two
     """
@@ -171,19 +167,21 @@ def published_derivatives(manifold: Manifold, points: np.ndarray, targets: np.nd
     """
     Velocities, accelerations and logarithms to the targets in the representation as stored.
 
-    Tangents of neighbouring points are subtracted as they stand, as the paper does; on spheres the
-    results are projected to the tangent space. Source: [GDMP] eqs. (20), (21).
+    As in the paper, tangents of neighbouring points are subtracted without transport; on spheres
+    the results are projected to the tangent space. Source: [GDMP] eqs. (20), (21).
 
     :param points: flat samples, shape ``(samples, point_size)``
     :param targets: a flat point for each
     :raises CutLocusError: as `Development`
     """
-    table, size = factor_table(manifold.factors), manifold.tangent_size
-    forth, gaps = _rowwise(table, ops.LOG, points[:-1], points[1:], size)
-    _check_steps(manifold, gaps)
-    back, _ = _rowwise(table, ops.LOG, points[1:], points[:-1], size)
-    to_goal, gaps = _rowwise(table, ops.LOG, points, targets, size)
-    _check_goal(manifold, gaps)
-    velocity, acceleration = differentiate(0.5 * (forth - back), dt)
-    return (_rowwise(table, ops.TANGENT, points, velocity, size)[0],
-            _rowwise(table, ops.TANGENT, points, acceleration, size)[0], to_goal)
+    forward, distances = _log_each(manifold, points[:-1], points[1:])
+    _check_steps(manifold, distances)
+    backward, _ = _log_each(manifold, points[1:], points[:-1])
+    to_target, distances = _log_each(manifold, points, targets)
+    _check_targets(manifold, distances)
+    table, work = manifold.factor_table, work_array(manifold.factor_table)
+    projected = []
+    for vectors in differentiate(0.5 * (forward - backward), dt):
+        projected.append(np.empty_like(vectors))
+        project_tangent_rows(table, kernel_array(points), vectors, projected[-1], work)
+    return projected[0], projected[1], to_target

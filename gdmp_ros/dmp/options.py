@@ -1,19 +1,17 @@
-"""How a roll-out behaves: what may be chosen, and within which limits."""
+"""How a roll-out behaves: options and their limits."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 
-#: How near every factor must be to the goal: [m], [rad], half-angle [rad], [rad], [1].
-TOLERANCES = {'euclidean': 0.0005, 'sphere': 0.0025, 'quaternion': 0.00125, 'rotation': 0.0025,
-              'spd': 0.0025}
-#: Fastest tempo `Rollout.set_speed` accepts.
+#: Fastest speed of the phase that `Rollout.set_speed` accepts.
 MAX_SPEED = 2.0
 
 
@@ -22,11 +20,11 @@ class Options:
     """
     How a roll-out behaves; everything has a default.
 
-    :ivar speed: tempo at the beginning, 0 to 2
-    :ivar speed_rate: largest change of the tempo [1/s]
+    :ivar speed: speed of the phase at the beginning, 0 to 2; 1 is as demonstrated
+    :ivar speed_rate: largest change of the speed [1/s]
     :ivar tolerances: distance to the goal at which each factor counts as arrived
     :ivar goal_speed: for each factor, fastest a goal moves after a switch [1/s at speed 1, in the
-        factor's metric: m, rad, half-angle rad]; infinity for no limit; None for none at all
+        factor's metric: m, rad, half-angle rad]; infinity or None for no limit
     :ivar phase_stopping: κ in ``ds/dt ← ds/dt / (1 + κ e²)``; 0 ignores the tracking error
     :ivar error_weights: for each factor, weight of its squared tracking error in ``e² = Σ w d²``;
         1 by default
@@ -41,9 +39,9 @@ class Options:
 
     def check(self, manifold: Manifold) -> None:
         """:raises ParameterError: if a number is out of range"""
-        in_range('speed', self.speed, 0.0, MAX_SPEED)
-        in_range('speed_rate', self.speed_rate, 1e-6, math.inf)
-        in_range('phase_stopping', self.phase_stopping, 0.0, 1e9)
+        check_range('speed', self.speed, 0.0, MAX_SPEED)
+        check_range('speed_rate', self.speed_rate, 1e-6, math.inf)
+        check_range('phase_stopping', self.phase_stopping, 0.0, 1e9)
         count = len(manifold.factors)
         for name in ('goal_speed', 'error_weights'):
             given = getattr(self, name)
@@ -57,23 +55,30 @@ class Options:
     def tolerances_of(self, manifold: Manifold) -> np.ndarray:
         """Tolerance of each factor."""
         if self.tolerances is None:
-            return np.array([TOLERANCES[factor.kind] for factor in manifold.factors])
+            return np.array([factor.goal_tolerance for factor in manifold.factors])
         return np.asarray(self.tolerances, dtype=np.float64)
 
 
-def options_of(options: Options | None,
-               settings: dict[str, float | Sequence[float] | None]) -> Options:
-    """``options``, or the defaults, with single ones replaced by name."""
-    try:
-        return Options(**{**(vars(options) if options else {}), **settings})
-    except TypeError:
-        unknown = ', '.join(sorted(set(settings) - set(vars(Options()))))
-        raise ParameterError(f'unknown option {unknown}; there are '
-                             f'{", ".join(vars(Options()))}') from None
+def merged_options(options: Options | None, changes: dict[str, Any]) -> Options:
+    """
+    ``options``, or the defaults, with single ones replaced by name.
+
+    :raises ParameterError: if a name is unknown
+    """
+    known = vars(options or Options())
+    unknown = sorted(set(changes) - set(known))
+    if unknown:
+        raise ParameterError(f'unknown option {", ".join(unknown)}; expected one of '
+                             f'{", ".join(known)}')
+    return Options(**{**known, **changes})
 
 
-def in_range(name: str, value: object, low: float, high: float) -> float:
-    """Return ``value`` as a number; refuse what is none or lies outside."""
+def check_range(name: str, value: object, low: float, high: float) -> float:
+    """
+    Return ``value`` as a number.
+
+    :raises ParameterError: if it is not a number from ``low`` to ``high``
+    """
     if not (isinstance(value, (int, float, np.number)) and low <= value <= high):
         raise ParameterError(f'{name} is {value!r}, expected a number from {low:g} to {high:g}')
     return float(value)

@@ -1,15 +1,15 @@
 """
-Demonstrations beyond the cut locus, and what draws a motion along them.
+Demonstrations beyond the cut locus: segments, and the target that attracts the motion.
 
-Where a demonstration leaves the region in which ``Log_Y(G)`` is unique, it is cut into segments,
-each with a target inside it: the end of the segment. When a segment begins, the target moves on to
-the segment's end along the geodesic, with a continuous velocity; the forcing term is learned with
-the target where it will be. So position, velocity and acceleration are continuous at the joins,
-and one set of weights spans them all. Only the factors that need it are split; the others are
-drawn to the goal throughout. The last segment's target is the goal itself, wherever it moves: a
+Where a demonstration leaves the region in which ``Log_Y(G)`` is unique, it is split into segments,
+each with a target inside the region: the end of the segment. When a segment begins, the target
+moves to the segment's end along the geodesic, with a continuous velocity. The forcing term is
+learned with the same moving target, so position, velocity and acceleration are continuous at the
+joins, and one set of weights covers all segments. Only the factors that need it are split; the
+others are attracted by the goal throughout. The target of the last segment is the goal itself: a
 new goal acts at once on a factor that is not split, and in the last segment on one that is.
 
-Source: the remark on the cut locus in [GDMP] (Remark 1, Fig. 2b), which is left to the user there.
+Source: [GDMP] Remark 1 and Fig. 2b, which leave the cut locus to the user.
 """
 from __future__ import annotations
 
@@ -19,35 +19,24 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled, kept_apart
+from gdmp_ros.kernels import kernel, noinline, numbers_at
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds.registry import (
-    apply_factor,
-    factor_table,
-    map_factors,
-    POINT,
-    VECTOR,
-    work_array,
-)
+from gdmp_ros.manifolds.factors import factor_exp, factor_log, log_rows, work_array
+from gdmp_ros.manifolds.linalg import copy_numbers
+from gdmp_ros.util.profiles import smoothstep
 
-#: A sample this near the cut locus of the goal [rad], or within two steps of it, splits a factor.
-#: The logarithm turns π / gap times as fast as the point moves there, too fast to be learned; and
-#: on a sphere a goal further away than π/2 pushes sideways: at a distance r, what is beside the
-#: path grows as exp(α_z/2 (√(1 - r cot r) - 1) s), threefold in a tenth of a duration at 2.04.
-MARGINS = {'sphere': 1.1, 'quaternion': 1.1, 'rotation': 0.5}
-#: Longest way within a segment [rad]: point and target stay well inside each other's region.
-LONGEST = 0.45 * math.pi
+#: Longest way within a segment [rad]: point and target stay far from each other's cut locus.
+LONGEST_SEGMENT = 0.45 * math.pi
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
     """
-    Where a motion is cut.
+    Where a motion is split.
 
     :ivar ends: progress s at which each segment but the last ends, increasing, within 0 … 1
     :ivar waypoints: the targets of these segments, flat points, shape ``(len(ends), point_size)``
-    :ivar split: for each factor, whether it is cut
+    :ivar split: for each factor, whether it is split
     """
 
     ends: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -59,49 +48,53 @@ class Segments:
             array.flags.writeable = False
 
     def __len__(self) -> int:
-        """How many segments there are: 1 where nothing is cut."""
+        """Number of segments: 1 if nothing is split."""
         return len(self.ends) + 1
 
 
-@compiled
-def target_at(table, split, ends, waypoints, goal, s, out, vector, work):
-    """Write what draws the motion at ``s`` to ``out``: for factors not split, the goal."""
-    kept_apart()
-    for i in range(goal.size):
-        out[i] = goal[i]
-    index = 0
-    while index < ends.size and s >= ends[index]:
+@kernel
+def target_at(factors, split, count, ends, waypoints, goal, s, out, tangent, work):
+    """
+    Write the target that attracts the motion at ``s``: the goal for factors not split.
+
+    :param count: number of waypoints
+    """
+    noinline()
+    size, index = factors[factors.size - 1].point_end, 0
+    copy_numbers(size, goal, out)
+    while index < count and s >= ends[index]:
         index += 1
-    for factor in range(table.shape[0]):
-        if split[factor] == 0:
+    for i in range(factors.size):
+        factor = factors[i]
+        if split[i] == 0.0:
             continue
-        first, last = table[factor, POINT], table[factor, POINT + 1]
         if index == 0:
-            for i in range(first, last):
-                out[i] = waypoints[0, i]
+            for k in range(factor.point, factor.point_end):
+                out[k] = waypoints[0, k]
             continue
-        begin, end = ends[index - 1], 1.0
-        where = goal
-        if index < ends.size:
-            end, where = ends[index], waypoints[index]
+        begin, end, last = ends[index - 1], 1.0, numbers_at(goal, 0, size)
+        if index < count:
+            end, last = ends[index], numbers_at(waypoints, index * size, size)
         u = (s - begin) / (end - begin)
         if u >= 1.0:
             continue
-        apply_factor(table, factor, ops.LOG, waypoints[index - 1], where, vector, work)
-        for i in range(table[factor, VECTOR], table[factor, VECTOR + 1]):
-            vector[i] *= u * u * (3.0 - 2.0 * u)
-        apply_factor(table, factor, ops.EXP, waypoints[index - 1], vector, out, work)
+        previous = numbers_at(waypoints, (index - 1) * size, size)
+        factor_log(factor, previous, last, tangent, work)
+        for k in range(factor.tangent, factor.tangent_end):
+            tangent[k] *= smoothstep(u)
+        factor_exp(factor, previous, tangent, out, work)
 
 
-@compiled
-def _targets(table, split, ends, waypoints, goal, s, out, vector, work):
+@kernel
+def _target_rows(factors, split, ends, waypoints, goal, s, out, tangent, work):
     for i in range(s.size):
-        target_at(table, split, ends, waypoints, goal, s[i], out[i], vector, work)
+        target_at(factors, split, ends.size, ends, waypoints, goal, s[i],
+                  numbers_at(out, i * out.shape[1], out.shape[1]), tangent, work)
 
 
 def targets(manifold: Manifold, segments: Segments, goal: np.ndarray, s: np.ndarray) -> np.ndarray:
     """
-    What draws the motion at each of ``s``, flat points, shape ``(len(s), point_size)``.
+    Target of the motion at each of ``s``, flat points, shape ``(len(s), point_size)``.
 
     :param goal: flat point
     """
@@ -109,60 +102,60 @@ def targets(manifold: Manifold, segments: Segments, goal: np.ndarray, s: np.ndar
     if len(segments) == 1:
         out[:] = goal
         return out
-    table = factor_table(manifold.factors)
-    _targets(table, np.array(segments.split, dtype=np.int64), segments.ends.copy(),
-             np.array(segments.waypoints), np.array(goal), np.array(s, dtype=np.float64), out,
-             np.empty(manifold.tangent_size), work_array(table))
+    table = manifold.factor_table
+    _target_rows(table, np.array(segments.split, dtype=np.float64), segments.ends.copy(),
+                 np.array(segments.waypoints), np.array(goal), np.array(s, dtype=np.float64), out,
+                 np.empty(manifold.tangent_size), work_array(table))
     return out
 
 
-def cut_locus_gaps(manifold: Manifold, points: np.ndarray,
-                   goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cut_locus_distances(manifold: Manifold, points: np.ndarray,
+                        goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    How near each factor of the samples comes to the cut locus of the goal, and its steps.
+    Distance of each factor of the samples from the cut locus of the goal, and their spacing.
 
     :param points: flat samples, shape ``(samples, point_size)``
-    :returns: gaps [rad], shape ``(factors, samples)`` (inf where there is no cut locus), and the
+    :returns: distances [rad], shape ``(factors, samples)`` (inf where there is no cut locus), and
         distances between neighbours, shape ``(factors, samples - 1)``
     """
-    whole = factor_table(manifold.factors)
-    gaps = np.full((len(whole), len(points)), np.inf)
-    lengths = np.zeros((len(whole), len(points) - 1))
+    table = manifold.factor_table
+    distances = np.full((len(table), len(points)), np.inf)
+    spacing = np.zeros((len(table), len(points) - 1))
     for i, factor in enumerate(manifold.factors):
-        if factor.kind in ('euclidean', 'spd'):
+        if not factor.has_cut_locus:
             continue
-        columns = slice(whole[i, POINT], whole[i, POINT + 1])
+        columns = slice(table[i]['point'], table[i]['point_end'])
         part = np.array(points[:, columns], order='C')
         end = np.array(np.broadcast_to(goal[columns], part.shape), order='C')
-        table = factor_table([factor])
-        out, work = np.empty((len(part), factor.tangent_size)), work_array(table)
-        map_factors(table, ops.LOG, part, end, out, gaps[i], work)
-        answers = np.empty(len(part) - 1)
-        map_factors(table, ops.LOG, part[:-1].copy(), part[1:].copy(), out[1:], answers, work)
-        # SO(m): the norm of coordinates, as for the others, is the distance.
-        lengths[i] = np.linalg.norm(out[1:], axis=1)
-    return gaps, lengths
+        own, out = factor.factor_table, np.empty((len(part), factor.tangent_size))
+        log_rows(own, part, end, out, distances[i], work_array(own))
+        log_rows(own, part[:-1].copy(), part[1:].copy(), out[1:], np.empty(len(part) - 1),
+                 work_array(own))
+        # SO(m) too: the norm of the coordinates is the distance.
+        spacing[i] = np.linalg.norm(out[1:], axis=1)
+    return distances, spacing
 
 
-def split_factors(manifold: Manifold, gaps: np.ndarray, lengths: np.ndarray) -> tuple[bool, ...]:
-    """Which factors of a demonstration come too near the cut locus, from its `cut_locus_gaps`."""
-    return tuple(bool(low < max(MARGINS.get(factor.kind, 0.0), 2.0 * step)) for factor, low, step
-                 in zip(manifold.factors, gaps.min(axis=1), lengths.max(axis=1)))
+def split_factors(manifold: Manifold, distances: np.ndarray,
+                  spacing: np.ndarray) -> tuple[bool, ...]:
+    """Which factors come too near the cut locus, or within two samples (`split_margin`)."""
+    return tuple(bool(least < max(factor.split_margin, 2.0 * step)) for factor, least, step
+                 in zip(manifold.factors, distances.min(axis=1), spacing.max(axis=1)))
 
 
-def segment_ends(lengths: Sequence[np.ndarray], split: Sequence[bool]) -> np.ndarray:
+def segment_ends(spacing: Sequence[np.ndarray], split: Sequence[bool]) -> np.ndarray:
     """
-    Where to cut: no split factor goes further than `LONGEST` within a segment.
+    Progress at which to split, so that no segment is longer than `LONGEST_SEGMENT`.
 
-    :param lengths: of each demonstration, uniform in time, from its `cut_locus_gaps`
+    :param spacing: of each demonstration, uniform in time, from `cut_locus_distances`
     """
     grid = np.linspace(0.0, 1.0, 2001)
-    way = np.zeros(len(grid))
-    for steps in lengths:
-        rates = steps[np.array(split)].max(axis=0)
-        travelled = np.concatenate([[0.0], np.cumsum(rates)])
+    rate = np.zeros(len(grid))
+    for steps in spacing:
+        largest = steps[np.array(split)].max(axis=0)
+        travelled = np.concatenate([[0.0], np.cumsum(largest)])
         resampled = np.interp(grid, np.linspace(0.0, 1.0, len(travelled)), travelled)
-        way = np.maximum(way, np.gradient(resampled, grid))
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (way[1:] + way[:-1]) * np.diff(grid))])
-    count = max(2, math.ceil(total[-1] / LONGEST))
+        rate = np.maximum(rate, np.gradient(resampled, grid))
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(grid))])
+    count = max(2, math.ceil(total[-1] / LONGEST_SEGMENT))
     return np.asarray(np.interp(total[-1] * np.arange(1, count) / count, total, grid))

@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.segments import Segments
-from gdmp_ros.dmp.skill import Gains, Skill
+from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
-from gdmp_ros.writing import write_text
+from gdmp_ros.manifolds.registry import KINDS
+from gdmp_ros.util.atomic_write import write_text
 
 FORMAT = 'gdmp skill'
-#: Version 2 has segments; files of version 1 are read as well.
+#: Version 2 has segments; files of version 1 can be read too.
 VERSION = 2
 READABLE = (1, 2)
-#: A skill of 2000 basis functions on SPD(20) takes a tenth of it [bytes].
-LARGEST = 100_000_000
-_UNITS = {'duration': 's', 'euclidean': 'm', 'sphere': 'rad', 'rotation': 'rad',
-          'quaternion': 'wxyz, tangents half-angle rad', 'spd': 'of the matrix (N/m, Nm/rad)',
-          'velocity': 'per duration, in the frame at the start'}
+#: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
+MAX_BYTES = 100_000_000
+_UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start',
+          **{kind.kind: kind.unit for kind in KINDS}}
 
 
-def write(skill: Skill, path: Path) -> None:
-    """Write ``skill`` whole or not at all."""
+def write_primitive(skill: Primitive, path: Path) -> None:
+    """Write a skill file, whole or not at all."""
     document = {
         'format': FORMAT, 'version': VERSION, 'manifold': skill.manifold.spec(),
         'connection': skill.connection, 'gains': asdict(skill.gains), 'duration': skill.duration,
@@ -44,15 +44,15 @@ def write(skill: Skill, path: Path) -> None:
         raise DataError(f'{path}: cannot write the skill: {error}') from None
 
 
-def read(path: Path) -> Skill:
+def read_primitive(path: Path) -> Primitive:
     """Read and validate a skill file; `DataError` names the file, the field and the reason."""
     try:
         size = path.stat().st_size if path.is_file() else None
         if size is None and path.exists():
-            raise DataError(f'{path}: not a skill file: it is not a file')
-        if size is not None and size > LARGEST:
+            raise DataError(f'{path}: not a skill file: it is a folder or a device')
+        if size is not None and size > MAX_BYTES:
             raise DataError(f'{path}: not a skill file: it has {size} bytes, expected at most '
-                            f'{LARGEST}')
+                            f'{MAX_BYTES}')
         document = json.loads(path.read_text())
     except GdmpError:
         raise
@@ -66,7 +66,7 @@ def read(path: Path) -> Skill:
         raise DataError(f'{path}: {error}') from None
 
 
-def _parse(document: Any) -> Skill:
+def _parse(document: Any) -> Primitive:
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
     if document.get('version') not in READABLE:
@@ -88,7 +88,7 @@ def _parse(document: Any) -> Skill:
     provenance = document.get('provenance', {})
     if not isinstance(provenance, dict):
         raise DataError(f'provenance: expected an object, got {provenance!r}')
-    return Skill(manifold=manifold, connection=str(document.get('connection')),
+    return Primitive(manifold=manifold, connection=str(document.get('connection')),
                  gains=Gains(**gains), start=_point(document, 'start', manifold),
                  goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
                  duration=float(duration),
@@ -139,9 +139,9 @@ def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:
 
 
 def _frame(document: dict[str, Any], manifold: Manifold) -> np.ndarray:
-    """The frame must be one at the start: otherwise the roll-out would begin elsewhere."""
+    """The frame must be at the start: otherwise the roll-out would begin elsewhere."""
     frame = _numbers(document, 'frame', (manifold.frame_size,))
     expected = manifold.frame(_point(document, 'start', manifold))
     if not np.allclose(frame, expected, rtol=1e-9, atol=1e-12):
-        raise DataError('frame: is not the frame at the start')
+        raise DataError('frame: it is not the frame at the start')
     return frame

@@ -7,9 +7,6 @@ import numpy as np
 
 from gdmp_ros.manifolds import Manifold
 
-# Looked up once: states are made a thousand times a second.
-_new = object.__new__
-
 
 class State:
     """
@@ -22,40 +19,34 @@ class State:
     :ivar acceleration: covariant, at the point [1/s²], shape ``(tangent_size,)``
     """
 
-    __slots__ = ('_numbers', '_manifold')
+    __slots__ = ('numbers', 'manifold')
 
-    #: Time, phase, point, velocity and acceleration one after another.
-    _numbers: np.ndarray
-    _manifold: Manifold
-
-    @classmethod
-    def of(cls, numbers: np.ndarray, manifold: Manifold) -> State:
-        """Make a state of its numbers, without copying them."""
-        state = _new(cls)
-        state._numbers, state._manifold = numbers, manifold
-        return state
+    def __init__(self, numbers: np.ndarray, manifold: Manifold):
+        """:param numbers: time, phase, point, velocity, acceleration; not copied"""
+        self.numbers = numbers
+        self.manifold = manifold
 
     @property
     def time(self) -> float:
-        return float(self._numbers[0])
+        return float(self.numbers[0])
 
     @property
     def phase(self) -> float:
-        return float(self._numbers[1])
+        return float(self.numbers[1])
 
     @property
     def point(self) -> np.ndarray:
-        size, shape = self._manifold.point_size, self._manifold.point_shape
-        return self._numbers[2:2 + size].reshape(shape)
+        size, shape = self.manifold.point_size, self.manifold.point_shape
+        return self.numbers[2:2 + size].reshape(shape)
 
     @property
     def velocity(self) -> np.ndarray:
-        first = 2 + self._manifold.point_size
-        return self._numbers[first:first + self._manifold.tangent_size]
+        first = 2 + self.manifold.point_size
+        return self.numbers[first:first + self.manifold.tangent_size]
 
     @property
     def acceleration(self) -> np.ndarray:
-        return self._numbers[2 + self._manifold.point_size + self._manifold.tangent_size:]
+        return self.numbers[2 + self.manifold.point_size + self.manifold.tangent_size:]
 
     def __iter__(self) -> Iterator[float | np.ndarray]:
         """Time, phase, point, velocity, acceleration."""

@@ -1,4 +1,4 @@
-"""Via points: passing through given points at given times, by adjusting weights in closed form."""
+"""Via points: weights changed in closed form so that a motion passes through given points."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -7,30 +7,28 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.forcing import basis, design_matrix
+from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds import operations as ops
 
 #: Samples of the response to a weight over a duration.
 _GRID = 2000
-#: Corrections on a curved manifold at most; where the manifold is flat the first one is exact.
-_ROUNDS = 20
-#: A point is passed when every factor is this near.
-_NEAR = 1e-7
+#: Most corrections on a curved manifold; on a flat one the first is exact.
+_MAX_ITERATIONS = 20
+#: A via point counts as passed when every factor is this near.
+_TOLERANCE = 1e-7
 
 
-def through(skill: Skill, points: Sequence[tuple[float, np.ndarray]],
-            factors: Sequence[str] | None = None) -> Skill:
+def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
+            factors: Sequence[str] | None = None) -> Primitive:
     """
-    Give ``skill`` with weights that lead it through points, from its own start to its own goal.
+    Return ``skill`` with weights that make it pass through points between its start and goal.
 
-    The motion answers linearly to its weights (a critically damped filter of the forcing term), so
-    the smallest change, in the squared acceleration it adds, that moves the motion onto the points
-    and leaves its end alone is the solution of one linear system. On a curved manifold the answer
-    is linear only nearly, and the system is solved again for what is left.
+    The motion is linear in its weights (a critically damped filter of the forcing term). The
+    change that passes through the points, keeps the end and adds the least squared acceleration is
+    therefore the solution of one linear system. On a curved manifold the motion is only nearly
+    linear, and the system is solved again for the remaining error.
 
     :param points: progress s and point of each, 0 < s < 1
     :param factors: names of the factors that have to pass; all by default
@@ -45,27 +43,27 @@ def through(skill: Skill, points: Sequence[tuple[float, np.ndarray]],
                              f'{moments.tolist()}')
     wanted = [manifold.check_point(point) for _, point in points]
     chosen, columns = _columns(skill, factors)
-    # The end is a point to pass, too: where the motion ends now.
+    # The present end of the motion is a via point too.
     moments = np.append(moments, 1.0)
-    wanted.append(skill.reproduce(skill.duration).points[-1])
+    wanted.append(Rollout(skill).sample(np.array([skill.duration])).points[-1])
     response = _responses(skill, moments)
-    for _ in range(_ROUNDS):
-        missing, away = _missing(skill, moments, wanted)
-        if away[:, chosen].max() <= _NEAR:
+    for _ in range(_MAX_ITERATIONS):
+        error, away = _remaining(skill, moments, wanted)
+        if away[:, chosen].max() <= _TOLERANCE:
             return skill
         weights = np.array(skill.weights)
-        weights[:, columns] += response @ missing[:, columns]
+        weights[:, columns] += response @ error[:, columns]
         skill = replace(skill, weights=weights)
-    missing, away = _missing(skill, moments, wanted)
+    error, away = _remaining(skill, moments, wanted)
     if not away[:, chosen].max() <= 1e-3:
         at = int(np.argmax(away[:, chosen].max(axis=1)))
         raise ParameterError(f'via point at s = {moments[at]:g} stays {away[at].max():.3g} away: '
-                             'it is too far from the motion, or too near another one in time')
+                             'it is too far from the motion, or too close to another one in time')
     return skill
 
 
-def _columns(skill: Skill, factors: Sequence[str] | None) -> tuple[list[int], np.ndarray]:
-    """Numbers of the factors that have to pass, and of their coordinates."""
+def _columns(skill: Primitive, factors: Sequence[str] | None) -> tuple[list[int], np.ndarray]:
+    """Indices of the factors that have to pass, and of their coordinates."""
     names = list(skill.manifold.names)
     for name in factors or ():
         if name not in names:
@@ -76,7 +74,7 @@ def _columns(skill: Skill, factors: Sequence[str] | None) -> tuple[list[int], np
     return chosen, np.r_[tuple(slices[i] for i in chosen)]
 
 
-def _responses(skill: Skill, moments: np.ndarray) -> np.ndarray:
+def _responses(skill: Primitive, moments: np.ndarray) -> np.ndarray:
     """Change of the weights for a unit displacement at each moment, shape (weights, moments)."""
     count, rate = skill.n_basis, 0.5 * skill.gains.alpha_z
     grid = np.linspace(0.0, 1.0, _GRID + 1)
@@ -97,11 +95,11 @@ def _responses(skill: Skill, moments: np.ndarray) -> np.ndarray:
     return np.asarray(solved @ gain)
 
 
-def _missing(skill: Skill, moments: np.ndarray,
+def _remaining(skill: Primitive, moments: np.ndarray,
              wanted: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """What is missing at each moment, in the coordinates of the weights, and by factor."""
+    """Remaining error at each moment: in the coordinates of the weights, and by factor."""
     manifold, rollout = skill.manifold, Rollout(skill, duration=1.0)
-    missing = np.empty((len(moments), manifold.tangent_size))
+    error = np.empty((len(moments), manifold.tangent_size))
     points = np.empty((2, len(moments), manifold.point_size))
     elapsed = 0.0
     for i in np.argsort(moments):
@@ -110,8 +108,7 @@ def _missing(skill: Skill, moments: np.ndarray,
         target = manifold.align(wanted[i], state.point)
         points[0, i], points[1, i] = state.point.reshape(-1), target.reshape(-1)
         if skill.connection == 'parallel':
-            manifold._apply(ops.FRAME_LOG, rollout.frame_now(), manifold._flat(target),
-                            missing[i])
+            error[i], _ = manifold.log_in_frame(rollout.current_frame(), target)
         else:
-            missing[i] = manifold.log(state.point, target)
-    return missing, distances(manifold, points[0], points[1])
+            error[i] = manifold.log(state.point, target)
+    return error, manifold.factor_distances(points[0], points[1])

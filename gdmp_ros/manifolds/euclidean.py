@@ -5,31 +5,45 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import merged
-from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.factors import Kernels
 from gdmp_ros.manifolds.manifold import Manifold
 
 
-@merged
-def apply(op, m, a, b, out, work):
-    """Answer one of the operations of `gdmp_ros.manifolds.operations`."""
-    if op == ops.LOG or op == ops.FRAME_LOG:
-        for i in range(m):
-            out[i] = b[i] - a[i]
-        return math.inf
-    if op == ops.EXP:
-        for i in range(m):
-            out[i] = a[i] + b[i]
-    elif op == ops.MOVE:
-        for i in range(m):
-            a[i] += b[i]
-    elif op == ops.VECTOR or op == ops.COORDS or op == ops.TANGENT:
-        for i in range(m):
-            out[i] = b[i]
-    elif op == ops.FRAME or op == ops.POINT:
-        for i in range(m):
-            out[i] = a[i]
-    return 0.0
+@kernel
+def _add(size, base, tangent, point, work):
+    for i in range(size):
+        point[i] = base[i] + tangent[i]
+
+
+@kernel
+def _subtract(size, base, point, tangent, work):
+    for i in range(size):
+        tangent[i] = point[i] - base[i]
+    return math.inf
+
+
+@kernel
+def _copy(size, source, target, work):
+    for i in range(size):
+        target[i] = source[i]
+
+
+@kernel
+def _move(size, frame, coordinates, work):
+    for i in range(size):
+        frame[i] += coordinates[i]
+
+
+@kernel
+def _same_vector(size, at, source, target, work):
+    for i in range(size):
+        target[i] = source[i]
+
+
+@kernel
+def _nothing(size, array, work):
+    """A flat space has no rounding to remove."""
 
 
 class Euclidean(Manifold):
@@ -40,19 +54,26 @@ class Euclidean(Manifold):
     """
 
     kind = 'euclidean'
-    kernel = staticmethod(apply)
+    unit = 'm'
+    goal_tolerance = 0.0005
+    has_cut_locus = False
+    is_flat = True
+    kernels = Kernels(exp=_add, log=_subtract, frame=_copy, frame_point=_copy,
+                      transport_frame=_move, log_in_frame=_subtract, from_frame=_same_vector,
+                      to_frame=_same_vector, renormalize_frame=_nothing, renormalize=_nothing,
+                      project_tangent=_same_vector)
 
     def __init__(self, m: int):
         """:param m: number of coordinates, at least 1"""
-        super().__init__(self._size(m, least=1), dim=m, point_shape=(m,), tangent_size=m,
+        super().__init__(self._check_size(m, least=1), dim=m, point_shape=(m,), tangent_size=m,
                          frame_size=m)
 
-    def _project(self, array: np.ndarray) -> np.ndarray:
+    def nearest_point(self, array: np.ndarray) -> np.ndarray:
         return array.copy()
 
-    def _defect(self, point: np.ndarray) -> str | None:
+    def why_invalid(self, point: np.ndarray) -> str | None:
         return None
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw from the standard normal distribution."""
-        return rng.standard_normal(self.m)
+        return rng.standard_normal(self.size)

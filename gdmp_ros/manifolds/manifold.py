@@ -1,88 +1,59 @@
-"""The interface every manifold offers, and all that can be derived from its kernel."""
+"""The interface of every manifold, and everything that follows from its kernels."""
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import cached_property
 import math
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
-from gdmp_ros.errors import CutLocusError, GdmpError, ManifoldError
-from gdmp_ros.manifolds import operations as ops
-
-#: Larger ones are mistakes: nobody has the memory for their frames.
-LARGEST_M = 1000
-_NOTHING = np.empty(0)
+from gdmp_ros.errors import CutLocusError, GdmpError
+import gdmp_ros.manifolds.factors as compiled
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, Kernels
+from gdmp_ros.manifolds.point_space import kernel_array, PointSpace
 
 
-def _for_kernel(array: np.ndarray) -> np.ndarray:
-    """Contiguous, writable float64, as the kernels are compiled for; copied only if needed."""
-    return np.require(array, dtype=np.float64, requirements=['C', 'W'])
-
-
-class Manifold(ABC):
+class Manifold(PointSpace):
     """
-    A Riemannian manifold: stateless; points are float64 arrays, tangents flat vectors.
+    A Riemannian manifold: a `PointSpace` with geodesics, distances and parallel transport.
 
     Laws, stated once in ``test/manifolds/test_laws.py`` for every manifold:
 
     * ``log(a, exp(a, v)) == v`` for v shorter than the distance to the cut locus;
-    * ``exp(a, log(a, b)) == b`` away from the cut locus, and ``norm(a, log(a, b)) == distance(a,
-      b)``;
+    * ``exp(a, log(a, b)) == b`` away from the cut locus, and
+      ``norm(a, log(a, b)) == distance(a, b)``;
     * ``transport`` keeps inner products, and carries ``log(a, b)`` to ``-log(b, a)``;
-    * ``geodesic(a, b, t)`` has constant speed; the gradient of the squared distances vanishes at
-      ``mean``.
+    * ``geodesic(a, b, t)`` has constant speed; at ``mean`` the gradient of the sum of squared
+      distances is zero.
 
-    A new manifold gives a kernel (`gdmp_ros.manifolds.operations`), `_project`, `_defect` and
-    `random_point`; everything else is derived here.
-
-    :ivar m: size parameter
-    :ivar dim: dimension of the manifold
-    :ivar point_shape: shape of a point
-    :ivar tangent_size: numbers in a tangent
-    :ivar frame_size: numbers in a frame (`gdmp_ros.manifolds.operations`)
+    A new manifold is one file that provides the class attributes here and in `PointSpace`,
+    `nearest_point`, `why_invalid` and `random_point` (``docs/own_manifold.md``).
     """
 
-    #: Name in files and parameters.
-    kind: ClassVar[str]
-    #: The compiled ``apply(op, m, a, b, out)``.
-    kernel: ClassVar[Callable[..., float]]
-    #: `check_point` accepts a deviation up to this.
-    tolerance: ClassVar[float] = 1e-6
+    #: The compiled operations.
+    kernels: ClassVar[Kernels]
+    #: Distance at which a goal counts as reached [unit of `distance`].
+    goal_tolerance: ClassVar[float]
+    #: Whether some pairs of points have several shortest geodesics.
+    has_cut_locus: ClassVar[bool] = True
+    #: A demonstration that comes this near the cut locus of its goal is split [rad].
+    split_margin: ClassVar[float] = 0.0
+    #: Whether the frame is the point itself and all tangent spaces are the same.
+    is_flat: ClassVar[bool] = False
 
-    def __init__(self, m: int, *, dim: int, point_shape: tuple[int, ...], tangent_size: int,
-                 frame_size: int):
-        self.m = m
-        self.dim = dim
-        self.point_shape = point_shape
-        self.tangent_size = tangent_size
-        self.frame_size = frame_size
-        self.point_size = math.prod(point_shape)
+    @classmethod
+    def of_size(cls, size: Any) -> Manifold:
+        """
+        Manifold of this kind with a size parameter, as a file gives it.
 
-    # What a manifold must give.
-
-    @abstractmethod
-    def _project(self, array: np.ndarray) -> np.ndarray:
-        """Return the nearest point to a finite array of the right shape."""
-
-    @abstractmethod
-    def _defect(self, point: np.ndarray) -> str | None:
-        """Say why a finite array of the right shape is no point, None where it is one."""
-
-    @abstractmethod
-    def random_point(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw a point."""
-
-    def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Choose, among the points that mean the same, the one nearest to ``reference``."""
-        return point
-
-    # What follows from it.
+        :raises ManifoldError: if it is not a valid size
+        """
+        return cls(size)  # type: ignore[call-arg]
 
     @property
     def factors(self) -> tuple[Manifold, ...]:
-        """The manifolds this one is the product of: itself, unless it is a `Product`."""
+        """The manifolds that this one is the product of: itself, unless it is a `Product`."""
         return (self,)
 
     @property
@@ -96,13 +67,14 @@ class Manifold(ABC):
         ends = np.cumsum([factor.tangent_size for factor in self.factors]).tolist()
         return [slice(begin, end) for begin, end in zip([0, *ends], ends)]
 
-    def spec(self) -> dict[str, object]:
-        """Describe the manifold for files and parameters (`gdmp_ros.manifolds.from_spec`)."""
-        return {'kind': self.kind, 'm': self.m}
+    @cached_property
+    def factor_table(self) -> np.ndarray:
+        """The factors as compiled code sees them (`gdmp_ros.manifolds.factors`)."""
+        return compiled.factor_table(self.factors)
 
-    def _apply(self, op: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> float:
-        work = np.empty(ops.work_size(self.m))
-        return type(self).kernel(op, self.m, a, b, out, work)
+    @cached_property
+    def _work(self) -> np.ndarray:
+        return compiled.work_array(self.factor_table)
 
     @final
     def exp(self, base: np.ndarray, tangent: np.ndarray) -> np.ndarray:
@@ -113,23 +85,35 @@ class Manifold(ABC):
         :param tangent: tangent at ``base``, shape ``(tangent_size,)``
         :raises ManifoldError: if a shape is wrong
         """
-        out = np.empty(self.point_size)
-        self._apply(ops.EXP, self._flat(base), self._vector(tangent), out)
+        out = np.empty((1, self.point_size))
+        compiled.exp_rows(self.factor_table, self.flat(base)[None], self.vector(tangent)[None],
+                          out, self._scratch())
         return out.reshape(self.point_shape)
 
     @final
     def log(self, base: np.ndarray, point: np.ndarray) -> np.ndarray:
         """
-        Tangent at ``base`` whose geodesic reaches ``point`` in unit time, shape
-        ``(tangent_size,)``.
+        Tangent at ``base`` whose geodesic reaches ``point`` in unit time.
 
+        :returns: shape ``(tangent_size,)``
         :raises CutLocusError: within 1e-6 rad of the cut locus: the geodesic is not unique
         :raises ManifoldError: if a shape is wrong
         """
-        out = np.empty(self.tangent_size)
-        gap = self._apply(ops.LOG, self._flat(base), self._flat(point), out)
-        self._check_gap(gap)
-        return out
+        tangent, distance = self.log_anyway(base, point)
+        self._check_cut_locus(distance)
+        return tangent
+
+    @final
+    def log_anyway(self, base: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, float]:
+        """
+        `log`, on the cut locus one of the shortest tangents.
+
+        :returns: the tangent, and the distance of ``point`` from the cut locus of ``base`` [rad]
+        """
+        out, distance = np.empty((1, self.tangent_size)), np.empty(1)
+        compiled.log_rows(self.factor_table, self.flat(base)[None], self.flat(point)[None], out,
+                          distance, self._scratch())
+        return out[0], float(distance[0])
 
     @final
     def transport(self, source: np.ndarray, target: np.ndarray, tangent: np.ndarray) -> np.ndarray:
@@ -138,22 +122,16 @@ class Manifold(ABC):
 
         :raises CutLocusError: if the geodesic is not unique
         """
-        frame, step = self.frame(source), np.empty(self.tangent_size)
-        coordinates, out = np.empty(self.tangent_size), np.empty(self.tangent_size)
-        self._check_gap(self._apply(ops.FRAME_LOG, frame, self._flat(target), step))
-        self._apply(ops.COORDS, frame, self._vector(tangent), coordinates)
-        self._apply(ops.MOVE, frame, step, _NOTHING)
-        self._apply(ops.VECTOR, frame, coordinates, out)
-        return out
+        frame = self.frame(source)
+        step, distance = self.log_in_frame(frame, target)
+        self._check_cut_locus(distance)
+        return self.from_frame(self.transport_frame(frame, step), self.to_frame(frame, tangent))
 
     @final
     def inner(self, base: np.ndarray, u: np.ndarray, v: np.ndarray) -> float:
         """Riemannian inner product of two tangents at ``base``."""
         frame = self.frame(base)
-        first, second = np.empty(self.tangent_size), np.empty(self.tangent_size)
-        self._apply(ops.COORDS, frame, self._vector(u), first)
-        self._apply(ops.COORDS, frame, self._vector(v), second)
-        return float(first @ second)
+        return float(self.to_frame(frame, u) @ self.to_frame(frame, v))
 
     @final
     def norm(self, base: np.ndarray, v: np.ndarray) -> float:
@@ -163,9 +141,24 @@ class Manifold(ABC):
     @final
     def distance(self, a: np.ndarray, b: np.ndarray) -> float:
         """Geodesic distance; defined on the cut locus too."""
-        step = np.empty(self.tangent_size)
-        self._apply(ops.FRAME_LOG, self.frame(a), self._flat(b), step)
-        return float(np.linalg.norm(step))
+        return float(np.linalg.norm(self.log_in_frame(self.frame(a), b)[0]))
+
+    @final
+    def factor_distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """
+        Geodesic distance in each factor between points of two sequences.
+
+        :param a: flat points, shape ``(count, point_size)``
+        :param b: the same
+        :returns: shape ``(count, factors)``; the distance in the product is their Euclidean norm
+        """
+        table, count = self.factor_table, len(a)
+        frames, steps = np.empty((count, self.frame_size)), np.empty((count, self.tangent_size))
+        compiled.frame_rows(table, kernel_array(a), frames, self._scratch())
+        compiled.log_in_frame_rows(table, frames, kernel_array(b), steps, np.empty(count),
+                                   self._scratch())
+        return np.column_stack([np.linalg.norm(steps[:, part], axis=1)
+                                for part in self.tangent_slices])
 
     @final
     def geodesic(self, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
@@ -188,8 +181,8 @@ class Manifold(ABC):
         :raises CutLocusError: if a logarithm is not unique
         :raises GdmpError: if the iteration cap is reached
         """
-        points = [self._flat(p).reshape(self.point_shape) for p in points]
-        shares = self._shares(len(points), weights)
+        points = [self.flat(p).reshape(self.point_shape) for p in points]
+        shares = self._normalised(len(points), weights)
         estimate = points[int(np.argmax(shares))]
         spread = max(1.0, max(self.distance(estimate, p) for p in points))
         length = math.inf
@@ -198,107 +191,90 @@ class Manifold(ABC):
             tangent = shares @ tangents
             previous, length = length, self.norm(estimate, tangent)
             estimate = self.exp(estimate, step * tangent)
-            # Rounding ends the descent: below 1e-9 a step that no longer shrinks is the last.
+            # Below 1e-9 rounding dominates: a step that no longer shrinks is the last one.
             if length <= tolerance * spread or (length < 1e-9 * spread and length >= previous):
                 return estimate
-        raise GdmpError(f'{self!r}: the mean of {len(points)} points did not settle in '
+        raise GdmpError(f'{self!r}: the mean of {len(points)} points did not converge in '
                         f'{iterations} iterations: gradient {length:.3g}, expected at most '
                         f'{tolerance * spread:.3g}')
 
     @final
     def random_tangent(self, base: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Draw a tangent at ``base``, standard normal in an orthonormal frame."""
-        drawn, out = np.empty(self.tangent_size), np.empty(self.tangent_size)
-        self._apply(ops.VECTOR, self.frame(base), rng.standard_normal(self.tangent_size), drawn)
-        self._apply(ops.TANGENT, self._flat(base), drawn, out)
-        return out
+        drawn = self.from_frame(self.frame(base), rng.standard_normal(self.tangent_size))
+        out = np.empty((1, self.tangent_size))
+        compiled.project_tangent_rows(self.factor_table, self.flat(base)[None], drawn[None], out,
+                                      self._scratch())
+        return out[0]
+
+    # Frames: tangents as coordinates that need no transport of their own.
 
     @final
     def frame(self, point: np.ndarray) -> np.ndarray:
-        """Build the canonical frame at ``point`` (`gdmp_ros.manifolds.operations`)."""
-        out = np.empty(self.frame_size)
-        self._apply(ops.FRAME, self._flat(point), _NOTHING, out)
-        return out
+        """Canonical frame at ``point``, shape ``(frame_size,)``."""
+        out = np.empty((1, self.frame_size))
+        compiled.frame_rows(self.factor_table, self.flat(point)[None], out, self._scratch())
+        return out[0]
 
     @final
-    def project(self, array: np.ndarray) -> np.ndarray:
-        """
-        Nearest point to an array of shape `point_shape`.
-
-        :raises ManifoldError: if there is none (the zero vector, a NaN)
-        """
-        return self._project(self._finite(array))
+    def transport_frame(self, frame: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """Frame after parallel transport along the geodesic with these coordinates."""
+        out = np.array(frame)[None]
+        compiled.transport_frame_rows(self.factor_table, out, self.vector(coordinates)[None],
+                                      self._scratch())
+        return out[0]
 
     @final
-    def check_point(self, array: np.ndarray) -> np.ndarray:
+    def log_in_frame(self, frame: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, float]:
         """
-        Return ``array`` as a float64 point of shape `point_shape`.
+        `log` in coordinates, on the cut locus one of the shortest tangents.
 
-        :raises ManifoldError: if it is not a point within `tolerance`; the message says why
+        :returns: coordinates, and the distance of ``point`` from the cut locus [rad]
         """
-        point = self._finite(array)
-        defect = self._defect(point)
-        if defect is not None:
-            raise self._no_point(defect)
-        return point
+        out, distance = np.empty((1, self.tangent_size)), np.empty(1)
+        compiled.log_in_frame_rows(self.factor_table, kernel_array(frame)[None],
+                                   self.flat(point)[None], out, distance, self._scratch())
+        return out[0], float(distance[0])
 
-    def _finite(self, array: np.ndarray) -> np.ndarray:
-        point = self._flat(array).reshape(self.point_shape)
-        if not np.isfinite(point).all():
-            raise self._no_point('an entry is NaN or infinite')
-        return point
+    @final
+    def from_frame(self, frame: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """Tangent with these coordinates, shape ``(tangent_size,)``."""
+        out = np.empty((1, self.tangent_size))
+        compiled.from_frame_rows(self.factor_table, kernel_array(frame)[None],
+                                 self.vector(coordinates)[None], out, self._scratch())
+        return out[0]
 
-    def _flat(self, point: np.ndarray) -> np.ndarray:
-        array = _for_kernel(point)
-        if array.shape != self.point_shape:
-            raise self._no_point(f'shape is {array.shape}, expected {self.point_shape}')
-        return array.reshape(-1)
+    @final
+    def to_frame(self, frame: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        """Coordinates of a tangent, shape ``(tangent_size,)``."""
+        out = np.empty((1, self.tangent_size))
+        compiled.to_frame_rows(self.factor_table, kernel_array(frame)[None],
+                               self.vector(tangent)[None], out, self._scratch())
+        return out[0]
 
-    def _vector(self, tangent: np.ndarray) -> np.ndarray:
-        array = _for_kernel(tangent)
-        if array.shape != (self.tangent_size,):
-            raise ManifoldError(f'{self!r}: tangent shape is {array.shape}, '
-                                f'expected {(self.tangent_size,)}')
-        return array
+    def _scratch(self) -> np.ndarray:
+        # Not shared: two threads may use one manifold.
+        return np.empty_like(self._work)
 
-    def _shares(self, count: int, weights: np.ndarray | None) -> np.ndarray:
+    def _normalised(self, count: int, weights: np.ndarray | None) -> np.ndarray:
         if count == 0:
-            raise ManifoldError(f'{self!r}: the mean of no points is undefined')
+            raise self.error('the mean of no points is undefined')
         shares = np.ones(count) if weights is None else np.asarray(weights, dtype=np.float64)
         valid = shares.shape == (count,) and (shares >= 0.0).all()
         if not valid or not 0.0 < shares.sum() < np.inf:
-            raise ManifoldError(f'{self!r}: weights must be {count} numbers >= 0 with a positive '
-                                f'sum, got {shares!r}')
+            raise self.error(f'weights must be {count} numbers >= 0 with a positive sum, '
+                             f'got {shares!r}')
         return np.asarray(shares / shares.sum())
 
-    def _check_gap(self, gap: float) -> None:
-        if gap < ops.CUT_LOCUS_LIMIT:
+    def _check_cut_locus(self, distance: float) -> None:
+        if distance < CUT_LOCUS_LIMIT:
+            of = f' (one of {", ".join(self.names)})' if len(self.names) > 1 else ''
             raise CutLocusError(
-                f'{self!r}: the points are {gap:.2g} rad from the cut locus, where the shortest '
-                f'geodesic is not unique; expected at least {ops.CUT_LOCUS_LIMIT:g}', gap)
+                f'{self!r}: the points are {distance:.2g} rad from the cut locus, where the '
+                f'shortest geodesic is not unique; expected at least {CUT_LOCUS_LIMIT:g}{of}',
+                distance)
 
-    def _no_point(self, reason: str) -> ManifoldError:
-        return ManifoldError(f'{self!r}: {reason}')
-
-    def _unit_defect(self, point: np.ndarray, name: str) -> str | None:
-        norm = float(np.linalg.norm(point))
-        if abs(norm - 1.0) <= self.tolerance:
-            return None
-        return f'{name} is {norm:.9g}, expected 1 within {self.tolerance:g}'
-
-    @classmethod
-    def _size(cls, m: int, least: int) -> int:
-        if (not isinstance(m, (int, np.integer)) or isinstance(m, bool)
-                or not least <= m <= LARGEST_M):
-            raise ManifoldError(f'{cls.__name__}: m must be an integer from {least} to '
-                                f'{LARGEST_M}, got {m!r}')
-        return int(m)
-
-    def __repr__(self) -> str:
-        return f'{type(self).__name__}({self.m})'
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Manifold) and self.spec() == other.spec()
-
-    def __hash__(self) -> int:
-        return hash(repr(self.spec()))
+    def __getstate__(self) -> dict[str, Any]:
+        # Addresses of kernels are valid in this process only.
+        return {name: value for name, value in self.__dict__.items()
+                if name not in ('factor_table', '_work')}

@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled, merged
-from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.factors import Kernels
 from gdmp_ros.manifolds.linalg import sinc
 from gdmp_ros.manifolds.manifold import Manifold
 
 
-@compiled
-def _product(a, b, out):
+@kernel
+def multiply(a, b, out):
     """``out = a * b``; ``out`` may be ``a`` or ``b``."""
     w = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     x = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
@@ -21,9 +21,9 @@ def _product(a, b, out):
     out[0], out[1], out[2], out[3] = w, x, y, z
 
 
-@compiled
-def _product_conjugate(a, b, out):
-    """``out = a * conj(b)``."""
+@kernel
+def multiply_conjugate(a, b, out):
+    """``out = a * conj(b)``; ``out`` may be ``a`` or ``b``."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = -a[0] * b[1] + a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
     y = -a[0] * b[2] + a[1] * b[3] + a[2] * b[0] - a[3] * b[1]
@@ -31,9 +31,9 @@ def _product_conjugate(a, b, out):
     out[0], out[1], out[2], out[3] = w, x, y, z
 
 
-@compiled
-def _conjugate_product(a, b, out):
-    """``out = conj(a) * b``."""
+@kernel
+def conjugate_multiply(a, b, out):
+    """``out = conj(a) * b``; ``out`` may be ``a`` or ``b``."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
     y = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
@@ -41,16 +41,29 @@ def _conjugate_product(a, b, out):
     out[0], out[1], out[2], out[3] = w, x, y, z
 
 
-@compiled
-def _normalise(q):
+@kernel
+def normalize(q):
+    """Scale ``q`` to unit norm."""
     scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for i in range(4):
         q[i] *= scale
 
 
-@compiled
-def _exp_identity(v, scale, out):
-    """``exp(scale v)`` for a half-angle vector, [GDMP] eq. (A.6)."""
+@kernel
+def rotate(q, v, out):
+    """Rotate vector ``v`` by unit quaternion ``q``; ``out`` may be ``v``."""
+    tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
+    ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
+    tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
+    x = v[0] + q[0] * tx + q[2] * tz - q[3] * ty
+    y = v[1] + q[0] * ty + q[3] * tx - q[1] * tz
+    z = v[2] + q[0] * tz + q[1] * ty - q[2] * tx
+    out[0], out[1], out[2] = x, y, z
+
+
+@kernel
+def exp_at_identity(v, scale, out):
+    """``Exp(scale v)`` of a half-angle vector, [GDMP] eq. (A.6)."""
     angle = scale * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     s = scale * sinc(angle)
     out[0] = math.cos(angle)
@@ -58,9 +71,13 @@ def _exp_identity(v, scale, out):
         out[i + 1] = s * v[i]
 
 
-@compiled
-def _log_identity(q, out):
-    """Half-angle vector of ``q``, [GDMP] eq. (A.5), up to pi: the sign of ``q`` matters."""
+@kernel
+def log_at_identity(q, out):
+    """
+    Half-angle vector of ``q``, [GDMP] eq. (A.5), up to pi: the sign of ``q`` matters.
+
+    :returns: distance of ``q`` from the cut locus [rad]
+    """
     norm = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     angle = math.atan2(norm, q[0])
     if norm > 1e-300:
@@ -71,63 +88,132 @@ def _log_identity(q, out):
     return math.pi - angle
 
 
-@compiled
-def rotate(q, v, out):
-    """Turn vector ``v`` by unit quaternion ``q``; ``out`` may be ``v``."""
-    tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
-    ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
-    tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
-    x = v[0] + q[0] * tx + q[2] * tz - q[3] * ty
-    y = v[1] + q[0] * ty + q[3] * tx - q[1] * tz
-    z = v[2] + q[0] * tz + q[1] * ty - q[2] * tx
-    out[0], out[1], out[2] = x, y, z
+@kernel
+def rotate_by_vector(q, rotation, out):
+    """
+    Rotate an orientation about axes of the base frame; ``out`` may be ``q``.
+
+    :param rotation: rotation vector in the base frame [rad]
+    """
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    exp_at_identity(rotation, 0.5, out)
+    a, b, c, d = out[0], out[1], out[2], out[3]
+    out[0] = a * w - b * x - c * y - d * z
+    out[1] = a * x + b * w + c * z - d * y
+    out[2] = a * y - b * z + c * w + d * x
+    out[3] = a * z + b * y - c * x + d * w
+    normalize(out)
 
 
-@merged
-def apply(op, m, a, b, out, work):
-    """Answer one of the operations; a frame is (A, C) with the point at A * C."""
-    if op == ops.FRAME_LOG:
-        relative = work[:4]
-        _conjugate_product(a[:4], b, relative)
-        _product_conjugate(relative, a[4:8], relative)
-        return _log_identity(relative, out)
-    if op == ops.MOVE:
-        half = work[:4]
-        _exp_identity(b, 0.5, half)
-        _product(a[:4], half, a[:4])
-        _product(half, a[4:8], a[4:8])
-    elif op == ops.VECTOR:
-        rotate(a[:4], b, out)
-    elif op == ops.POINT:
-        _product(a[:4], a[4:8], out)
-    elif op == ops.COORDS:
-        inverse = work[:4]
-        inverse[0] = a[0]
-        for i in range(1, 4):
-            inverse[i] = -a[i]
-        rotate(inverse, b, out)
-    elif op == ops.LOG:
-        relative = work[:4]
-        _product_conjugate(b, a, relative)
-        return _log_identity(relative, out)
-    elif op == ops.EXP:
-        step = work[:4]
-        _exp_identity(b, 1.0, step)
-        _product(step, a, out)
-        _normalise(out)
-    elif op == ops.FRAME:
-        out[0], out[1], out[2], out[3] = 1.0, 0.0, 0.0, 0.0
-        for i in range(4):
-            out[i + 4] = a[i]
-    elif op == ops.MEND:
-        _normalise(a[:4])
-        _normalise(a[4:8])
-    elif op == ops.MEND_POINT:
-        _normalise(a)
-    elif op == ops.TANGENT:
-        for i in range(3):
-            out[i] = b[i]
-    return 0.0
+@kernel
+def rotation_between(start, end, out):
+    """
+    Rotation vector in the base frame that takes ``start`` to ``end`` by less than half a turn.
+
+    q and -q count as the same orientation. Unit: rad, shape ``(3,)``.
+    """
+    w = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
+    sign = 1.0 if w >= 0.0 else -1.0
+    x = sign * (-end[0] * start[1] + end[1] * start[0] - end[2] * start[3] + end[3] * start[2])
+    y = sign * (-end[0] * start[2] + end[1] * start[3] + end[2] * start[0] - end[3] * start[1])
+    z = sign * (-end[0] * start[3] - end[1] * start[2] + end[2] * start[1] + end[3] * start[0])
+    norm = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(norm, sign * w) / norm if norm > 1e-12 else 2.0
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+def rotation_angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """
+    Angles between orientations, row by row; q and -q count as the same [rad].
+
+    :param a: quaternions (wxyz), shape ``(T, 4)`` or ``(4,)``
+    :param b: the same
+    :returns: shape ``(T,)``, or a number
+    """
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    real = np.sum(a * b, axis=-1)
+    imaginary = (a[..., :1] * b[..., 1:] - b[..., :1] * a[..., 1:]
+                 - np.cross(a[..., 1:], b[..., 1:]))
+    # The arc tangent is accurate for small angles; the arc cosine loses half the digits.
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(imaginary, axis=-1), np.abs(real)))
+
+
+@kernel
+def exp(size, base, tangent, point, work):
+    """``Exp_U(v) = Exp(v) * U``."""
+    step = work[:4]
+    exp_at_identity(tangent, 1.0, step)
+    multiply(step, base, point)
+    normalize(point)
+
+
+@kernel
+def log(size, base, point, tangent, work):
+    """``Log_U(Q) = Log(Q * conj(U))``."""
+    relative = work[:4]
+    multiply_conjugate(point, base, relative)
+    return log_at_identity(relative, tangent)
+
+
+# A frame is (A, C) with the point A * C; each takes half of every step.
+
+@kernel
+def _frame(size, point, frame, work):
+    frame[0], frame[1], frame[2], frame[3] = 1.0, 0.0, 0.0, 0.0
+    for i in range(4):
+        frame[i + 4] = point[i]
+
+
+@kernel
+def _frame_point(size, frame, point, work):
+    multiply(frame[:4], frame[4:8], point)
+
+
+@kernel
+def _transport_frame(size, frame, coordinates, work):
+    half = work[:4]
+    exp_at_identity(coordinates, 0.5, half)
+    multiply(frame[:4], half, frame[:4])
+    multiply(half, frame[4:8], frame[4:8])
+
+
+@kernel
+def _log_in_frame(size, frame, point, coordinates, work):
+    relative = work[:4]
+    conjugate_multiply(frame[:4], point, relative)
+    multiply_conjugate(relative, frame[4:8], relative)
+    return log_at_identity(relative, coordinates)
+
+
+@kernel
+def _from_frame(size, frame, coordinates, tangent, work):
+    rotate(frame[:4], coordinates, tangent)
+
+
+@kernel
+def _to_frame(size, frame, tangent, coordinates, work):
+    inverse = work[:4]
+    inverse[0] = frame[0]
+    for i in range(1, 4):
+        inverse[i] = -frame[i]
+    rotate(inverse, tangent, coordinates)
+
+
+@kernel
+def _renormalize_frame(size, frame, work):
+    normalize(frame[:4])
+    normalize(frame[4:8])
+
+
+@kernel
+def _renormalize(size, point, work):
+    normalize(point)
+
+
+@kernel
+def _project_tangent(size, point, vector, tangent, work):
+    for i in range(3):
+        tangent[i] = vector[i]
 
 
 class UnitQuaternion(Manifold):
@@ -135,27 +221,40 @@ class UnitQuaternion(Manifold):
     The sphere S³ of unit quaternions (w, x, y, z), [GDMP] eqs. (A.5), (A.6).
 
     ``Log_U(Q) = Log(Q * conj(U))`` has shape ``(3,)``, half the rotation vector in the base frame,
-    and reaches up to pi: turns up to 360 degrees. q and -q are different points here; use `align`
-    to choose the sign.
+    and reaches up to pi: rotations up to 360 degrees. q and -q are different points here; use
+    `align` to choose the sign.
     """
 
     kind = 'quaternion'
-    kernel = staticmethod(apply)
+    unit = 'wxyz, tangents half-angle rad'
+    goal_tolerance = 0.00125
+    # As on `Sphere`.
+    split_margin = 1.1
+    kernels = Kernels(exp=exp, log=log, frame=_frame, frame_point=_frame_point,
+                      transport_frame=_transport_frame, log_in_frame=_log_in_frame,
+                      from_frame=_from_frame, to_frame=_to_frame,
+                      renormalize_frame=_renormalize_frame, renormalize=_renormalize,
+                      project_tangent=_project_tangent)
 
     def __init__(self) -> None:
         super().__init__(3, dim=3, point_shape=(4,), tangent_size=3, frame_size=8)
 
-    def _project(self, array: np.ndarray) -> np.ndarray:
+    @classmethod
+    def of_size(cls, size: object) -> UnitQuaternion:
+        return cls()
+
+    @property
+    def components(self) -> list[tuple[str, int]]:
+        return list(zip('wxyz', range(4)))
+
+    def nearest_point(self, array: np.ndarray) -> np.ndarray:
         norm = np.linalg.norm(array)
         if norm < 1e-12:
-            raise self._no_point('the zero quaternion has no orientation')
+            raise self.error('the zero quaternion has no orientation')
         return np.asarray(array / norm)
 
-    def _defect(self, point: np.ndarray) -> str | None:
-        return self._unit_defect(point, 'quaternion norm')
-
-    def __repr__(self) -> str:
-        return 'UnitQuaternion()'
+    def why_invalid(self, point: np.ndarray) -> str | None:
+        return self._check_unit_norm(point, 'quaternion norm')
 
     def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """``point`` or ``-point``, the same orientation, whichever is nearer to ``reference``."""
@@ -163,4 +262,7 @@ class UnitQuaternion(Manifold):
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw uniformly from S³."""
-        return self._project(rng.standard_normal(4))
+        return self.nearest_point(rng.standard_normal(4))
+
+    def __repr__(self) -> str:
+        return 'UnitQuaternion()'

@@ -5,12 +5,13 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled, kept_apart
-from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.kernels import kernel, noinline
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, Kernels
 from gdmp_ros.manifolds.linalg import (
     copy_into,
     multiply,
     multiply_transposed,
+    orthonormalize,
     scratch,
     set_identity,
     sinc,
@@ -18,13 +19,12 @@ from gdmp_ros.manifolds.linalg import (
 )
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.spectral import symmetric_eigen
-from gdmp_ros.manifolds.sphere import orthonormalise
 
-#: Below this sine a plane counts as turned by exactly pi (far inside `ops.CUT_LOCUS_LIMIT`).
-_HALF_TURN = 1e-9
+#: Below this sine a plane counts as rotated by exactly pi.
+_HALF_TURN = 1e-3 * CUT_LOCUS_LIMIT
 
 
-@compiled
+@kernel
 def _skew(m, v, out):
     """Skew matrix of coordinates: rotation vector for m = 3, else upper triangle by rows."""
     for i in range(m):
@@ -43,7 +43,7 @@ def _skew(m, v, out):
             out[i * m + j] = -out[j * m + i]
 
 
-@compiled
+@kernel
 def _vee(m, s, out):
     """Coordinates of the skew part of ``s`` (the inverse of `_skew`)."""
     if m == 3:
@@ -59,10 +59,10 @@ def _vee(m, s, out):
             k += 1
 
 
-@compiled
+@kernel
 def _exp3(v, scale, out):
     """Rodrigues' formula, [GDMP] eq. (A.10), with 1 - cos from the half angle."""
-    kept_apart()
+    noinline()
     x, y, z = scale * v[0], scale * v[1], scale * v[2]
     angle = math.sqrt(x * x + y * y + z * z)
     s = sinc(angle)
@@ -75,10 +75,10 @@ def _exp3(v, scale, out):
     out[5], out[7] = c * y * z - s * x, c * y * z + s * x
 
 
-@compiled
+@kernel
 def _log3(r, out, q):
-    """[GDMP] eq. (A.9), through the quaternion's largest component: right also near pi."""
-    kept_apart()
+    """[GDMP] eq. (A.9), by the quaternion's largest component: accurate also near pi."""
+    noinline()
     trace = r[0] + r[4] + r[8]
     largest = 0
     best = trace
@@ -106,10 +106,10 @@ def _log3(r, out, q):
     return math.pi - angle
 
 
-@compiled
+@kernel
 def _exp_general(m, v, scale, out, work):
-    """``exp(V) = cos(Ω) + sinc(Ω) V`` with Ω² = -V²: one symmetric eigenproblem."""
-    kept_apart()
+    """``exp(V) = cos(Ω) + sinc(Ω) V`` with Ω² = -V²: one symmetric eigenvalue problem."""
+    noinline()
     skew, square, vectors, factor = (scratch(work, 0, m), scratch(work, 1, m),
                                      scratch(work, 2, m), scratch(work, 3, m))
     values = work[4 * m * m:4 * m * m + m]
@@ -136,14 +136,15 @@ def _exp_general(m, v, scale, out, work):
             out[i * m + j] += square[i * m + j]
 
 
-@compiled
+@kernel
 def _log_general(m, r, out, work):
     """
     ``log R = f(S) A`` with S, A the symmetric and skew parts of R and f = angle / sine.
 
-    The sine of each plane is read off A, not off S, which keeps the error near pi at eps / gap.
+    The sine of each plane comes from A, not from S: the error near pi is then eps over the
+    distance from the cut locus.
     """
-    kept_apart()
+    noinline()
     skew, even, vectors, result = (scratch(work, 0, m), scratch(work, 1, m),
                                    scratch(work, 2, m), scratch(work, 3, m))
     cosines, rest = work[4 * m * m:4 * m * m + m], work[4 * m * m + m:]
@@ -154,7 +155,7 @@ def _log_general(m, r, out, work):
             result[i * m + j] = 0.0
     symmetric_eigen(m, even, cosines, vectors, rest)
     image = rest[:m]
-    largest, open_plane = 0.0, -1
+    largest, half_plane = 0.0, -1
     for k in range(m):
         total = 0.0
         for i in range(m):
@@ -166,15 +167,15 @@ def _log_general(m, r, out, work):
         angle = math.atan2(sine, cosines[k])
         largest = max(largest, angle)
         if cosines[k] < 0.0 and sine < _HALF_TURN:
-            if open_plane < 0:
-                open_plane = k
+            if half_plane < 0:
+                half_plane = k
                 continue
             for i in range(m):
                 for j in range(m):
-                    turned = (vectors[k * m + i] * vectors[open_plane * m + j]
-                              - vectors[open_plane * m + i] * vectors[k * m + j])
-                    result[i * m + j] += math.pi * turned
-            open_plane = -1
+                    rotated = (vectors[k * m + i] * vectors[half_plane * m + j]
+                               - vectors[half_plane * m + i] * vectors[k * m + j])
+                    result[i * m + j] += math.pi * rotated
+            half_plane = -1
             continue
         ratio = angle / sine if sine > 1e-300 else 1.0
         for i in range(m):
@@ -184,8 +185,8 @@ def _log_general(m, r, out, work):
     return math.pi - largest
 
 
-@compiled
-def _exp_identity(m, v, scale, out, work):
+@kernel
+def _exp_at_identity(m, v, scale, out, work):
     if m == 2:
         angle = scale * v[0]
         out[0], out[1] = math.cos(angle), -math.sin(angle)
@@ -196,8 +197,8 @@ def _exp_identity(m, v, scale, out, work):
         _exp_general(m, v, scale, out, work)
 
 
-@compiled
-def _log_identity(m, r, out, work):
+@kernel
+def _log_at_identity(m, r, out, work):
     if m == 2:
         out[0] = math.atan2(r[2] - r[1], r[0] + r[3])
         return math.pi - abs(out[0])
@@ -206,70 +207,94 @@ def _log_identity(m, r, out, work):
     return _log_general(m, r, out, work)
 
 
-@compiled
-def _conjugate(m, turn, v, forward, out, work):
-    """Coordinates of ``T V Tᵀ`` (forward) or ``Tᵀ V T``."""
-    kept_apart()
-    skew, half = scratch(work, 0, m), scratch(work, 1, m)
-    _skew(m, v, skew)
-    if forward:
-        multiply(m, turn, skew, half)
-        multiply_transposed(m, half, turn, skew)
-    else:
-        transposed_multiply(m, turn, skew, half)
-        multiply(m, half, turn, skew)
-    _vee(m, skew, out)
+@kernel
+def _exp(size, base, tangent, point, work):
+    """``Exp_U(v) = expm([v]) U``."""
+    step = scratch(work, 0, size)
+    _exp_at_identity(size, tangent, 1.0, step, work[size * size:])
+    multiply(size, step, base, point)
 
 
-@compiled
-def apply(op, m, a, b, out, work):
-    """Answer one of the operations; a frame is (A, C) with the point at A C."""
-    kept_apart()
-    size = m * m
-    if op == ops.TANGENT:
-        copy_into(b, out)
-        return 0.0
-    if op == ops.MEND_POINT:
-        orthonormalise(m, a, work)
-        return 0.0
-    if op == ops.FRAME:
-        set_identity(m, out[:size])
-        copy_into(a, out[size:])
-        return 0.0
-    part, other, rest = scratch(work, 0, m), scratch(work, 1, m), work[2 * size:]
-    if op == ops.LOG:
-        multiply_transposed(m, b, a, part)
-        return _log_identity(m, part, out, rest)
-    if op == ops.EXP:
-        _exp_identity(m, b, 1.0, part, rest)
-        multiply(m, part, a, out)
-        return 0.0
-    first, second = a[:size], a[size:]
-    if op == ops.FRAME_LOG:
-        transposed_multiply(m, first, b, part)
-        multiply_transposed(m, part, second, other)
-        return _log_identity(m, other, out, rest)
-    if op == ops.MOVE:
-        _exp_identity(m, b, 0.5, part, rest)
-        multiply(m, first, part, other)
-        copy_into(other, first)
-        multiply(m, part, second, other)
-        copy_into(other, second)
-    elif op == ops.POINT:
-        multiply(m, first, second, out)
-    elif op == ops.VECTOR:
-        if m == 3:
-            for i in range(3):
-                rest[i] = first[3 * i] * b[0] + first[3 * i + 1] * b[1] + first[3 * i + 2] * b[2]
-            copy_into(rest[:3], out)
-        else:
-            _conjugate(m, first, b, True, out, rest)
-    elif op == ops.COORDS:
-        _conjugate(m, first, b, False, out, rest)
-    elif op == ops.MEND:
-        orthonormalise(m, first, work)
-        orthonormalise(m, second, work)
-    return 0.0
+@kernel
+def _log(size, base, point, tangent, work):
+    """``Log_U(Q) = logm(Q Uᵀ)``."""
+    relative = scratch(work, 0, size)
+    multiply_transposed(size, point, base, relative)
+    return _log_at_identity(size, relative, tangent, work[size * size:])
+
+
+# A frame is (A, C) with the point A C; each takes half of every step.
+
+@kernel
+def _frame(size, point, frame, work):
+    set_identity(size, frame[:size * size])
+    copy_into(point, frame[size * size:])
+
+
+@kernel
+def _frame_point(size, frame, point, work):
+    multiply(size, frame[:size * size], frame[size * size:], point)
+
+
+@kernel
+def _transport_frame(size, frame, coordinates, work):
+    first, second = frame[:size * size], frame[size * size:]
+    half, product = scratch(work, 0, size), scratch(work, 1, size)
+    _exp_at_identity(size, coordinates, 0.5, half, work[2 * size * size:])
+    multiply(size, first, half, product)
+    copy_into(product, first)
+    multiply(size, half, second, product)
+    copy_into(product, second)
+
+
+@kernel
+def _log_in_frame(size, frame, point, coordinates, work):
+    part, relative = scratch(work, 0, size), scratch(work, 1, size)
+    transposed_multiply(size, frame[:size * size], point, part)
+    multiply_transposed(size, part, frame[size * size:], relative)
+    return _log_at_identity(size, relative, coordinates, work[2 * size * size:])
+
+
+@kernel
+def _from_frame(size, frame, coordinates, tangent, work):
+    """Coordinates of ``A V Aᵀ``."""
+    if size == 3:
+        for i in range(3):
+            work[i] = (frame[3 * i] * coordinates[0] + frame[3 * i + 1] * coordinates[1]
+                       + frame[3 * i + 2] * coordinates[2])
+        copy_into(work[:3], tangent)
+        return
+    matrix, half = scratch(work, 0, size), scratch(work, 1, size)
+    _skew(size, coordinates, matrix)
+    multiply(size, frame, matrix, half)
+    multiply_transposed(size, half, frame, matrix)
+    _vee(size, matrix, tangent)
+
+
+@kernel
+def _to_frame(size, frame, tangent, coordinates, work):
+    """Coordinates of ``Aᵀ V A``."""
+    matrix, half = scratch(work, 0, size), scratch(work, 1, size)
+    _skew(size, tangent, matrix)
+    transposed_multiply(size, frame, matrix, half)
+    multiply(size, half, frame, matrix)
+    _vee(size, matrix, coordinates)
+
+
+@kernel
+def _renormalize_frame(size, frame, work):
+    orthonormalize(size, frame[:size * size], work)
+    orthonormalize(size, frame[size * size:], work)
+
+
+@kernel
+def _renormalize(size, point, work):
+    orthonormalize(size, point, work)
+
+
+@kernel
+def _project_tangent(size, point, vector, tangent, work):
+    copy_into(vector, tangent)
 
 
 class SpecialOrthogonal(Manifold):
@@ -282,21 +307,35 @@ class SpecialOrthogonal(Manifold):
     """
 
     kind = 'rotation'
-    kernel = staticmethod(apply)
+    unit = 'rad'
+    goal_tolerance = 0.0025
+    # The logarithm turns π / distance times as fast as the point moves near the cut locus: too
+    # fast to be learned from samples.
+    split_margin = 0.5
+    kernels = Kernels(exp=_exp, log=_log, frame=_frame, frame_point=_frame_point,
+                      transport_frame=_transport_frame, log_in_frame=_log_in_frame,
+                      from_frame=_from_frame, to_frame=_to_frame,
+                      renormalize_frame=_renormalize_frame, renormalize=_renormalize,
+                      project_tangent=_project_tangent)
 
     def __init__(self, m: int):
         """:param m: size of the matrices, at least 2"""
-        self._size(m, least=2)
+        self._check_size(m, least=2)
         dim = m * (m - 1) // 2
         super().__init__(m, dim=dim, point_shape=(m, m), tangent_size=dim, frame_size=2 * m * m)
 
-    def _project(self, array: np.ndarray) -> np.ndarray:
+    @property
+    def components(self) -> list[tuple[str, int]]:
+        m = self.size
+        return [(f'{i + 1}{j + 1}', i * m + j) for i in range(m) for j in range(m)]
+
+    def nearest_point(self, array: np.ndarray) -> np.ndarray:
         left, _, right = np.linalg.svd(array)
         left[:, -1] *= np.sign(np.linalg.det(left @ right))
         return np.ascontiguousarray(left @ right)
 
-    def _defect(self, point: np.ndarray) -> str | None:
-        error = float(np.abs(point @ point.T - np.eye(self.m)).max())
+    def why_invalid(self, point: np.ndarray) -> str | None:
+        error = float(np.abs(point @ point.T - np.eye(self.size)).max())
         if not error <= self.tolerance:
             return f'R Rᵀ differs from I by {error:.3g}, expected at most {self.tolerance:g}'
         if np.linalg.det(point) < 0.0:
@@ -305,7 +344,7 @@ class SpecialOrthogonal(Manifold):
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw uniformly (Haar measure)."""
-        q, r = np.linalg.qr(rng.standard_normal((self.m, self.m)))
+        q, r = np.linalg.qr(rng.standard_normal((self.size, self.size)))
         q = q * np.sign(np.diag(r))
         if np.linalg.det(q) < 0.0:
             q[:, 0] = -q[:, 0]

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled, kept_apart, merged
-from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.kernels import kernel, noinline
+from gdmp_ros.manifolds.factors import Kernels
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     congruence,
@@ -23,120 +23,120 @@ from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.spectral import symmetric_expm, symmetric_logm
 
 
-@compiled
-def _exp(m, base, v, out, work):
+@kernel
+def _exp(size, base, tangent, point, work):
     """``Exp_U(v) = L expm(L⁻¹ v L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.2) by Cholesky."""
-    kept_apart()
-    lower, inverse, tangent, white = (scratch(work, 0, m), scratch(work, 1, m),
-                                      scratch(work, 2, m), scratch(work, 3, m))
-    if not cholesky(m, base, lower):
-        out[:] = math.nan
+    lower, inverse, matrix, white = (scratch(work, 0, size), scratch(work, 1, size),
+                                     scratch(work, 2, size), scratch(work, 3, size))
+    if not cholesky(size, base, lower):
+        point[:] = math.nan
         return
-    invert_lower(m, lower, inverse)
-    from_mandel(m, v, 1.0, tangent)
-    congruence(m, inverse, tangent, white, out)
-    # Of the pair exp(w), exp(-w) the first is wanted.
-    symmetric_expm(m, white, tangent, inverse, work[4 * m * m:])
-    congruence(m, lower, tangent, out, white)
+    invert_lower(size, lower, inverse)
+    from_mandel(size, tangent, 1.0, matrix)
+    congruence(size, inverse, matrix, white, point)
+    # Writes exp(w) and exp(-w); only the first is needed.
+    symmetric_expm(size, white, matrix, inverse, work[4 * size * size:])
+    congruence(size, lower, matrix, point, white)
 
 
-@compiled
-def _log(m, base, point, out, work):
+@kernel
+def _log(size, base, point, tangent, work):
     """``Log_U(Q) = L logm(L⁻¹ Q L⁻ᵀ) Lᵀ``, [GDMP] eq. (A.1) by Cholesky."""
-    kept_apart()
-    lower, inverse, white, result = (scratch(work, 0, m), scratch(work, 1, m),
-                                     scratch(work, 2, m), scratch(work, 3, m))
-    if not cholesky(m, base, lower):
-        out[:] = math.nan
-        return
-    invert_lower(m, lower, inverse)
-    congruence(m, inverse, point, white, result)
-    symmetric_logm(m, white, result, work[4 * m * m:])
-    congruence(m, lower, result, white, inverse)
-    to_mandel(m, white, out)
+    lower, inverse, white, result = (scratch(work, 0, size), scratch(work, 1, size),
+                                     scratch(work, 2, size), scratch(work, 3, size))
+    if not cholesky(size, base, lower):
+        tangent[:] = math.nan
+        return math.inf
+    invert_lower(size, lower, inverse)
+    congruence(size, inverse, point, white, result)
+    symmetric_logm(size, white, result, work[4 * size * size:])
+    congruence(size, lower, result, white, inverse)
+    to_mandel(size, white, tangent)
+    return math.inf
 
 
-@compiled
-def _move(m, factor, inverse, coordinates, work):
+# A frame is (L, L⁻¹) with the point L Lᵀ; the tangent with coordinates ĉ is L ĉ Lᵀ.
+
+@kernel
+def _frame(size, point, frame, work):
+    lower, inverse = frame[:size * size], frame[size * size:]
+    if cholesky(size, point, lower):
+        invert_lower(size, lower, inverse)
+    else:
+        frame[:] = math.nan
+
+
+@kernel
+def _frame_point(size, frame, point, work):
+    gram(size, frame, point)
+
+
+@kernel
+def _transport_frame(size, frame, coordinates, work):
     """``L ← L expm(ĉ/2)``, ``L⁻¹ ← expm(-ĉ/2) L⁻¹``."""
-    half, forth, back = scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m)
-    from_mandel(m, coordinates, 0.5, half)
-    symmetric_expm(m, half, forth, back, work[3 * m * m:])
-    multiply(m, factor, forth, half)
+    factor, inverse = frame[:size * size], frame[size * size:]
+    half, forward, backward = (scratch(work, 0, size), scratch(work, 1, size),
+                               scratch(work, 2, size))
+    from_mandel(size, coordinates, 0.5, half)
+    symmetric_expm(size, half, forward, backward, work[3 * size * size:])
+    multiply(size, factor, forward, half)
     copy_into(half, factor)
-    multiply(m, back, inverse, half)
+    multiply(size, backward, inverse, half)
     copy_into(half, inverse)
 
 
-@compiled
-def _mend(m, factor, inverse, work):
+@kernel
+def _log_in_frame(size, frame, point, coordinates, work):
+    """``logm(L⁻¹ Q L⁻ᵀ)`` *is* the logarithm in the frame."""
+    white, result = scratch(work, 0, size), scratch(work, 1, size)
+    congruence(size, frame[size * size:], point, white, result)
+    symmetric_logm(size, white, result, work[2 * size * size:])
+    to_mandel(size, result, coordinates)
+    return math.inf
+
+
+@kernel
+def _change_basis(size, factor, vector, out, work):
+    """Mandel coordinates of ``A v Aᵀ``."""
+    noinline()
+    matrix, image = scratch(work, 0, size), scratch(work, 1, size)
+    from_mandel(size, vector, 1.0, matrix)
+    congruence(size, factor, matrix, image, work[2 * size * size:])
+    to_mandel(size, image, out)
+
+
+@kernel
+def _from_frame(size, frame, coordinates, tangent, work):
+    _change_basis(size, frame, coordinates, tangent, work)
+
+
+@kernel
+def _to_frame(size, frame, tangent, coordinates, work):
+    _change_basis(size, frame[size * size:], tangent, coordinates, work)
+
+
+@kernel
+def _renormalize_frame(size, frame, work):
     """One Newton step: ``L⁻¹ ← L⁻¹ (2 I - L L⁻¹)``."""
-    kept_apart()
-    residue, result = scratch(work, 0, m), scratch(work, 1, m)
-    multiply(m, factor, inverse, residue)
-    for i in range(m * m):
-        residue[i] = -residue[i]
-    for i in range(m):
-        residue[i * m + i] += 2.0
-    multiply(m, inverse, residue, result)
+    factor, inverse = frame[:size * size], frame[size * size:]
+    residual, result = scratch(work, 0, size), scratch(work, 1, size)
+    multiply(size, factor, inverse, residual)
+    for i in range(size * size):
+        residual[i] = -residual[i]
+    for i in range(size):
+        residual[i * size + i] += 2.0
+    multiply(size, inverse, residual, result)
     copy_into(result, inverse)
 
 
-@compiled
-def _frame(m, point, lower, inverse):
-    kept_apart()
-    if cholesky(m, point, lower):
-        invert_lower(m, lower, inverse)
-    else:
-        lower[:] = math.nan
-        inverse[:] = math.nan
+@kernel
+def _renormalize(size, point, work):
+    """``exp`` and ``frame_point`` give exactly symmetric matrices."""
 
 
-@compiled
-def _log_in_frame(m, inverse, point, out, work):
-    """``logm(L⁻¹ Q L⁻ᵀ)`` *is* the logarithm in the frame."""
-    white, result = scratch(work, 0, m), scratch(work, 1, m)
-    congruence(m, inverse, point, white, result)
-    symmetric_logm(m, white, result, work[2 * m * m:])
-    to_mandel(m, result, out)
-
-
-@compiled
-def _carry(m, factor, tangent, out, work):
-    """Mandel coordinates of ``A v Aᵀ``."""
-    matrix, image = scratch(work, 0, m), scratch(work, 1, m)
-    from_mandel(m, tangent, 1.0, matrix)
-    congruence(m, factor, matrix, image, work[2 * m * m:])
-    to_mandel(m, image, out)
-
-
-@merged
-def apply(op, m, a, b, out, work):
-    """Answer one of the operations; a frame is (L, L⁻¹) with the point at L Lᵀ."""
-    size = m * m
-    if op == ops.FRAME:
-        _frame(m, a, out[:size], out[size:])
-    elif op == ops.EXP:
-        _exp(m, a, b, out, work)
-    elif op == ops.LOG:
-        _log(m, a, b, out, work)
-        return math.inf
-    elif op == ops.TANGENT:
-        copy_into(b, out)
-    elif op == ops.MOVE:
-        _move(m, a[:size], a[size:], b, work)
-    elif op == ops.MEND:
-        _mend(m, a[:size], a[size:], work)
-    elif op == ops.FRAME_LOG:
-        _log_in_frame(m, a[size:], b, out, work)
-        return math.inf
-    elif op == ops.POINT:
-        gram(m, a, out)
-    elif op == ops.VECTOR:
-        _carry(m, a, b, out, work)
-    elif op == ops.COORDS:
-        _carry(m, a[size:], b, out, work)
-    return 0.0
+@kernel
+def _project_tangent(size, point, vector, tangent, work):
+    copy_into(vector, tangent)
 
 
 class SymmetricPositiveDefinite(Manifold):
@@ -149,32 +149,44 @@ class SymmetricPositiveDefinite(Manifold):
     """
 
     kind = 'spd'
-    kernel = staticmethod(apply)
+    unit = 'of the matrix (N/m, Nm/rad)'
+    goal_tolerance = 0.0025
+    has_cut_locus = False
+    kernels = Kernels(exp=_exp, log=_log, frame=_frame, frame_point=_frame_point,
+                      transport_frame=_transport_frame, log_in_frame=_log_in_frame,
+                      from_frame=_from_frame, to_frame=_to_frame,
+                      renormalize_frame=_renormalize_frame, renormalize=_renormalize,
+                      project_tangent=_project_tangent)
     #: `project` raises eigenvalues to this fraction of the largest.
     floor = 1e-9
 
     def __init__(self, m: int):
         """:param m: size of the matrices, at least 1"""
-        self._size(m, least=1)
+        self._check_size(m, least=1)
         dim = m * (m + 1) // 2
         super().__init__(m, dim=dim, point_shape=(m, m), tangent_size=dim, frame_size=2 * m * m)
 
-    def _project(self, array: np.ndarray) -> np.ndarray:
+    @property
+    def components(self) -> list[tuple[str, int]]:
+        m = self.size
+        return [(f'{i + 1}{j + 1}', i * m + j) for i in range(m) for j in range(i, m)]
+
+    def nearest_point(self, array: np.ndarray) -> np.ndarray:
         scale = max(float(np.abs(array).max()), EPS)
         values, vectors = np.linalg.eigh(0.5 * (array / scale + array.T / scale))
         values *= scale
         if not values[-1] > 0.0:
-            raise self._no_point(f'the largest eigenvalue is {values[-1]:.3g}, expected > 0')
+            raise self.error(f'the largest eigenvalue is {values[-1]:.3g}, expected > 0')
         values = np.maximum(values, self.floor * values[-1])
         nearest = (vectors * values) @ vectors.T
         return np.asarray(0.5 * (nearest + nearest.T))
 
-    def _defect(self, point: np.ndarray) -> str | None:
+    def why_invalid(self, point: np.ndarray) -> str | None:
         scale = max(float(np.abs(point).max()), EPS)
         skew = float(np.abs(point / scale - point.T / scale).max())
         if not skew <= self.tolerance:
             return f'asymmetry is {skew:.3g} of the largest entry, expected <= {self.tolerance:g}'
-        # Scaled: the sum of two large entries may be infinite, and no eigenvalue found then.
+        # Scaled, because the sum of two large entries may be infinite.
         least = scale * float(np.linalg.eigvalsh(0.5 * (point / scale + point.T / scale))[0])
         if not least > 0.0:
             return f'smallest eigenvalue is {least:.3g}, expected > 0'
@@ -182,4 +194,4 @@ class SymmetricPositiveDefinite(Manifold):
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw ``exp`` of a random symmetric matrix: eigenvalues around 1."""
-        return self.exp(np.eye(self.m), 0.5 * rng.standard_normal(self.tangent_size))
+        return self.exp(np.eye(self.size), 0.5 * rng.standard_normal(self.tangent_size))

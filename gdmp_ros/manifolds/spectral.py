@@ -1,14 +1,14 @@
 """
-Functions of symmetric matrices for the kernels: eigenvalues, exponential, logarithm.
+Functions of symmetric matrices for kernels: eigenvalues, exponential, logarithm.
 
-Eigenvectors are rows. Up to 3×3 by cyclic Jacobi, from 4×4 by Householder's reduction and implicit
-QL: the faster of the two at each size. Nothing allocates; `work` is a flat scratch array.
+Eigenvectors are rows. Cyclic Jacobi up to 3×3, Householder reduction and implicit QL from 4×4 on:
+the faster method at each size. Nothing allocates; ``work`` is flat scratch memory.
 """
 from __future__ import annotations
 
 import math
 
-from gdmp_ros.compilation import compiled, inlined, kept_apart
+from gdmp_ros.kernels import inlined, kernel, noinline
 from gdmp_ros.manifolds.linalg import (
     copy_into,
     EPS,
@@ -18,28 +18,28 @@ from gdmp_ros.manifolds.linalg import (
     set_identity,
 )
 
-#: From this size on the reduction to a tridiagonal matrix pays.
+#: From this size on the reduction to a tridiagonal matrix is faster.
 _QL_FROM = 4
 
 
 @inlined
 def _rotation(app, aqq, apq):
-    """Tangent, cosine and sine of the turn that annihilates ``apq``."""
+    """Tangent, cosine and sine of the plane rotation that makes ``apq`` zero."""
     gap, twice = aqq - app, 2.0 * apq
     radius = math.sqrt(gap * gap + twice * twice)
     if radius == 0.0:
         return 0.0, 1.0, 0.0
-    # (|gap| + radius)² + twice² = 2 radius (|gap| + radius): no quotient waits for another.
+    # (|gap| + radius)² + twice² = 2 radius (|gap| + radius): the divisions are independent.
     along = abs(gap) + radius
     scale = 1.0 / math.sqrt(2.0 * radius * along)
     twice = math.copysign(twice, twice * gap)
     return twice / along, along * scale, twice * scale
 
 
-@compiled
+@kernel
 def _jacobi(m, a, vectors):
-    """Diagonalise ``a`` in place by plane rotations; accurate for graded matrices too."""
-    kept_apart()
+    """Diagonalise ``a`` in place by plane rotations; accurate also for graded matrices."""
+    noinline()
     set_identity(m, vectors)
     for _ in range(60):
         off, scale = 0.0, 0.0
@@ -72,10 +72,10 @@ def _jacobi(m, a, vectors):
                     vectors[q * m + k] = s * vpk + c * vqk
 
 
-@compiled
+@kernel
 def _jacobi3(a, values, v):
-    """`_jacobi` for a 3×3 matrix, in registers."""
-    kept_apart()
+    """`_jacobi` for a 3×3 matrix, with all numbers in registers."""
+    noinline()
     x, y, z, xy, xz, yz = a[0], a[4], a[8], a[1], a[2], a[5]
     v0, v1, v2, v3, v4, v5, v6, v7, v8 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for _ in range(60):
@@ -101,15 +101,15 @@ def _jacobi3(a, values, v):
     v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8] = v0, v1, v2, v3, v4, v5, v6, v7, v8
 
 
-@compiled
+@kernel
 def _tridiagonalise(m, a, diagonal, beside, vectors, product):
     """
     Householder reflections: ``a = Vᵀ T V`` with V = ``vectors`` and T tridiagonal.
 
-    The reflections stay in the rows of ``a`` beyond the diagonal, scaled to length √2, until
-    they are gathered in ``vectors``.
+    The reflections are kept in the rows of ``a`` beyond the diagonal, scaled to length √2, and
+    accumulated in ``vectors`` at the end.
     """
-    kept_apart()
+    noinline()
     for k in range(m - 2):
         mirror, size = a[k * m + k + 1:(k + 1) * m], m - k - 1
         total = 0.0
@@ -152,10 +152,10 @@ def _tridiagonalise(m, a, diagonal, beside, vectors, product):
                 row[j] -= total * mirror[j]
 
 
-@compiled
+@kernel
 def _ql(m, diagonal, beside, vectors):
-    """Diagonalise a tridiagonal matrix by implicit QL steps, turning the rows of ``vectors``."""
-    kept_apart()
+    """Diagonalise a tridiagonal matrix by implicit QL steps, rotating the rows of ``vectors``."""
+    noinline()
     for first in range(m):
         for _ in range(60):
             last = first
@@ -198,12 +198,12 @@ def _ql(m, diagonal, beside, vectors):
             beside[last] = 0.0
 
 
-@compiled
+@kernel
 def symmetric_eigen(m, a, values, vectors, work):
     """
     Eigenvalues and eigenvectors (rows) of symmetric ``a``, which is overwritten.
 
-    :param work: scratch of at least ``2 m`` numbers
+    :param work: scratch memory of at least ``2 m`` numbers
     """
     if m >= _QL_FROM:
         beside = work[:m]
@@ -218,10 +218,10 @@ def symmetric_eigen(m, a, values, vectors, work):
         values[i] = a[i * m + i]
 
 
-@compiled
+@kernel
 def compose_eigen(m, values, vectors, out):
-    """``out = Vᵀ diag(values) V``, symmetric to the last bit."""
-    kept_apart()
+    """``out = Vᵀ diag(values) V``, exactly symmetric."""
+    noinline()
     for i in range(m * m):
         out[i] = 0.0
     for k in range(m):
@@ -235,7 +235,7 @@ def compose_eigen(m, values, vectors, out):
             out[j * m + i] = out[i * m + j]
 
 
-@compiled
+@kernel
 def compose_pair(m, values, vectors, out, inverse):
     """`compose_eigen` to ``out`` and its inverse to ``inverse``; ``values`` are overwritten."""
     compose_eigen(m, values, vectors, out)
@@ -244,14 +244,14 @@ def compose_pair(m, values, vectors, out, inverse):
     compose_eigen(m, values, vectors, inverse)
 
 
-@compiled
+@kernel
 def symmetric_logm(m, s, out, work):
     """
     ``out = log(s)`` for positive definite ``s``, which is overwritten.
 
-    :param work: scratch of at least ``m² + 3 m`` numbers
+    :param work: scratch memory of at least ``m² + 3 m`` numbers
     """
-    kept_apart()
+    noinline()
     vectors, values = scratch(work, 0, m), work[m * m:m * m + m]
     symmetric_eigen(m, s, values, vectors, work[m * m + m:])
     for i in range(m):
@@ -259,23 +259,23 @@ def symmetric_logm(m, s, out, work):
     compose_eigen(m, values, vectors, out)
 
 
-@compiled
+@kernel
 def symmetric_expm(m, s, out, inverse, work):
     """
     ``out = exp(s)`` and ``inverse = exp(-s)`` for symmetric ``s``.
 
-    A short Taylor series for a small one: exp(±s) = cosh(s) ± s · sinhc(s), both even in s.
+    A small ``s`` takes a short Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s.
 
-    :param work: scratch of at least ``4 m²`` numbers, and of ``m² + 3 m``
+    :param work: scratch memory of at least ``4 m²`` and ``m² + 3 m`` numbers
     """
-    kept_apart()
+    noinline()
     norm2 = 0.0
     for i in range(m * m):
         norm2 += s[i] * s[i]
     if norm2 > 0.01:
         _expm_by_eigenvalues(m, s, out, inverse, work)
         return
-    # The remainder is below the next term; terms counts pairs of even and odd powers.
+    # The remainder is smaller than the next term; ``terms`` counts pairs of even and odd powers.
     terms, term = 1, norm2
     while term > 0.25 * EPS:
         terms += 1
@@ -308,9 +308,9 @@ def symmetric_expm(m, s, out, inverse, work):
         inverse[i * m + i] += 1.0
 
 
-@compiled
+@kernel
 def _expm_by_eigenvalues(m, s, out, inverse, work):
-    kept_apart()
+    noinline()
     vectors = scratch(work, 0, m)
     values, rest = work[m * m:m * m + m], work[m * m + m:]
     copy_into(s, out)

@@ -15,7 +15,7 @@ import time
 from typing import NamedTuple
 
 from gdmp_ros import compilation
-from gdmp_ros.realtime.domain import CHOSEN, network, RANGE
+from gdmp_ros.util.dds_network import CHOSEN, network, RANGE
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 

@@ -17,9 +17,9 @@ from gdmp_ros.control.manipulability import (
     PositionState,
     PositionTarget,
 )
-from gdmp_ros.control.reference import Origin
-from gdmp_ros.sim.grip import Grip
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.control.guard import Origin
+from gdmp_ros.sim.hand import Grip
+from gdmp_ros.sim.arm import Arm
 
 
 class ClosedLoop:

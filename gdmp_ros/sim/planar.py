@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 #: Mass of a link [kg/m], thickness [m], rotor inertia [kg m²] and friction of a joint [Nm s/rad].
 _LINE_MASS, _THICKNESS, _ARMATURE, _FRICTION = 2.0, 0.02, 0.01, 0.05

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gdmp_ros.sim.panda import Arm, PANDA
+from gdmp_ros.sim.arm import Arm, PANDA
 
 _BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER,
                              mujoco.mjtGeom.mjGEOM_CAPSULE)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import butter, sosfilt
 
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 _S3 = UnitQuaternion()
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 
 class NoScreenError(DataError):

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros.bench import accuracy, goal_switch, measure, tempo
+from gdmp_ros.experiments.bench import accuracy, goal_switch, tempo
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.cli.bench import SUBJECTS
 from test.commands import gdmp
 
@@ -62,13 +63,13 @@ def test_every_subject_has_a_title_a_table_and_help():
 
 
 def test_the_closed_loop_runs_and_follows():
-    from gdmp_ros.bench import loop
+    from gdmp_ros.experiments.bench import loop
     document = loop.run(SETTINGS)
     assert document['times_real_time'] > 1.0 and document['position_rmse_m'] < 0.01
 
 
 def test_a_peer_that_is_missing_is_named_with_its_remedy(monkeypatch):
-    from gdmp_ros.bench import peers
+    from gdmp_ros.experiments.bench import peers
     from gdmp_ros.errors import DataError
     monkeypatch.setitem(sys.modules, 'movement_primitives.dmp', None)
     with pytest.raises(DataError, match=r'gdmp_ros\[bench\]'):

@@ -6,9 +6,9 @@ from PIL import Image
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.files import lasa
-from gdmp_ros.sim.panda import Arm
-from gdmp_ros.sim.playback import play
+from gdmp_ros.data import lasa
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.execution import play
 from test.commands import gdmp
 
 

@@ -13,7 +13,7 @@ from gdmp_ros.control.impedance import (
     TARGET_SIZE,
 )
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.sim.panda import Arm, READY
+from gdmp_ros.sim.arm import Arm, READY
 
 
 def wxyz(rotation):

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.grip import Grip, GripSettings
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.hand import Grip, GripSettings
+from gdmp_ros.sim.arm import Arm
 
 
 @pytest.fixture

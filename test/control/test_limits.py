@@ -7,16 +7,16 @@ import pytest
 
 from gdmp_ros.control import limits
 from gdmp_ros.control.controller import ControllerSettings, HOLD_STIFFNESS
-from gdmp_ros.control.follower import SINGULAR_LENGTH, singular_rate, singular_value
+from gdmp_ros.control.governor import SINGULAR_LENGTH, singular_rate, singular_value
 from gdmp_ros.control.impedance import STIFFNESS, TARGET_SIZE
 from gdmp_ros.control.limits import LimitSettings, TorqueLimiter
 from gdmp_ros.control.measurement import JointLimits
-from gdmp_ros.control.passivity import bound_stiffness, stiffness_bounds, TankSettings
-from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.control.tank import bound_stiffness, stiffness_bounds, TankSettings
+from gdmp_ros.control.guard import GuardSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 DT = 1e-3
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, jump_stiffness=100.0)

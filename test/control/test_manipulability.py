@@ -12,7 +12,7 @@ from gdmp_ros.control.manipulability import (
     PositionTarget,
 )
 from gdmp_ros.control.planar import PlanarArm
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.planar import planar_arm, point_mass
 
 

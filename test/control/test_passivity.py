@@ -7,12 +7,12 @@ from gdmp_ros.control import limits
 from gdmp_ros.control.controller import ControllerSettings, HOLD_STIFFNESS
 from gdmp_ros.control.impedance import damping_design, STIFFNESS, TARGET_SIZE
 from gdmp_ros.control.limits import LimitSettings
-from gdmp_ros.control.passivity import compose_modes, growth_margin, relative_modes, TankSettings
-from gdmp_ros.control.reference import GuardSettings
+from gdmp_ros.control.tank import compose_modes, growth_margin, relative_modes, TankSettings
+from gdmp_ros.control.guard import GuardSettings
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, jump_stiffness=100.0)
 SPD6 = SymmetricPositiveDefinite(6)
@@ -106,7 +106,7 @@ def pushed_into(loop, depth, ticks=1500):
 def table():
     arm = Arm()
     height = arm.measure().pose[2]
-    spec = mujoco.MjSpec.from_file(str(__import__('gdmp_ros.sim.panda', fromlist=['x']).PANDA))
+    spec = mujoco.MjSpec.from_file(str(__import__('gdmp_ros.sim.arm', fromlist=['x']).PANDA))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.2, 0.2, 0.1],
                             pos=[0.3069, 0.0, height - 0.115], contype=2, conaffinity=1)
     return Arm(spec)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.impedance import TARGET_SIZE
-from gdmp_ros.control.reference import GuardSettings, Origin, ReferenceGuard
+from gdmp_ros.control.guard import GuardSettings, Origin, ReferenceGuard
 
 HOME = np.array([0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
 STIFFNESS = np.diag([400.0, 400, 400, 30, 30, 30])

@@ -18,7 +18,7 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros.util.profiles import minimum_jerk
 
 TIMES = np.linspace(0.0, 1.0, 500)
 BLEND = minimum_jerk(TIMES)

@@ -17,8 +17,8 @@ from gdmp_ros import (
 )
 from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.files import lasa
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros.data import lasa
+from gdmp_ros.util.profiles import minimum_jerk
 
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
                names=['position', 'orientation', 'stiffness'])

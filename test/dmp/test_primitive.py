@@ -22,8 +22,8 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.files import lasa
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros.data import lasa
+from gdmp_ros.util.profiles import minimum_jerk
 
 CONNECTIONS = ['parallel', 'published']
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),

@@ -13,7 +13,7 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.profiles import minimum_jerk
+from gdmp_ros.util.profiles import minimum_jerk
 
 CONNECTIONS = ['parallel', 'published']
 TIMES = np.linspace(0.0, 1.0, 600)

@@ -23,7 +23,7 @@ import pytest
 import yaml
 
 from gdmp_ros.cli.main import parser
-from gdmp_ros.nodes import wire
+from gdmp_ros.ros import messages as wire
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
@@ -39,7 +39,7 @@ NAMES = {'docs/skills.md': """
 import numpy as np
 from gdmp_ros import *
 from gdmp_ros.dmp import fit_report
-from gdmp_ros.files import lasa
+from gdmp_ros.data import lasa
 shown = lasa.robot_demonstrations('GShape')[0]
 times, points, manifold = shown.times, shown.points, shown.manifold
 one = other = Skill.learn(shown)
@@ -96,7 +96,7 @@ def run_script(text, place):
 
 def run_once(text, folder):
     """Run a page's commands on a DDS domain of their own; whatever is left running ends."""
-    from gdmp_ros.realtime.domain import Domain
+    from gdmp_ros.util.dds_network import Domain
     domain = Domain()
     script = folder / '.page.sh'
     script.write_text('set -eo pipefail\n'

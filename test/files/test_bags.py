@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import bags, recordings
-from gdmp_ros.files.bags import BagWriter, NS
+from gdmp_ros.data import bags
+from gdmp_ros.data import recordings
+from gdmp_ros.data.bags import BagWriter, NS
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 START = 1_700_000_000 * NS

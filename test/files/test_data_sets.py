@@ -5,7 +5,8 @@ from scipy.io import savemat
 
 from gdmp_ros.cli.main import main
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import lasa, letters
+from gdmp_ros.data import lasa
+from gdmp_ros.data import letters
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 

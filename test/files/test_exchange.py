@@ -7,7 +7,9 @@ import pytest
 from gdmp_ros import Skill
 from gdmp_ros.cli.main import main
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import exchange, lasa, recordings
+from gdmp_ros.data import exchange
+from gdmp_ros.data import lasa
+from gdmp_ros.data import recordings
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.files import gallery
+from gdmp_ros.data import gallery
 from test.commands import gdmp
 
 DOCS = Path(__file__).parents[2] / 'docs'

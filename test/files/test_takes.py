@@ -3,9 +3,10 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import recordings, takes
-from gdmp_ros.files.bags import BagWriter, NS
-from gdmp_ros.stiffness import stiffness_along
+from gdmp_ros.data import recordings
+from gdmp_ros.data import takes
+from gdmp_ros.data.bags import BagWriter, NS
+from gdmp_ros.learning import stiffness_along
 
 START = 1_700_000_000 * NS
 

@@ -24,9 +24,11 @@ import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.files import bags, lasa, recordings
+from gdmp_ros.data import bags
+from gdmp_ros.data import lasa
+from gdmp_ros.data import recordings
 from gdmp_ros.manifolds import Product
-from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.util.dds_network import Domain
 
 TOOL = lasa.TOOL
 POSE = Product(*TOOL.factors[:2], names=TOOL.names[:2])
@@ -168,10 +170,10 @@ def node(name: str) -> Any:
         return _nodes[name]
     import rclpy
 
-    from gdmp_ros.nodes.adapter import Adapter
-    from gdmp_ros.nodes.panda_sim import PandaSim
-    from gdmp_ros.nodes.trajectory_server import TrajectoryServer
-    from gdmp_ros.nodes.visualizer import Visualizer
+    from gdmp_ros.ros.adapter.node import Adapter
+    from gdmp_ros.ros.arm.node import PandaSim
+    from gdmp_ros.ros.server.node import TrajectoryServer
+    from gdmp_ros.ros.visualizer.node import Visualizer
     if not rclpy.ok():
         # A domain of one's own, kept to the end of the process.
         _nodes['domain'] = domain = Domain()
@@ -192,8 +194,8 @@ def node(name: str) -> Any:
 
 def _listen(made: Any) -> None:
     """Listen to what a node streams: it makes no message otherwise."""
-    from gdmp_ros.nodes.managed import PolledGroup
-    from gdmp_ros.nodes.stream import Stream
+    from gdmp_ros.ros.lifecycle import PolledGroup
+    from gdmp_ros.ros.streams import Stream
     holder = getattr(made, '_references', made)
     for publisher in [one._publisher for one in vars(holder).values() if isinstance(one, Stream)]:
         made.create_subscription(publisher.msg_type, publisher.topic, lambda _: None, 10,
@@ -373,7 +375,7 @@ def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
     from gdmp_msgs.msg import Reference
 
     from gdmp_ros.control.controller import HOLD_STIFFNESS
-    from gdmp_ros.nodes import wire
+    from gdmp_ros.ros import messages as wire
     numbers = np.zeros(56)
     numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
     numbers[55] = 0.7

@@ -55,8 +55,8 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     """Damaged messages over DDS to every topic of running nodes, which have to go on."""
     import random
 
-    from gdmp_ros.realtime.domain import Domain
-    from gdmp_ros.reliability.trial import SERVER, short_skill, SIM, Trial
+    from gdmp_ros.util.dds_network import Domain
+    from gdmp_ros.experiments.reliability.trial import SERVER, short_skill, SIM, Trial
     domain = Domain()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -68,7 +68,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
             from rosgraph_msgs.msg import Clock
             from std_msgs.msg import Float64MultiArray
 
-            from gdmp_ros.nodes.managed import reliable
+            from gdmp_ros.ros.lifecycle import reliable
             trial.start_sim()
             trial.start_server()
             trial.holding()

@@ -9,12 +9,12 @@ import pytest
 from gdmp_ros.control import limits
 from gdmp_ros.control.controller import HOLD_STIFFNESS
 from gdmp_ros.control.impedance import TARGET_SIZE
-from gdmp_ros.control.reference import GuardSettings, Origin, ReferenceGuard
+from gdmp_ros.control.guard import GuardSettings, Origin, ReferenceGuard
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
 from gdmp_ros.manifolds import from_spec, Product, Sphere, SymmetricPositiveDefinite
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim.arm import Arm
 
 from .entrances import node, short_skill
 

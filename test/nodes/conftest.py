@@ -8,13 +8,13 @@ import pytest
 from rclpy.node import Node
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.files import lasa
-from gdmp_ros.nodes.managed import PolledGroup, reliable, take
-from gdmp_ros.nodes.operator import Operator
-from gdmp_ros.realtime.domain import Domain
-from gdmp_ros.realtime.processes import Children
+from gdmp_ros.data import lasa
+from gdmp_ros.ros.lifecycle import PolledGroup, reliable, take
+from gdmp_ros.ros.clients.server_client import Operator
+from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.util.processes import Children
 
-SERVER, SIM = 'gdmp_ros.nodes.trajectory_server', 'gdmp_ros.nodes.panda_sim'
+SERVER, SIM = 'gdmp_ros.ros.server.node', 'gdmp_ros.ros.arm.node'
 FRAME = 'panda_link0'
 START_UP_S = 60.0
 

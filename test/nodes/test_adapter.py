@@ -10,9 +10,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.adapter import along_axes
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.adapter.node import along_axes
+from gdmp_ros.ros.lifecycle import reliable
 
 PRESETS = Path(__file__).parents[2] / 'config' / 'presets'
 POSE = np.array([0.4, -0.1, 0.5, *UnitQuaternion().project(np.array([0.1, 0.9, 0.2, -0.3]))])
@@ -37,7 +37,7 @@ class Feed:
         self.message.header.stamp = wire.stamp_of(12_345_678_901)
         wire.fill_reference(self.message, np.concatenate(
             [POSE, np.zeros(12), stiffness().reshape(-1), [0.7]]))
-        world.children.start_node('adapter', 'gdmp_ros.nodes.adapter', {}, [
+        world.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {}, [
             '--params-file', str(PRESETS / f'{preset}.yaml'), *extra])
 
     def listen(self, kind, topic):

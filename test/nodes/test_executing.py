@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 
-from gdmp_ros.nodes import wire
+from gdmp_ros.ros import messages as wire
 from test.commands import GDMP, gdmp
 
 EXECUTE = [*GDMP, 'execute']

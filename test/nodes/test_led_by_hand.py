@@ -6,9 +6,10 @@ import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros import Skill
-from gdmp_ros.files import recordings, takes
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.data import recordings
+from gdmp_ros.data import takes
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
 from test.commands import gdmp
 
 RECORDER = 'take_recorder'
@@ -18,7 +19,7 @@ def test_takes_are_begun_ended_and_dropped_by_service(world, tmp_path):
     folder, states = tmp_path / 'takes', []
     world.node.create_subscription(RecorderState, f'{RECORDER}/state', states.append,
                                    reliable(10))
-    world.children.start_node(RECORDER, 'gdmp_ros.nodes.take_recorder', {
+    world.children.start_node(RECORDER, 'gdmp_ros.ros.recorder.node', {
         'folder': str(folder), 'storage': 'sqlite3',
         'also': ['/panda_sim/state=gdmp_msgs/msg/RobotState']})
     world.wait('the recorder', lambda: bool(states), 60.0)

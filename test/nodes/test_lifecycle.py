@@ -14,11 +14,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.files.bags import BagWriter, opened
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import reliable
-from gdmp_ros.nodes.recorder import definition
-from gdmp_ros.nodes.server_parameters import SPECS
+from gdmp_ros.data.bags import BagWriter, opened
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.recorder.record import definition
+from gdmp_ros.ros.server.parameters import SPECS
 
 FRAME = 'panda_link0'
 SERVER, SIM = 'trajectory_server', 'panda_sim'
@@ -110,7 +110,7 @@ def test_parameters_have_descriptions_ranges_and_are_checked(world):
 
 
 def test_a_parameter_out_of_range_at_start_up_is_one_clear_line(world):
-    world.children.start_node(SERVER, 'gdmp_ros.nodes.trajectory_server',
+    world.children.start_node(SERVER, 'gdmp_ros.ros.server.node',
                               {'workspace_min': [0.0, 0.0]})
     process = world.children.processes.pop(SERVER)
     assert process.wait(60) != 0

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 import yaml
 
-from gdmp_ros.nodes.parameter_tables import NODES
+from gdmp_ros.ros.parameter_tables import NODES
 
 ROOT = Path(__file__).parents[2]
 FOXGLOVE = json.loads((ROOT / 'config/layouts/foxglove.json').read_text())
@@ -31,16 +31,16 @@ def topics(request):
     """All topics of server, arm and visualizer, as they are on the network: name to type."""
     import os
 
-    from gdmp_ros.nodes.operator import Operator
-    from gdmp_ros.realtime.domain import Domain
-    from gdmp_ros.realtime.processes import Children
+    from gdmp_ros.ros.clients.server_client import Operator
+    from gdmp_ros.util.dds_network import Domain
+    from gdmp_ros.util.processes import Children
     folder = request.getfixturevalue('tmp_path_factory').mktemp('composed')
     domain = Domain()
     before = dict(os.environ)
     os.environ.update(domain.environment())
     names = ['trajectory_server', 'panda_sim', 'visualizer']
     with Children(dict(os.environ), folder) as children:
-        children.start('composed', 'gdmp_ros.nodes.composed', [
+        children.start('composed', 'gdmp_ros.ros.composed', [
             *names, '--ros-args', '-p', 'trajectory_server:goal_speed:=0.123'])
         operator = Operator(check=children.check)
         try:
@@ -153,9 +153,9 @@ def test_launch_files_start_executables_and_name_parameters_that_there_are(path)
 
 
 def test_composed_refuses_what_it_does_not_know():
-    done = subprocess.run([sys.executable, '-m', 'gdmp_ros.nodes.composed', 'panda_sim', 'oven'],
+    done = subprocess.run([sys.executable, '-m', 'gdmp_ros.ros.composed', 'panda_sim', 'oven'],
                           capture_output=True, text=True)
     assert done.returncode == 2 and "invalid choice: 'oven'" in done.stderr
-    twice = subprocess.run([sys.executable, '-m', 'gdmp_ros.nodes.composed', 'adapter', 'adapter'],
+    twice = subprocess.run([sys.executable, '-m', 'gdmp_ros.ros.composed', 'adapter', 'adapter'],
                            capture_output=True, text=True)
     assert twice.returncode == 2 and 'every node once' in twice.stderr

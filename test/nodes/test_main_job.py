@@ -12,10 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.demo.report import rotation_angles
-from gdmp_ros.files import lasa, recordings
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.experiments.demo.report import rotation_angles
+from gdmp_ros.data import lasa
+from gdmp_ros.data import recordings
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
 
 FRAME = 'panda_link0'
 SERVER = 'trajectory_server'

@@ -10,8 +10,8 @@ import pytest
 from rclpy.action import get_action_server_names_and_types_by_node
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.domain import any_machine, CHOSEN, RANGE
-from gdmp_ros.reliability.network import Quality, TwoHosts
+from gdmp_ros.util.dds_network import any_machine, CHOSEN, RANGE
+from gdmp_ros.experiments.reliability.network import Quality, TwoHosts
 
 ROOT = Path(__file__).parents[2]
 #: Beyond what a node has by itself: the launch file's measured pose, and simulated time.
@@ -75,7 +75,7 @@ def test_only_this_machine_reaches_the_nodes_unless_more_is_asked_for(tmp_path, 
     except (GdmpError, OSError) as error:
         pytest.skip(str(error))
     log = (tmp_path / 'log').open('w')
-    sim = subprocess.Popen([*hosts.on('robot'), sys.executable, '-m', 'gdmp_ros.nodes.panda_sim'],
+    sim = subprocess.Popen([*hosts.on('robot'), sys.executable, '-m', 'gdmp_ros.ros.arm.node'],
                            env={**plain, **chosen, 'ROS_DOMAIN_ID': '0'}, stdout=log, stderr=log)
     def looked(host, seconds):
         return subprocess.run(

@@ -4,10 +4,10 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import Trigger
 
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
 
-SERVER = 'gdmp_ros.nodes.trajectory_server'
+SERVER = 'gdmp_ros.ros.server.node'
 
 
 def test_two_robots_are_streamed_by_one_process_each_in_its_namespace(world):

@@ -7,8 +7,8 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
 
-from gdmp_ros.nodes import wire
-from gdmp_ros.nodes.managed import reliable
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
 
 FEEDBACK = InteractiveMarkerFeedback
 
@@ -18,7 +18,7 @@ class Viewer:
 
     def __init__(self, world):
         self.world, self.shown, self.plans, self.updates = world, {}, [], []
-        world.children.start_node('visualizer', 'gdmp_ros.nodes.visualizer', {})
+        world.children.start_node('visualizer', 'gdmp_ros.ros.visualizer.node', {})
         node = world.node
         node.create_subscription(MarkerArray, '/visualizer/markers', self._on_markers, reliable(1))
         node.create_subscription(InteractiveMarkerUpdate, '/visualizer/update',

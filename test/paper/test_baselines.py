@@ -2,12 +2,12 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.bench import measure
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.development import distances
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefinite, UnitQuaternion
-from gdmp_ros.paper.baselines import (
+from gdmp_ros.experiments.baselines import (
     AbuDakkaQuaternion,
     Classical,
     LogError,
@@ -19,9 +19,9 @@ from gdmp_ros.paper.baselines import (
     UdeQuaternion,
     UdeRotation,
 )
-from gdmp_ros.paper.fig4 import shown as quaternion_example
-from gdmp_ros.paper.table1 import cell, COLUMNS, ROWS
-from gdmp_ros.paper.theorem1 import pulled
+from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
+from gdmp_ros.experiments.paper.table1 import cell, COLUMNS, ROWS
+from gdmp_ros.experiments.paper.theorem1 import pulled
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
 MADE_FOR = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros.paper import (
+from gdmp_ros.experiments.paper import (
     fig2,
     fig3,
     fig4,
@@ -25,7 +25,7 @@ from gdmp_ros.paper import (
     table1,
     theorem1,
 )
-from gdmp_ros.paper.theorem1 import energies, unforced
+from gdmp_ros.experiments.paper.theorem1 import energies, unforced
 from test.commands import gdmp
 
 #: Without the data of the 2D-Letters, whatever the user has.

@@ -1,7 +1,7 @@
 """Who can reach the nodes, and over what, where the user has chosen and where not."""
 import pytest
 
-from gdmp_ros.realtime import domain
+from gdmp_ros.util import dds_network as domain
 
 PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 

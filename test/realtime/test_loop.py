@@ -10,9 +10,9 @@ import psutil
 import pytest
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.domain import Domain
+from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
-from gdmp_ros.realtime.processes import Children
+from gdmp_ros.util.processes import Children
 from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
 
 
@@ -123,10 +123,10 @@ def running(process):
 def test_children_do_not_outlive_their_parent(tmp_path, after):
     parent = subprocess.Popen([sys.executable, '-c', f"""
 import pathlib, time
-from gdmp_ros.realtime.processes import Children
+from gdmp_ros.util.processes import Children
 import os
 children = Children(os.environ, pathlib.Path({str(tmp_path)!r}))
-children.start('child', 'gdmp_ros.demo.bare', [{str(tmp_path / "ticks.npy")!r}])
+children.start('child', 'gdmp_ros.realtime.bare_loop', [{str(tmp_path / "ticks.npy")!r}])
 print(children.processes['child'].pid, flush=True)
 time.sleep(60)
 """], stdout=subprocess.PIPE, text=True)

@@ -12,9 +12,9 @@ from gdmp_ros import (
     Skill,
     UnitQuaternion,
 )
-from gdmp_ros.files import lasa
-from gdmp_ros.realtime.player import Player
-from gdmp_ros.realtime.tool_skill import PlayerSettings
+from gdmp_ros.data import lasa
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.tool_skill import PlayerSettings
 
 SETTINGS = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3))
 DT = 1e-3

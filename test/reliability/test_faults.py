@@ -5,11 +5,11 @@ import os
 import pytest
 
 from gdmp_ros.cli.main import main
-from gdmp_ros.reliability.faults import fault, FAULTS
-from gdmp_ros.reliability.network import Quality, TwoHosts
-from gdmp_ros.reliability.outcome import Outcome
-from gdmp_ros.reliability.report import attempt
-from gdmp_ros.reliability.trial import short_skill
+from gdmp_ros.experiments.reliability.faults import fault, FAULTS
+from gdmp_ros.experiments.reliability.network import Quality, TwoHosts
+from gdmp_ros.experiments.reliability.outcome import Outcome
+from gdmp_ros.experiments.reliability.report import attempt
+from gdmp_ros.experiments.reliability.trial import short_skill
 
 
 @pytest.fixture(scope='session')
@@ -34,7 +34,7 @@ def test_fault(name, skill, tmp_path):
 def test_a_trial_that_breaks_down_has_failed(skill, tmp_path, monkeypatch):
     broken = tmp_path / 'broken.json'
     broken.write_text('{}')
-    monkeypatch.setattr('gdmp_ros.reliability.trial.START_UP_S', 4.0)
+    monkeypatch.setattr('gdmp_ros.experiments.reliability.trial.START_UP_S', 4.0)
     outcome = attempt('server-killed', tmp_path / 'x', broken, True)
     assert outcome.holds is False and 'in vain' in outcome.failed[0]
 

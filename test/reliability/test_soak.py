@@ -5,7 +5,7 @@ import json
 import pytest
 
 from gdmp_ros.cli.main import main
-from gdmp_ros.reliability import soak
+from gdmp_ros.experiments.reliability import soak
 
 
 @pytest.fixture(scope='module')

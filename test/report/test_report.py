@@ -8,9 +8,13 @@ import pytest
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import lasa, recordings, runs
-from gdmp_ros.files.runs import Run
-from gdmp_ros.report import drawing, findings, page
+from gdmp_ros.data import lasa
+from gdmp_ros.data import recordings
+from gdmp_ros.data import runs
+from gdmp_ros.data.runs import Run
+from gdmp_ros.view import report_figures as drawing
+from gdmp_ros.data import run_analysis as findings
+from gdmp_ros.view import report_page as page
 
 NS = 1_000_000_000
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -114,8 +118,8 @@ def test_runs_of_several_robots_are_told_apart_by_their_namespace(tmp_path):
     from gdmp_msgs.msg import Reference, RobotState
     from rclpy.serialization import serialize_message
 
-    from gdmp_ros.files.bags import BagWriter, REFERENCE
-    from gdmp_ros.nodes.recorder import definition
+    from gdmp_ros.data.bags import BagWriter, REFERENCE
+    from gdmp_ros.ros.recorder.record import definition
     with BagWriter(tmp_path / 'both', 'mcap') as bag:
         for i in range(20):
             for robot, x in (('left', 0.3), ('right', 0.6)):

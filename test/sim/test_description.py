@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros import DataError
-from gdmp_ros.sim import description
-from gdmp_ros.sim.panda import Arm
+from gdmp_ros.sim import urdf as description
+from gdmp_ros.sim.arm import Arm
 
 
 def read_back(arm, **options):

@@ -7,8 +7,8 @@ import pytest
 
 from gdmp_ros import DataError
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.other_arms import load
-from gdmp_ros.sim.panda import Arm, PANDA
+from gdmp_ros.sim.model_sources import load
+from gdmp_ros.sim.arm import Arm, PANDA
 
 
 def position_controlled():

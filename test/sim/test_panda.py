@@ -5,11 +5,11 @@ import pytest
 from gdmp_ros import Rollout, Skill
 from gdmp_ros.control.impedance import rotation_error
 from gdmp_ros.errors import DataError
-from gdmp_ros.files import lasa
-from gdmp_ros.realtime.player import Player
-from gdmp_ros.realtime.tool_skill import PlayerSettings
+from gdmp_ros.data import lasa
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.panda import Arm, READY
+from gdmp_ros.sim.arm import Arm, READY
 
 
 def test_forward_kinematics_of_the_ready_pose():

@@ -3,8 +3,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from gdmp_ros.sim.panda import Arm
-from gdmp_ros.sim.render import render_to
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.view.films import render_to
 from gdmp_ros.sim.scenes import Box, boxes, CAN_MASS, touching, watering
 from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
 

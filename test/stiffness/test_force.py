@@ -4,7 +4,7 @@ import pytest
 
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.stiffness import force_stiffness, ForceRecords
+from gdmp_ros.learning import force_stiffness, ForceRecords
 
 MASS, DAMPING = 1.5, 20.0
 TIMES = np.linspace(0.0, 4.0, 401)

@@ -1,0 +1,299 @@
+"""
+Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed.
+
+What is read is checked sample by sample; `DataError` names the bag, the topic, the sample and the
+reason. Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere else.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import shutil
+from typing import Any, NamedTuple
+import uuid
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+from gdmp_ros.control.guard import QUATERNION_TOLERANCE
+from gdmp_ros.errors import DataError, GdmpError
+
+POSE = 'geometry_msgs/msg/PoseStamped'
+ARRAY = 'std_msgs/msg/Float64MultiArray'
+REFERENCE = 'gdmp_msgs/msg/Reference'
+JOINTS = 'sensor_msgs/msg/JointState'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+NS = 1_000_000_000
+
+
+class Series(NamedTuple):
+    """
+    One topic of a bag as numbers.
+
+    :ivar stamps: header stamps, else bag times [ns], int64, shape ``(T,)``
+    :ivar values: shape ``(T, k)``; a pose is (x, y, z, qw, qx, qy, qz)
+    :ivar frame: ``frame_id`` of the first message, empty where the type has none
+    """
+
+    bag: str
+    topic: str
+    stamps: np.ndarray
+    values: np.ndarray
+    frame: str
+
+    def where(self, sample: int) -> str:
+        """Name a sample for a message to the user."""
+        seconds = (self.stamps[sample] - self.stamps[0]) / NS
+        return f'{self.bag}, topic {self.topic}, sample {sample}, t = {seconds:.3f} s'
+
+
+def _pose_numbers(pose: Any) -> list[float]:
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def _reference_numbers(message: Any) -> list[float]:
+    return [*_pose_numbers(message.pose), *message.stiffness]
+
+
+def _wrench_numbers(message: Any) -> list[float]:
+    f, t = message.wrench.force, message.wrench.torque
+    return [f.x, f.y, f.z, t.x, t.y, t.z]
+
+
+_DECODERS: dict[str, Callable[[Any], list[float]]] = {
+    POSE: lambda message: _pose_numbers(message.pose),
+    ARRAY: lambda message: list(message.data),
+    REFERENCE: _reference_numbers,
+    JOINTS: lambda message: list(message.position),
+    WRENCH: _wrench_numbers,
+}
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever is wrong with the file becomes a `DataError` that names it."""
+    path = Path(path)
+    if not path.exists():
+        raise DataError(f'{path}: no such bag')
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            yield reader
+    except GdmpError:
+        raise
+    except Exception as error:  # rosbags lets errors of sqlite3, struct, zstd, yaml … through
+        raise DataError(f'{path}: damaged or not a rosbag2 recording '
+                        f'({type(error).__name__}: {error})') from None
+
+
+def topics(path: str | Path) -> list[tuple[str, str, int]]:
+    """Topic, type and message count of everything in a bag."""
+    with opened(path) as reader:
+        return topics_in(reader)
+
+
+def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
+    """Topic, type and message count of everything in an open bag."""
+    return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
+
+
+def read_series(path: str | Path, topic: str, *wanted: str) -> Series:
+    """Read a topic of a bag as numbers; see `series_in`."""
+    with opened(path) as reader:
+        return series_in(reader, path, topic, *wanted)
+
+
+def series_in(reader: AnyReader, path: str | Path, topic: str, *wanted: str) -> Series:
+    """
+    Read a topic of an open bag as numbers.
+
+    :param wanted: message types that will do; any known type by default
+    :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
+    """
+    connections = [c for c in reader.connections if c.topic == topic]
+    known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
+    if not connections:
+        raise DataError(f'{path}: no topic {topic}; the bag has {known}')
+    allowed = wanted or tuple(_DECODERS)
+    for connection in connections:
+        if connection.msgtype not in allowed:
+            raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '
+                            f'{" or ".join(allowed)}')
+    return _decode(reader, connections, str(path), topic)
+
+
+def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: str) -> Series:
+    decoder = _DECODERS[connections[0].msgtype]
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    frame = ''
+    for connection, bag_time, raw in reader.messages(connections):
+        message: Any = reader.deserialize(raw, connection.msgtype)
+        header = getattr(message, 'header', None)
+        stamp = bag_time
+        if header is not None:
+            frame = frame or header.frame_id
+            stamp = header.stamp.sec * NS + header.stamp.nanosec or bag_time
+        row = decoder(message)
+        if rows and len(row) != len(rows[0]):
+            raise DataError(f'{bag}, topic {topic}, sample {len(rows)}: {len(row)} numbers, '
+                            f'the samples before have {len(rows[0])}')
+        stamps.append(stamp)
+        rows.append(row)
+    if not rows:
+        raise DataError(f'{bag}: topic {topic} has no messages')
+    series = Series(bag, topic, np.array(stamps, dtype=np.int64), np.array(rows, dtype=float),
+                    frame)
+    _check_series(series)
+    return series
+
+
+def _check_series(series: Series) -> None:
+    finite = np.isfinite(series.values).all(axis=1)
+    if not finite.all():
+        raise DataError(f'{series.where(int(np.argmin(finite)))}: a number is NaN or infinite')
+    backward = np.diff(series.stamps) <= 0
+    if backward.any():
+        at = int(np.argmax(backward)) + 1
+        raise DataError(f'{series.where(at)}: the stamp does not increase: it is '
+                        f'{(series.stamps[at - 1] - series.stamps[at]) / NS:.6f} s before the '
+                        'previous one')
+
+
+def checked_poses(series: Series) -> np.ndarray:
+    """Poses (x, y, z, qw, qx, qy, qz), normalised; refuses the first that is far from unit."""
+    poses = series.values[:, :7].copy()
+    norms = np.linalg.norm(poses[:, 3:], axis=1)
+    off = np.abs(norms - 1.0) > QUATERNION_TOLERANCE
+    if off.any():
+        at = int(np.argmax(off))
+        raise DataError(f'{series.where(at)}: quaternion norm is {norms[at]:.6g}, expected 1 '
+                        f'within {QUATERNION_TOLERANCE:g}')
+    poses[:, 3:] /= norms[:, None]
+    return poses
+
+
+class BagWriter:
+    """
+    Write a rosbag2 folder; it appears under its name only once it is complete.
+
+    Use as a context manager; leaving it with an exception leaves nothing behind.
+    """
+
+    def __init__(self, path: str | Path, storage: str = 'mcap'):
+        """:param storage: ``mcap`` or ``sqlite3``"""
+        if storage not in STORAGES:
+            raise DataError(f'bag storage is {storage!r}, expected one of {", ".join(STORAGES)}')
+        self.path = Path(path)
+        if self.path.exists():
+            raise DataError(f'{self.path}: exists already; remove it or choose another name')
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._storage = storage
+        self._partial = self.path.with_name(f'.{self.path.name}.{uuid.uuid4().hex[:8]}.partial')
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> BagWriter:
+        return self.open()
+
+    def __exit__(self, kind: object, value: object, trace: object) -> None:
+        self.close(keep=kind is None)
+
+    def open(self) -> BagWriter:
+        """Begin; for those who cannot use it as a context manager."""
+        self._writer = Writer(self._partial, version=9, storage_plugin=STORAGES[self._storage])
+        self._writer.open()
+        return self
+
+    def close(self, keep: bool = True) -> None:
+        """Give the bag its name, or drop it."""
+        try:
+            self._writer.close()
+            if keep:
+                self._name_files()
+                os.replace(self._partial, self.path)
+        finally:
+            shutil.rmtree(self._partial, ignore_errors=True)
+
+    def _name_files(self) -> None:
+        """Name the data file after the bag, as ``ros2 bag record`` does."""
+        metadata = self._partial / 'metadata.yaml'
+        text = metadata.read_text()
+        for data in list(self._partial.iterdir()):
+            if data.name.startswith(self._partial.name):
+                name = data.name.replace(self._partial.name, self.path.name)
+                text = text.replace(data.name, name)
+                data.rename(self._partial / name)
+        metadata.write_text(text)
+
+    def raw(self, topic: str, msgtype: str, stamp_ns: int, data: bytes,
+            definition: str | None = None, digest: str | None = None) -> None:
+        """
+        Write a serialised message.
+
+        :param definition: text of the message definition, for types outside common interfaces
+        """
+        if topic not in self._connections:
+            extra: dict[str, Any] = {'typestore': self._store}
+            if definition is not None:
+                extra = {'msgdef': definition, 'rihs01': digest}
+            self._connections[topic] = self._writer.add_connection(topic, msgtype, **extra)
+        self._writer.write(self._connections[topic], stamp_ns, data)
+
+    def pose(self, topic: str, stamp_ns: int, pose: Sequence[float], frame: str,
+             bag_ns: int | None = None) -> None:
+        """
+        Write a PoseStamped from (x, y, z, qw, qx, qy, qz).
+
+        :param bag_ns: when it arrived; at its stamp by default
+        """
+        x, y, z, qw, qx, qy, qz = (float(v) for v in pose)
+        types = self._store.types
+        message = types[POSE](
+            header=self._header(stamp_ns, frame),
+            pose=types['geometry_msgs/msg/Pose'](
+                position=types['geometry_msgs/msg/Point'](x=x, y=y, z=z),
+                orientation=types['geometry_msgs/msg/Quaternion'](x=qx, y=qy, z=qz, w=qw)))
+        self.raw(topic, POSE, stamp_ns if bag_ns is None else bag_ns,
+                 bytes(self._store.serialize_cdr(message, POSE)))
+
+    def matrix(self, topic: str, stamp_ns: int, matrix: np.ndarray) -> None:
+        """Write a square matrix as a Float64MultiArray, row-major, with labelled dimensions."""
+        m, types = len(matrix), self._store.types
+        dimension = types['std_msgs/msg/MultiArrayDimension']
+        layout = types['std_msgs/msg/MultiArrayLayout'](
+            dim=[dimension(label='rows', size=m, stride=m * m),
+                 dimension(label='columns', size=m, stride=m)], data_offset=0)
+        message = types[ARRAY](layout=layout, data=np.ascontiguousarray(matrix).reshape(-1))
+        self.raw(topic, ARRAY, stamp_ns, bytes(self._store.serialize_cdr(message, ARRAY)))
+
+    def joints(self, topic: str, stamp_ns: int, names: Sequence[str], position: Sequence[float],
+               frame: str = '') -> None:
+        """Write a JointState with positions [rad]."""
+        empty = np.empty(0)
+        message = self._store.types[JOINTS](
+            header=self._header(stamp_ns, frame), name=list(names),
+            position=np.asarray(position, dtype=float), velocity=empty, effort=empty)
+        self.raw(topic, JOINTS, stamp_ns, bytes(self._store.serialize_cdr(message, JOINTS)))
+
+    def wrench(self, topic: str, stamp_ns: int, wrench: Sequence[float], frame: str) -> None:
+        """Write a WrenchStamped from (fx, fy, fz, tx, ty, tz) [N, Nm]."""
+        types, numbers = self._store.types, [float(v) for v in wrench]
+        vector = types['geometry_msgs/msg/Vector3']
+        message = types[WRENCH](
+            header=self._header(stamp_ns, frame),
+            wrench=types['geometry_msgs/msg/Wrench'](force=vector(*numbers[:3]),
+                                                     torque=vector(*numbers[3:])))
+        self.raw(topic, WRENCH, stamp_ns, bytes(self._store.serialize_cdr(message, WRENCH)))
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        types = self._store.types
+        stamp = types['builtin_interfaces/msg/Time'](sec=int(stamp_ns // NS),
+                                                     nanosec=int(stamp_ns % NS))
+        return types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame)

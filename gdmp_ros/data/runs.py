@@ -1,0 +1,143 @@
+"""The two 1 kHz topics of a recorded run as arrays."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import gc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.data.bags import opened, REFERENCE, topics_in
+
+#: Sequence numbers of one publisher lie within this many of each other.
+ONE_STREAM = 1 << 20
+REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
+STATE = 'gdmp_msgs/msg/RobotState'
+
+
+@dataclass(frozen=True)
+class Run:
+    """
+    The two 1 kHz topics of a bag as arrays; stamps in ns, poses (x, y, z, qw, qx, qy, qz).
+
+    :ivar published: when the references were recorded to have been published [ns]
+    """
+
+    reference_stamps: np.ndarray
+    published: np.ndarray
+    sequences: np.ndarray
+    references: np.ndarray
+    reference_stiffness: np.ndarray
+    moving: np.ndarray
+    state_stamps: np.ndarray
+    applied: np.ndarray
+    poses: np.ndarray
+    stiffness: np.ndarray
+    twists: np.ndarray
+    joints: np.ndarray
+    velocities: np.ndarray
+    torques: np.ndarray
+    tank: np.ndarray
+    limited: np.ndarray
+
+
+def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
+    """
+    Topics of references and of states among those of a bag (`gdmp_ros.data.bags.topics`).
+
+    :param robot: namespace; any by default
+    """
+    within = f'/{robot.strip("/")}/' if robot else '/'
+    references, states = (sorted({topic for topic, kind, _ in found
+                                  if kind == wanted and topic.startswith(within)})
+                          for wanted in (REFERENCE, STATE))
+    return references, states
+
+
+def read(bag: Path, robot: str = '') -> Run:
+    """
+    Read a recorded run.
+
+    :param robot: namespace of the robot, where the bag has several
+    :raises DataError: if a topic is missing or empty, or it is not clear which of several
+    """
+    references: list[Any] = []
+    states: list[Any] = []
+    published: list[int] = []
+    with opened(bag) as reader, _uncollected():
+        found = streams(topics_in(reader), robot)
+        for what, topics in zip(('references', 'states of an arm'), found):
+            if len(topics) != 1:
+                have = ', '.join(topics) or 'none'
+                raise DataError(f'{bag}: expected one topic with {what}'
+                                f'{f" in {robot}" if robot else ""}, the bag has {have}')
+        reference_topic, state_topic = found[0][0], found[1][0]
+        for connection, bag_time, raw in reader.messages():
+            if connection.topic == reference_topic:
+                published.append(bag_time)
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            {reference_topic: references, state_topic: states}.get(connection.topic, []).append(
+                message)
+    for topic, messages in ((reference_topic, references), (state_topic, states)):
+        if not messages:
+            raise DataError(f'{bag}: nothing was recorded on {topic}')
+    return Run(
+        reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
+        sequences=_column(references, lambda m: m.sequence),
+        references=_column(references, _pose),
+        reference_stiffness=_column(references, lambda m: m.stiffness),
+        moving=_column(references, _speed) > 0.0, state_stamps=_stamps(states),
+        applied=_column(states, lambda m: m.sequence), poses=_column(states, _pose),
+        stiffness=_column(states, lambda m: m.stiffness),
+        twists=_column(states, _twist), joints=_column(states, lambda m: m.position),
+        velocities=_column(states, lambda m: m.velocity),
+        torques=_column(states, lambda m: m.torque),
+        tank=_column(states, lambda m: m.tank_energy),
+        limited=_column(states, lambda m: m.limited))
+
+
+def lost(run: Run) -> int:
+    """References missing between the first and the last of each publisher."""
+    # Wall time may have jumped: the order of the bag is not that of the numbers. Numbers of
+    # different publishers are far apart.
+    steps = np.diff(np.unique(run.sequences.astype(np.int64)))
+    return int((steps[steps < ONE_STREAM] - 1).sum())
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Leave the garbage collector out: it would walk all of tens of thousands of messages."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
+def _column(messages: list[Any], get: Any) -> np.ndarray:
+    return np.array([get(message) for message in messages])
+
+
+def _stamps(messages: list[Any]) -> np.ndarray:
+    return np.array([m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
+                     for m in messages], dtype=np.int64)
+
+
+def _pose(message: Any) -> list[float]:
+    p, q = message.pose.position, message.pose.orientation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def _twist(message: Any) -> list[float]:
+    v, w = message.twist.linear, message.twist.angular
+    return [v.x, v.y, v.z, w.x, w.y, w.z]
+
+
+def _speed(message: Any) -> float:
+    return max(abs(number) for number in _twist(message))

@@ -1,0 +1,131 @@
+"""How a roll-out begins: its memory, its scalars, a start anywhere and in motion."""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.forcing import basis, forcing
+from gdmp_ros.dmp.layout import blank, Motion, parts, SCALARS
+from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.segments import targets
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import Manifold
+
+#: A start with a given velocity is corrected over this part of a duration.
+_CORRECTION = 0.1
+
+
+class Start(NamedTuple):
+    """
+    Where a roll-out begins; see `gdmp_ros.dmp.Rollout`.
+
+    :ivar point: None for the skill's own start
+    :ivar velocity: tangent at the point [1/s]
+    :ivar acceleration: tangent at the point [1/s²]
+    """
+
+    point: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
+
+
+def new_memory(skill: Primitive, options: Options) -> np.ndarray:
+    """Memory with everything that does not change while a skill is executed."""
+    manifold, segments = skill.manifold, skill.segments
+    memory = blank(manifold.factor_table, skill.n_basis, len(segments.ends),
+                   _obstacle_factor(manifold))
+    motion = parts(memory)
+    motion.split[:] = segments.split or [False] * len(manifold.factors)
+    motion.basis[:] = basis(skill.n_basis, skill.gains.alpha_x)
+    motion.weights[:] = skill.weights
+    motion.tolerances[:] = options.tolerances_of(manifold)
+    if len(segments) > 1:
+        motion.segment_ends[:] = segments.ends
+        motion.waypoints[:] = segments.waypoints
+    decay = -skill.gains.alpha_z / skill.steps
+    motion.decay[:] = math.exp(decay)
+    motion.pull[:] = -math.expm1(decay) * skill.gains.beta_z
+    return memory
+
+
+def _obstacle_factor(manifold: Manifold) -> int:
+    """Number of the first factor that is a position, -1 without one."""
+    return next((i for i, factor in enumerate(manifold.factors)
+                 if factor.is_flat and factor.size in (2, 3)), -1)
+
+
+def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndarray,
+               duration: float, start: Start) -> None:
+    """
+    Write everything that changes while a skill is executed, as it is at the beginning.
+
+    :param goal: point
+    :raises ParameterError: if a number is not finite, or a velocity is given at speed 0
+    """
+    manifold, parallel = skill.manifold, skill.connection == 'parallel'
+    first, frame, opposite = skill.start, skill.frame, False
+    if start.point is not None:
+        first = start.point
+        frame, opposite = carry_frame(manifold, skill.frame, first)
+    _reset_scalars(motion, skill, options, duration)
+    motion.scalars.cut_locus = int(opposite)
+    motion.frames.start[:] = frame
+    for point in (motion.points.start, motion.points.node):
+        point[:] = first.reshape(-1)
+    for point in (motion.points.goal, motion.points.goal_from, motion.points.goal_new):
+        point[:] = goal.reshape(-1)
+    motion.tangents.velocity[:] = (skill.velocity if parallel
+                                   else manifold.from_frame(frame, skill.velocity))
+    # On the cut locus both logarithms then begin along the same one of the shortest ways.
+    target = targets(manifold, skill.segments, goal.reshape(-1), np.array([-1.0]))[0]
+    target = target.reshape(manifold.point_shape)
+    motion.tangents.to_goal[:] = (manifold.log_in_frame(frame, target) if parallel
+                                  else manifold.log_anyway(first, target))[0]
+    if start.velocity is not None:
+        _correct_start(motion, skill, frame, start)
+    elif start.acceleration is not None:
+        raise ParameterError('an initial acceleration needs an initial velocity')
+
+
+def _reset_scalars(motion: Motion, skill: Primitive, options: Options, duration: float) -> None:
+    scalars, gains = motion.scalars, skill.gains
+    for name in SCALARS.names or ():
+        if not name.startswith('obstacle'):
+            setattr(scalars, name, 0.0)
+    scalars.interval = -1.0
+    scalars.speed = scalars.speed_ramp = scalars.speed_goal = options.speed
+    scalars.slowdown, scalars.speed_rate = 1.0, options.speed_rate
+    scalars.duration, scalars.steps = duration, skill.steps
+    scalars.alpha_x, scalars.alpha_g = gains.alpha_x, gains.alpha_g
+    scalars.stiffness = gains.alpha_z * gains.beta_z
+    scalars.goal_rate, scalars.settle_by = math.inf, 2.0
+    scalars.parallel = int(skill.connection == 'parallel')
+
+
+def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: Start) -> None:
+    """
+    Begin with a velocity and an acceleration, whatever the skill would begin with.
+
+    A term that fades over `_CORRECTION` of a duration makes up the difference: at s = 0 both
+    logarithms cancel, ``Z' = α_z (β_z (F + term) - Z)``.
+    """
+    scalars, tangents, manifold = motion.scalars, motion.tangents, skill.manifold
+    velocity = np.zeros(manifold.tangent_size) if start.velocity is None else start.velocity
+    acceleration = np.zeros_like(velocity) if start.acceleration is None else start.acceleration
+    if not scalars.speed > 0.0:
+        raise ParameterError('an initial velocity needs an initial speed above 0')
+    for name, tangent in (('velocity', velocity), ('acceleration', acceleration)):
+        if not np.isfinite(tangent).all():
+            raise ParameterError(f'the initial {name} has an entry that is NaN or infinite')
+    scale = scalars.duration / scalars.speed
+    first, second = (manifold.to_frame(frame, v) if scalars.parallel else manifold.vector(v)
+                     for v in (scale * velocity, scale * scale * acceleration))
+    begins = np.empty(manifold.tangent_size)
+    forcing(motion.basis, motion.weights, 0.0, 1.0, begins)
+    tangents.velocity[:] = first
+    tangents.start_correction[:] = ((second + skill.gains.alpha_z * first) / scalars.stiffness
+                                    - begins)
+    scalars.correction_end = _CORRECTION

@@ -1,0 +1,262 @@
+"""
+The compiled integrator: leapfrog steps on a fixed grid of progress.
+
+Progress is ``s = ∫ dt/τ``; node k lies at s = k / K. Within an interval the point drifts half a
+step with the old velocity; the velocity is advanced by the exact solution of its linear part, with
+goal, logarithm and forcing term in the middle; the point drifts on with the new velocity. Between
+the nodes the state is interpolated (`gdmp_ros.dmp.interpolation`). The path is therefore the same
+for any sequence of `advance`, and has a continuous velocity.
+
+Everything that a roll-out knows and changes lies in one flat array (`gdmp_ros.dmp.layout`).
+"""
+from __future__ import annotations
+
+import math
+
+from gdmp_ros.dmp.forcing import forcing
+from gdmp_ros.dmp.goal import move_goal, update_start_to_goal
+from gdmp_ros.dmp.interpolation import check_finished, write_state
+from gdmp_ros.dmp.layout import motion_view, state_size, total_size
+from gdmp_ros.dmp.obstacles import avoid_obstacles
+from gdmp_ros.dmp.phase import pass_time
+from gdmp_ros.dmp.segments import target_at
+from gdmp_ros.kernels import always_inline, inlined, kernel, noinline, numbers_at, without_refcount
+from gdmp_ros.manifolds.factors import (
+    CUT_LOCUS_LIMIT,
+    exp,
+    factor_log,
+    factor_log_in_frame,
+    frame_at,
+    project_tangent,
+    renormalize,
+    renormalize_frame,
+    transport_frame,
+)
+from gdmp_ros.manifolds.linalg import copy_numbers
+from gdmp_ros.util.profiles import smoothstep
+
+_RENORMALIZE_EVERY = 32
+#: The forcing term fades out within this part of a duration after the nominal end.
+_FADE = 0.05
+
+
+@always_inline
+def _shaping(s):
+    """
+    Factor of the forcing and start terms at ``s``: 1 to the nominal end, then quickly 0.
+
+    The published terms decay with the phase only, by 1 % per 1 % of a duration past the end. The
+    last weight holds the acceleration of the demonstration's last sample, which would go on
+    acting: it pulls a tool that follows a LASA letter 13 mm off the goal.
+    """
+    return 1.0 - smoothstep(min(max((s - 1.0) / _FADE, 0.0), 1.0))
+
+
+@always_inline
+def _correction(s, end):
+    """Factor of the start correction: from 1 at s = 0 to 0 at ``end``, with a continuous slope."""
+    return 1.0 - smoothstep(s / end) if s < end else 0.0
+
+
+@always_inline
+def _update_target(motion, s):
+    """Write what attracts the motion at ``s``, and ``Log_{Y0}`` of what attracted it first."""
+    scalars, points, p = motion.scalars, motion.points, motion.sizes.point
+    moved = scalars.goal_is_moving == 1
+    if moved:
+        move_goal(motion, s)
+    first = moved or scalars.interval < 0.0
+    if motion.sizes.waypoints > 0:
+        target_at(motion.factors, motion.split, motion.sizes.waypoints, motion.segment_ends,
+                  motion.waypoints, points.goal, s, points.target, motion.tangents.spare,
+                  motion.work)
+        if first:
+            target_at(motion.factors, motion.split, motion.sizes.waypoints, motion.segment_ends,
+                      motion.waypoints, points.goal, -1.0, points.first_target,
+                      motion.tangents.spare, motion.work)
+    else:
+        copy_numbers(p, points.goal, points.target)
+        copy_numbers(p, points.goal, points.first_target)
+    if first:
+        update_start_to_goal(motion, points.first_target)
+
+
+@always_inline
+def _needs_renormalization(scalars):
+    return int(scalars.interval) % _RENORMALIZE_EVERY == _RENORMALIZE_EVERY - 1
+
+
+@always_inline
+def _drift_to_mid(motion, h):
+    """
+    Move on to the middle of the next interval.
+
+    In the frame, the second half drift of the last interval and the first one of the next are one
+    step: the same geodesic with the same velocity.
+    """
+    sizes, scalars, frames, points = motion.sizes, motion.scalars, motion.frames, motion.points
+    tangents, offset = motion.tangents, motion.tangents.offset
+    if scalars.parallel == 1:
+        share = h
+        if scalars.interval < 0.0:
+            share = 0.5 * h
+            copy_numbers(sizes.frame, frames.start, frames.mid)
+        for i in range(sizes.tangent):
+            offset[i] = share * tangents.velocity[i]
+        copy_numbers(sizes.frame, frames.mid, frames.before)
+        transport_frame(motion.factors, frames.mid, offset, motion.work)
+        if _needs_renormalization(scalars):
+            renormalize_frame(motion.factors, frames.mid, motion.work)
+        return
+    for i in range(sizes.tangent):
+        offset[i] = 0.5 * h * tangents.velocity[i]
+    copy_numbers(sizes.point, points.node, points.before)
+    project_tangent(motion.factors, points.node, offset, tangents.rate, motion.work)
+    exp(motion.factors, points.node, tangents.rate, points.mid, motion.work)
+
+
+@always_inline
+def _log_of_target(motion):
+    """Write where the target is, seen from the middle of the interval."""
+    tangents, table = motion.tangents, motion.factors
+    copy_numbers(motion.sizes.tangent, tangents.to_goal, tangents.spare)
+    for i in range(table.size):
+        factor = table[i]
+        if motion.scalars.parallel == 1:
+            distance = factor_log_in_frame(factor, motion.frames.mid, motion.points.target,
+                                           tangents.to_goal, motion.work)
+        else:
+            distance = factor_log(factor, motion.points.mid, motion.points.target,
+                                  tangents.to_goal, motion.work)
+        if distance < CUT_LOCUS_LIMIT:
+            # The direction is not unique: keep the last one.
+            motion.scalars.cut_locus = 1
+            for k in range(factor.tangent, factor.tangent_end):
+                tangents.to_goal[k] = tangents.spare[k]
+
+
+@always_inline
+def _advance_velocity(motion, s):
+    """The velocity after the interval: [GDMP] eq. (17), its linear part solved exactly."""
+    scalars, tangents = motion.scalars, motion.tangents
+    x = math.exp(-scalars.alpha_x * s)
+    forcing(motion.basis, motion.weights, s, x, tangents.forcing)
+    shaping, correction = _shaping(s), _correction(s, scalars.correction_end)
+    copy_numbers(motion.sizes.tangent, tangents.velocity, tangents.velocity_before)
+    if scalars.obstacles > 0.0:
+        avoid_obstacles(motion)
+    for i in range(motion.sizes.tangent):
+        term = (tangents.forcing[i] + correction * tangents.start_correction[i]
+                - tangents.start_to_goal[i] * x)
+        attraction = tangents.to_goal[i] + shaping * term
+        tangents.velocity[i] = (motion.decay[i] * tangents.velocity[i]
+                                + motion.pull[i] * attraction)
+
+
+@always_inline
+def _drift_to_node(motion, half):
+    """The second half drift (`published` only); return a sum that is finite if the result is."""
+    sizes, scalars, frames, points = motion.sizes, motion.scalars, motion.frames, motion.points
+    tangents = motion.tangents
+    if scalars.parallel == 1:
+        return _sum(sizes.frame, frames.mid)
+    copy_numbers(sizes.tangent, tangents.velocity, tangents.rate)
+    project_tangent(motion.factors, points.mid, tangents.rate, tangents.velocity, motion.work)
+    for i in range(sizes.tangent):
+        tangents.offset[i] = half * tangents.velocity[i]
+    exp(motion.factors, points.mid, tangents.offset, points.node, motion.work)
+    if _needs_renormalization(scalars):
+        renormalize(motion.factors, points.node, motion.work)
+    # A matrix outside the cone has no frame: the frame is NaN then.
+    frame_at(motion.factors, points.node, frames.now, motion.work)
+    return _sum(sizes.frame, frames.now)
+
+
+@always_inline
+def _sum(count, values):
+    total = 0.0
+    for i in range(count):
+        total += values[i]
+    return total
+
+
+@always_inline
+def _step(motion):
+    """
+    Compute the next interval.
+
+    :returns: False, with everything as before, if the result is not finite
+
+    Source: [GDMP] eqs. (17), (18), (22).
+    """
+    noinline()
+    scalars = motion.scalars
+    h = 1.0 / scalars.steps
+    s = (scalars.interval + 1.5) * h
+    _update_target(motion, s)
+    _drift_to_mid(motion, h)
+    _log_of_target(motion)
+    _advance_velocity(motion, s)
+    sizes, tangents = motion.sizes, motion.tangents
+    total = _drift_to_node(motion, 0.5 * h) + _sum(sizes.tangent, tangents.velocity)
+    if not math.isfinite(total):
+        copy_numbers(sizes.frame, motion.frames.before, motion.frames.mid)
+        copy_numbers(sizes.point, motion.points.before, motion.points.node)
+        copy_numbers(sizes.tangent, tangents.velocity_before, tangents.velocity)
+        return False
+    scalars.interval += 1.0
+    return True
+
+
+@inlined
+def _step_to_present(motion):
+    """Compute the intervals up to the present progress; hold the state if one is not finite."""
+    scalars = motion.scalars
+    # The small number keeps rounding in s from deciding whether a node has been passed.
+    while scalars.held == 0 and (scalars.interval < 0.0 or (
+            scalars.progress * scalars.steps > scalars.interval + 1.0 + 1e-9)):
+        if not _step(motion):
+            scalars.held = 1
+            scalars.speed, scalars.speed_slope = 0.0, 0.0
+
+
+@inlined
+def _advance_to(motion, state):
+    """Let the time pass that ``state`` begins with, and write the state then."""
+    scalars = motion.scalars
+    if scalars.held == 1:
+        scalars.time += state[0]
+    else:
+        pass_time(scalars, state[0])
+    _step_to_present(motion)
+    write_state(motion, state)
+    if scalars.progress >= 1.0 and scalars.finished == 0:
+        check_finished(motion, numbers_at(state, 2, motion.sizes.point))
+
+
+@kernel
+def advance(memory, out):
+    """
+    Let time pass for every roll-out in ``memory``, and write the states after it to ``out``.
+
+    Where a state will have its time, ``out`` contains the time to pass until then [s]. States of
+    all roll-outs follow one another; then come those after the next time step. The first call
+    computes the first interval too, so that no time to pass evaluates the start.
+
+    :param memory: one or more memories (`gdmp_ros.dmp.layout`), one after another
+    :param out: flat
+    """
+    memory, out = without_refcount(memory), without_refcount(out)
+    at, width = 0, 0
+    while at < memory.size:
+        rest = numbers_at(memory, at, memory.size - at)
+        width += state_size(rest)
+        at += total_size(rest)
+    at, start = 0, 0
+    while at < memory.size:
+        rest = numbers_at(memory, at, memory.size - at)
+        motion, size = motion_view(rest), state_size(rest)
+        for first in range(start, out.size, width):
+            _advance_to(motion, numbers_at(out, first, size))
+        at += motion.sizes.total
+        start += size

@@ -1,0 +1,224 @@
+"""
+Layout of a roll-out's memory: one flat array, cut into named parts.
+
+One array makes a call of the compiled step cheap, and the memories of many roll-outs, one after
+another, are stepped in one call (`gdmp_ros.dmp.batch`). The memory begins with a record of sizes;
+the parts follow in the order in which `motion_view` cuts them.
+"""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.kernels import inlined, jitable, matrix_at, numbers_at, records_at
+from gdmp_ros.manifolds.factors import FACTOR, work_size
+
+#: Most obstacles at a time.
+OBSTACLE_CAPACITY = 32
+
+#: Sizes of the parts. ``obstacle_factor``: the factor that avoids obstacles, -1 for none;
+#: ``position_size``: its size, or 0.
+SIZES = np.dtype([(name, np.int64) for name in (
+    'total', 'factors', 'basis', 'point', 'tangent', 'frame', 'waypoints', 'obstacle_factor',
+    'position', 'work')])
+
+#: The scalars of a roll-out; flags are 0 or 1.
+SCALARS = np.dtype([(name, np.float64) for name in (
+    'time',                # elapsed [s]
+    'progress',            # s = ∫ dt/τ
+    'interval',            # index of the grid interval that was computed last, -1 before the first
+    'steps',               # grid intervals per unit of s
+    'duration',            # τ at speed 1 [s]
+    'alpha_x', 'alpha_g',
+    'stiffness',           # α_z β_z
+    'speed',               # present speed of the phase, 1 as demonstrated
+    'speed_slope',         # its rate of change [1/s]
+    'speed_ramp',          # what the speed follows with a first-order lag
+    'speed_goal',          # what was asked for
+    'speed_rate',          # largest rate of change [1/s]
+    'slowdown',            # factor of the speed from phase stopping
+    'goal_rate',           # largest rate of a goal's fraction by s
+    'switched_at',         # s at which the goal was switched
+    'settle_by',           # s at which the motion ends, whether the goal is reached or not
+    'correction_end',      # s at which the correction of the start has faded out
+    'obstacles',           # how many there are
+    'obstacle_gain', 'obstacle_reach', 'obstacle_limit',
+    'parallel',            # flag: connection, 1 parallel, 0 published
+    'goal_is_moving',      # flag
+    'held',                # flag: a step was not finite, the last state is kept
+    'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
+
+
+class Frames(NamedTuple):
+    """Frames: at the start, in the middle of the last two intervals, at the present point."""
+
+    start: Any
+    before: Any
+    mid: Any
+    now: Any
+
+
+class Points(NamedTuple):
+    """
+    Points: start, the last two nodes and the middle between them, goals.
+
+    The goal moves from ``goal_from`` to ``goal_new``. ``target`` is what attracts the motion now,
+    ``first_target`` what attracted it first; both are the goal unless the skill is split
+    (`gdmp_ros.dmp.segments`).
+    """
+
+    start: Any
+    before: Any
+    mid: Any
+    node: Any
+    goal: Any
+    goal_from: Any
+    goal_new: Any
+    target: Any
+    first_target: Any
+
+
+class Tangents(NamedTuple):
+    """
+    Vectors: coordinates in the frame (``parallel``) or tangents (``published``).
+
+    ``velocity`` is Z at the node, ``velocity_before`` that at the node before.
+    """
+
+    velocity: Any
+    velocity_before: Any
+    to_goal: Any
+    start_to_goal: Any
+    goal_direction: Any
+    forcing: Any
+    start_correction: Any
+    offset: Any
+    rate: Any
+    curvature: Any
+    spare: Any
+
+
+class Motion(NamedTuple):
+    """
+    The parts of a roll-out's memory.
+
+    :ivar factors: table of the manifold's factors
+    :ivar split: for each factor, whether it is split into segments
+    :ivar decay: ``e^(-α_z h)`` for each coordinate
+    :ivar pull: ``(1 - e^(-α_z h)) β_z`` for each coordinate
+    :ivar basis: centres and widths of the basis functions, shape ``(2, n_basis)``
+    :ivar tolerances: distance at which each factor counts as arrived
+    :ivar segment_ends: s at which each segment but the last ends
+    """
+
+    sizes: Any
+    scalars: Any
+    factors: Any
+    split: Any
+    decay: Any
+    pull: Any
+    basis: Any
+    weights: Any
+    tolerances: Any
+    segment_ends: Any
+    waypoints: Any
+    obstacles: Any
+    frames: Frames
+    points: Points
+    tangents: Tangents
+    work: Any
+
+
+_SIZES, _SCALARS, _FACTOR = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR))
+_FRAMES, _POINTS, _TANGENTS = (len(part._fields) for part in (Frames, Points, Tangents))
+
+
+@jitable
+def _row(memory, at, size, index):
+    return numbers_at(memory, at + index * size, size)
+
+
+@inlined
+def motion_view(memory):
+    """Cut a memory into its parts."""
+    sizes = records_at(memory, 0, 1, SIZES)[0]
+    n, p, f = sizes.tangent, sizes.point, sizes.frame
+    scalars = records_at(memory, _SIZES, 1, SCALARS)[0]
+    at = _SIZES + _SCALARS
+    factors = records_at(memory, at, sizes.factors, FACTOR)
+    at += sizes.factors * _FACTOR
+    split = numbers_at(memory, at, sizes.factors)
+    at += sizes.factors
+    decay = numbers_at(memory, at, n)
+    pull = numbers_at(memory, at + n, n)
+    at += 2 * n
+    basis = matrix_at(memory, at, 2, sizes.basis)
+    at += 2 * sizes.basis
+    weights = matrix_at(memory, at, sizes.basis, n)
+    at += sizes.basis * n
+    tolerances = numbers_at(memory, at, sizes.factors)
+    at += sizes.factors
+    segment_ends = numbers_at(memory, at, sizes.waypoints)
+    at += sizes.waypoints
+    waypoints = matrix_at(memory, at, sizes.waypoints, p)
+    at += sizes.waypoints * p
+    obstacles = numbers_at(memory, at, OBSTACLE_CAPACITY * sizes.position)
+    at += OBSTACLE_CAPACITY * sizes.position
+    frames = Frames(_row(memory, at, f, 0), _row(memory, at, f, 1), _row(memory, at, f, 2),
+                    _row(memory, at, f, 3))
+    at += _FRAMES * f
+    points = Points(_row(memory, at, p, 0), _row(memory, at, p, 1), _row(memory, at, p, 2),
+                    _row(memory, at, p, 3), _row(memory, at, p, 4), _row(memory, at, p, 5),
+                    _row(memory, at, p, 6), _row(memory, at, p, 7), _row(memory, at, p, 8))
+    at += _POINTS * p
+    tangents = Tangents(_row(memory, at, n, 0), _row(memory, at, n, 1), _row(memory, at, n, 2),
+                        _row(memory, at, n, 3), _row(memory, at, n, 4), _row(memory, at, n, 5),
+                        _row(memory, at, n, 6), _row(memory, at, n, 7), _row(memory, at, n, 8),
+                        _row(memory, at, n, 9), _row(memory, at, n, 10))
+    at += _TANGENTS * n
+    return Motion(sizes, scalars, factors, split, decay, pull, basis, weights, tolerances,
+                  segment_ends, waypoints, obstacles, frames, points, tangents,
+                  numbers_at(memory, at, sizes.work))
+
+
+@inlined
+def total_size(memory):
+    """Numbers of the first memory in ``memory``."""
+    return records_at(memory, 0, 1, SIZES)[0].total
+
+
+@inlined
+def state_size(memory):
+    """Numbers of one state of the first roll-out in ``memory``: time, phase, point, tangents."""
+    sizes = records_at(memory, 0, 1, SIZES)[0]
+    return 2 + sizes.point + 2 * sizes.tangent
+
+
+def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: int) -> np.ndarray:
+    """
+    Memory of a roll-out: sizes and factors are set, everything else is zero.
+
+    :param factors: table of the manifold's factors
+    :param waypoints: how many segments there are but the last
+    :param obstacle_factor: the factor that avoids obstacles, -1 for none
+    """
+    last = factors[-1]
+    n, p, f = int(last['tangent_end']), int(last['point_end']), int(last['frame_end'])
+    position = int(factors[obstacle_factor]['size']) if obstacle_factor >= 0 else 0
+    work = work_size(int(factors['size'].max()))
+    total = (_SIZES + _SCALARS + len(factors) * (_FACTOR + 2) + 2 * n + 2 * n_basis + n_basis * n
+             + waypoints * (1 + p) + OBSTACLE_CAPACITY * position + _FRAMES * f + _POINTS * p
+             + _TANGENTS * n + work)
+    memory = np.zeros(total)
+    memory[:_SIZES].view(SIZES)[0] = (total, len(factors), n_basis, p, n, f, waypoints,
+                                      obstacle_factor, position, work)
+    at = _SIZES + _SCALARS
+    memory[at:at + len(factors) * _FACTOR].view(FACTOR)[:] = factors
+    return memory
+
+
+def parts(memory: np.ndarray) -> Motion:
+    """Cut a memory into its parts, in Python."""
+    motion: Motion = motion_view.py_func(memory)
+    return motion

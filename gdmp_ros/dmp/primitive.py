@@ -1,0 +1,122 @@
+"""A learned movement primitive: everything a roll-out needs, frozen."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.segments import Segments
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
+
+CONNECTIONS = ('parallel', 'published')
+#: Fewest grid intervals per duration (less than 1 ms each for a skill of 4 s).
+MIN_STEPS = 4000
+
+
+class Trajectory(NamedTuple):
+    """
+    A sampled motion.
+
+    :ivar times: shape ``(T,)`` [s]
+    :ivar points: shape ``(T, *point_shape)``
+    :ivar velocities: tangents at the points [1/s], shape ``(T, tangent_size)``
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+    velocities: np.ndarray
+
+
+@dataclass(frozen=True)
+class Gains:
+    """
+    Constants of the dynamical system, [GDMP] eqs. (3), (17), (28).
+
+    :param alpha_z: gain; ``beta_z = alpha_z / 4`` makes the system critically damped
+    :param alpha_x: decay of the phase
+    :param alpha_g: gain of a moving goal: a larger one reaches it sooner with a larger jerk
+    """
+
+    alpha_z: float = 60.0
+    alpha_x: float = 4.6052
+    alpha_g: float = 8.0
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            value = getattr(self, part.name)
+            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+                raise ParameterError(f'{part.name} is {value!r}, expected a number > 0')
+            object.__setattr__(self, part.name, float(value))
+
+    @property
+    def beta_z(self) -> float:
+        """Second gain of the transformation system."""
+        return self.alpha_z / 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """
+    A learned motion on a manifold.
+
+    :ivar manifold: where it lives
+    :ivar connection: ``parallel`` (exact transport) or ``published`` (the paper's)
+    :ivar start: point, shape ``point_shape``
+    :ivar goal: point, shape ``point_shape``
+    :ivar frame: frame at the start, in which velocity and weights have their coordinates
+    :ivar duration: mean of the demonstrations' [s]
+    :ivar velocity: ``τ ẏ(0)`` in the frame, shape ``(tangent_size,)``
+    :ivar weights: shape ``(n_basis, tangent_size)``
+    :ivar steps: grid intervals per duration
+    :ivar segments: where the motion is split at the cut locus, if it is
+    :ivar provenance: where it came from, for people
+    """
+
+    manifold: Manifold
+    connection: str
+    gains: Gains
+    start: np.ndarray
+    goal: np.ndarray
+    frame: np.ndarray
+    duration: float
+    velocity: np.ndarray
+    weights: np.ndarray
+    steps: int
+    segments: Segments = field(default_factory=Segments)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_connection(self.connection)
+        for name in ('start', 'goal', 'frame', 'velocity', 'weights'):
+            array = np.ascontiguousarray(getattr(self, name), dtype=np.float64).copy()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def n_basis(self) -> int:
+        """Number of basis functions."""
+        return len(self.weights)
+
+
+def check_connection(connection: str) -> None:
+    """:raises ParameterError: if the connection is unknown; the message lists the known ones"""
+    if connection not in CONNECTIONS:
+        raise ParameterError(f'connection is {connection!r}, expected one of '
+                             f'{", ".join(CONNECTIONS)}')
+
+
+def carry_frame(manifold: Manifold, frame: np.ndarray,
+                point: np.ndarray) -> tuple[np.ndarray, bool]:
+    """
+    Transport a frame along the geodesic to ``point``.
+
+    :returns: the frame, and whether ``point`` is on the cut locus: one of the shortest geodesics
+        was taken then
+    """
+    step, distance = manifold.log_in_frame(frame, point)
+    return manifold.transport_frame(frame, step), distance < CUT_LOCUS_LIMIT

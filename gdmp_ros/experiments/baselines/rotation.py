@@ -1,0 +1,62 @@
+"""Rotation matrices with the logarithm of the rotation left to the goal."""
+from __future__ import annotations
+
+import numpy as np
+
+from gdmp_ros.compilation import compiled
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.manifolds import operations as ops
+from gdmp_ros.manifolds import rotation, SpecialOrthogonal
+from gdmp_ros.manifolds.linalg import copy_into
+from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
+
+SO3 = SpecialOrthogonal(3)
+
+
+@compiled
+def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted,
+          work):
+    """``τ η̇ = α_z (β_z log(R_g Rᵀ) - η) + f``, ``τ Ṙ = [η] R``."""
+    h, moved, rest = numbers[H], work[:9], work[9:]
+    rotation.apply(ops.LOG, 3, point, goal, error, rest)
+    accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
+    for i in range(3):
+        force[i] = h * velocity[i]
+    rotation.apply(ops.EXP, 3, point, force, moved, rest)
+    copy_into(moved, point)
+    rotation.apply(ops.LOG, 3, goal, wanted, force, rest)
+    for i in range(3):
+        force[i] *= h * numbers[ALPHA_G]
+    rotation.apply(ops.EXP, 3, goal, force, moved, rest)
+    copy_into(moved, goal)
+
+
+class UdeRotation(Baseline):
+    """The rotation-matrix primitive of Ude et al."""
+
+    name = '[8] rotation matrix'
+    source = 'Ude, Nemec, Petrič, Morimoto 2014, rotation-matrix form'
+    spaces = ('rotation',)
+    start_term = False
+
+    @classmethod
+    def handles(cls, shown: Demonstration) -> bool:
+        """Only rotations in space."""
+        return shown.manifold == SO3
+
+    def errors(self) -> np.ndarray:
+        """Rotation vectors to the goal [rad]."""
+        matrices = self._shown.reshape(-1, 3, 3)
+        return np.array([SO3.log(r, matrices[-1]) for r in matrices])
+
+    def rates(self) -> np.ndarray:
+        """Angular velocities [rad/s]."""
+        matrices = self._shown.reshape(-1, 3, 3)
+        return np.array([SO3.log(r, after) for r, after in zip(matrices, matrices[1:])]) / self.dt
+
+    def start_error(self) -> np.ndarray:
+        """Rotation vector from start to goal [rad]."""
+        return SO3.log(self._start.reshape(3, 3), self._goal.reshape(3, 3))
+
+    def _step(self) -> None:
+        _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)

@@ -1,0 +1,79 @@
+"""The demonstration's pictures."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from gdmp_ros.view import plots
+from gdmp_ros.experiments.demo.report import tracking_errors
+from gdmp_ros.data.runs import Run
+
+
+def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,
+         lateness: Mapping[str, np.ndarray]) -> None:
+    """Write path, tracking, stiffness and lateness pictures."""
+    plots.save(_path(run), folder / 'path.png')
+    plots.save(_tracking(run, switch_s, ends_ns), folder / 'tracking.png')
+    plots.save(_stiffness(run, switch_s), folder / 'stiffness.png')
+    plots.save(_lateness(lateness), folder / 'lateness.png')
+
+
+def _seconds(run: Run, stamps: np.ndarray) -> np.ndarray:
+    return np.asarray((stamps - run.reference_stamps[int(np.argmax(run.moving))]) * 1e-9)
+
+
+def _path(run: Run) -> Figure:
+    figure = Figure(figsize=(7, 6), layout='constrained')
+    axes = figure.add_subplot(projection='3d')
+    matrices = run.stiffness.reshape(-1, 6, 6)[:, :3, :3]
+    plots.path_with_ellipsoids(axes, run.poses[::5, :3], matrices[::5])
+    axes.plot(*run.references[::20, :3].T, '--', color=plots.INK[1], lw=1.0, label='reference')
+    axes.legend(loc='upper left')
+    return figure
+
+
+def _tracking(run: Run, switch_s: float, ends_ns: int) -> Figure:
+    errors = tracking_errors(run, ends_ns)
+    figure = Figure(figsize=(8, 5), layout='constrained')
+    rows = ((errors.position * 1e3, 'position error [mm]'), (errors.rotation, 'rotation [rad]'))
+    for i, (values, label) in enumerate(rows):
+        axes = figure.add_subplot(2, 1, i + 1)
+        axes.plot(errors.times, values, color=plots.INK[0], lw=1.2, label='arm − reference')
+        _mark_switch(axes, switch_s)
+        axes.set(xlabel='time since the motion began [s]', ylabel=label)
+        axes.legend()
+    return figure
+
+
+def _stiffness(run: Run, switch_s: float) -> Figure:
+    figure = Figure(figsize=(8, 3.2), layout='constrained')
+    axes = figure.add_subplot()
+    times = _seconds(run, run.state_stamps)
+    values = np.linalg.eigvalsh(run.stiffness.reshape(-1, 6, 6)[::10, :3, :3])
+    plots.series(axes, times[::10], values, ['smallest', 'middle', 'largest'],
+                 'applied stiffness, eigenvalues [N/m]')
+    _mark_switch(axes, switch_s)
+    axes.set_xlabel('time since the motion began [s]')
+    axes.legend()
+    return figure
+
+
+def _mark_switch(axes: object, switch_s: float) -> None:
+    axes.axvline(switch_s, color='black', ls=':', lw=1.0,  # type: ignore[attr-defined]
+                 label='goal switch')
+
+
+def _lateness(lateness: Mapping[str, np.ndarray]) -> Figure:
+    figure = Figure(figsize=(7, 3.6), layout='constrained')
+    axes = figure.add_subplot()
+    for i, (name, values) in enumerate(lateness.items()):
+        ordered = np.sort(np.maximum(values, 1.0))
+        share = 1.0 - np.arange(len(ordered)) / len(ordered)
+        axes.plot(ordered, share, ls=plots.STYLES[i], color=plots.INK[i], lw=1.4, label=name)
+    axes.set(xscale='log', yscale='log', xlabel='lateness of a tick [µs]',
+             ylabel='share of ticks at least this late')
+    axes.legend()
+    return figure

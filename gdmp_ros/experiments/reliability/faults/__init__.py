@@ -1,0 +1,40 @@
+"""Every fault that is tried, in the order of the table."""
+from __future__ import annotations
+
+from collections.abc import Callable
+import importlib
+
+from gdmp_ros.experiments.reliability.outcome import Outcome
+from gdmp_ros.experiments.reliability.trial import Trial
+
+Fault = Callable[[Trial, bool], Outcome]
+#: Name, and where it is tried.
+FAULTS = {
+    'server-killed': 'processes.server_killed',
+    'simulation-killed': 'processes.simulation_killed',
+    'server-stopped': 'processes.server_stopped',
+    'late-discovery': 'processes.late_discovery',
+    'restarts': 'processes.restarts',
+    'two-servers': 'processes.two_servers',
+    'skill-file': 'files.skill_file',
+    'bag-file': 'files.bag_file',
+    'disk-full': 'files.disk_full',
+    'simulated-clock': 'clocks.simulated_clock',
+    'mixed-clocks': 'clocks.mixed_clocks',
+    'wall-clock': 'clocks.wall_clock',
+    'goal-flood': 'traffic.goal_flood',
+    'garbage-flood': 'traffic.garbage_flood',
+    'two-hosts': 'hosts.good_network',
+    'lossy-network': 'hosts.lossy_network',
+    'slow-network': 'hosts.slow_network',
+    'network-cut': 'hosts.network_cut',
+    'adversarial-stiffness': 'energy.adversarial_stiffness',
+}
+
+
+def fault(name: str) -> Fault:
+    """Return the trial of a fault."""
+    module, function = FAULTS[name].split('.')
+    found: Fault = getattr(importlib.import_module(f'gdmp_ros.experiments.reliability.faults.{module}'),
+                           function)
+    return found

@@ -1,0 +1,143 @@
+"""A stiffness profile made to shake the arm against a stiff contact."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gdmp_ros.view import plots
+from gdmp_ros.control.controller import ControllerSettings, Tick
+from gdmp_ros.control.impedance import damping_design, DAMPING_RATIO, STIFFNESS, TARGET_SIZE
+from gdmp_ros.control.limits import LimitSettings
+from gdmp_ros.control.tank import growth_margin, TankSettings
+from gdmp_ros.control.guard import GuardSettings
+from gdmp_ros.experiments.reliability.outcome import Outcome
+from gdmp_ros.experiments.reliability.trial import Trial
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.scenes import hard_table
+
+#: Stiffness across the table when the adversary wants little, and much [N/m].
+LOW, HIGH = 150.0, 3000.0
+DAMPING, TANK_J, SECONDS = 0.1, 1.0, 6.0
+#: The table's top is so far below the tool, and the reference a little above it [m].
+TABLE_BELOW, REFERENCE_BELOW = 0.05, 0.045
+_PERIOD = 1e-3
+
+
+@dataclass(frozen=True)
+class History:
+    """Energies and what happened, every tick: J, m, N/m."""
+
+    times: np.ndarray
+    kinetic: np.ndarray
+    spring: np.ndarray
+    tank: np.ndarray
+    height: np.ndarray
+    stiffness: np.ndarray
+    requested: np.ndarray
+    contact: np.ndarray
+
+    @property
+    def robot(self) -> np.ndarray:
+        """Kinetic energy and spring."""
+        return np.asarray(self.kinetic + self.spring)
+
+
+def adversary(last: Tick | None, target: np.ndarray) -> float:
+    """Stiffness that pumps: much on the way to the reference, little away from it [N/m]."""
+    if last is None:
+        return LOW
+    away = last.measurement.pose[2] - target[2]
+    return HIGH if away * last.twist[2] < 0.0 else LOW
+
+
+def shaken(passive: bool, seconds: float = SECONDS) -> History:
+    """Follow a reference just above the table with the adversary's stiffness."""
+    arm = Arm(hard_table(TABLE_BELOW))
+    loop = ClosedLoop(arm, ControllerSettings(
+        guard=GuardSettings(jump_stiffness=10.0), limits=LimitSettings(stiffness_rate=200.0),
+        tank=TankSettings(TANK_J, TANK_J, passive=passive)))
+    start = arm.measure().pose.copy()
+    target = np.zeros(TARGET_SIZE)
+    target[:7], target[DAMPING_RATIO] = start, DAMPING
+    target[2] -= REFERENCE_BELOW
+    rows, last = [], None
+    for k in range(round(seconds / _PERIOD)):
+        wanted = adversary(last, target)
+        target[STIFFNESS:STIFFNESS + 36] = np.diag([400.0, 400.0, wanted, 30.0, 30.0, 30.0]
+                                                   ).reshape(-1)
+        loop.follow(target)
+        contact = arm.data.ncon > 0
+        last = loop.tick()
+        measured = last.measurement
+        kinetic = 0.5 * measured.velocity @ measured.inertia @ measured.velocity
+        last = last._replace(measurement=measured._replace(pose=measured.pose.copy()))
+        rows.append((k * _PERIOD, kinetic, last.spring, last.tank, measured.pose[2] - start[2],
+                     last.stiffness[14], wanted, contact))
+    return History(*np.array(rows, dtype=float).T)
+
+
+def margin(history: History) -> float:
+    """
+    Kronander's and Billard's measure of the profile along the table's normal.
+
+    Positive: nothing assures that it is stable.
+    """
+    arm = Arm().measure()
+    inverse = (arm.jacobian @ np.linalg.solve(arm.inertia, arm.jacobian.T))[2:3, 2:3]
+    stiffness = history.stiffness.reshape(-1, 1, 1)
+    damping = np.array([damping_design(k, inverse, DAMPING)[0] for k in stiffness])
+    return growth_margin(history.times, stiffness, damping, np.linalg.inv(inverse))[1]
+
+
+def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
+    """A stiffness profile that shakes the arm against a stiff contact"""
+    outcome = Outcome()
+    plain, ours = shaken(False), shaken(True)
+    total = ours.robot + ours.tank
+    last = plain.times > SECONDS - 2.0
+    outcome.need('plain law: largest energy of arm and spring [J]', float(plain.robot.max()),
+                 lambda v: v > 5.0)
+    outcome.need('plain law: bounces of the last 2 s [m]', float(np.ptp(plain.height[last])),
+                 lambda v: v > 0.05)
+    outcome.need('ours: largest energy of arm and spring [J]', float(ours.robot.max()),
+                 lambda v: v < total[0])
+    outcome.need('ours: least energy in the tank [J]', float(ours.tank.min()),
+                 lambda v: v > -0.01)
+    outcome.need('ours: growth of the sum with the tank [J]', float(total.max() - total[0]),
+                 lambda v: v < 0.01)
+    outcome.need('ours: energy in the last 2 s [J]', float(ours.robot[last].max()),
+                 lambda v: v < 0.3)
+    outcome.need('plain law: growth margin of the profile [N/m/s]', margin(plain),
+                 lambda v: v > 0.0)
+    draw(plain, ours, trial.folder.parent / 'adversarial-stiffness.png')
+    return outcome
+
+
+def draw(plain: History, ours: History, path: Path) -> None:
+    """Energies, heights and stiffness, plain law and ours side by side."""
+    figure, axes = plots.panels(3, 2, (5.4, 2.5))
+    for column, (history, title) in enumerate(((plain, 'plain impedance law'),
+                                               (ours, 'with the energy tank'))):
+        energy, height, stiffness = axes[:, column]
+        energy.plot(history.times, history.robot, color=plots.INK[0], label='arm and spring')
+        energy.plot(history.times, history.tank, color=plots.INK[1], ls='--', label='tank')
+        energy.plot(history.times, history.robot + history.tank, color=plots.INK[4], ls=':',
+                    label='sum')
+        energy.set(title=title, ylabel='energy [J]')
+        energy.legend(fontsize=7)
+        height.plot(history.times, 1e3 * history.height, color=plots.INK[0], lw=0.8)
+        height.axhline(-1e3 * REFERENCE_BELOW, color='0.5', ls='--', lw=0.8)
+        height.set(ylabel='tool, from the start [mm]')
+        stiffness.plot(history.times, history.requested, color='0.75', lw=0.6, label='asked for')
+        stiffness.plot(history.times, history.stiffness, color=plots.INK[0], lw=0.8,
+                       label='applied')
+        stiffness.set(ylabel='stiffness [N/m]', xlabel='time [s]')
+        stiffness.legend(fontsize=7, loc='upper right')
+    lowest = min(axes[1, 0].get_ylim()[0], axes[1, 1].get_ylim()[0])
+    highest = max(axes[1, 0].get_ylim()[1], axes[1, 1].get_ylim()[1])
+    for axis in axes[1]:
+        axis.set_ylim(lowest, highest)
+    plots.save(figure, path)

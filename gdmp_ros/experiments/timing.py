@@ -1,0 +1,115 @@
+"""How the figures are taken: settings, medians, one core, subjects to measure."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import gc
+from importlib.metadata import version
+import os
+from pathlib import Path
+import platform
+import time
+
+import numpy as np
+
+from gdmp_ros import __version__
+from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.data import lasa
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
+from gdmp_ros.util.profiles import minimum_jerk
+
+POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation'))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    What may be asked for.
+
+    :ivar repetitions: of every timing; the median is reported
+    :ivar seconds: how long `stream` streams
+    :ivar jobs: processes for `accuracy`
+    :ivar dask: address of a Dask scheduler to work on instead
+    :ivar resume: file of finished parts of `accuracy`
+    """
+
+    repetitions: int = 9
+    seconds: float = 60.0
+    jobs: int = 1
+    dask: str | None = None
+    resume: Path | None = None
+    classes: tuple[str, ...] = field(default_factory=lambda: lasa.CLASSES)
+    n_basis: int = 60
+
+
+def pose_with_stiffness(size: int) -> Product:
+    """R³ × S³ × SPD(size)."""
+    return Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(size),
+                   names=('position', 'orientation', 'stiffness'))
+
+
+def demonstration(manifold: Manifold, duration: float, seed: int = 0,
+                  samples: int = 1000) -> Demonstration:
+    """A smooth motion through all directions, at rest at both ends."""
+    rng = np.random.default_rng(seed)
+    base = manifold.random_point(rng)
+    first, second = manifold.random_tangent(base, rng), manifold.random_tangent(base, rng)
+    first *= 0.6 / manifold.norm(base, first)
+    second *= 0.2 / manifold.norm(base, second)
+    t = np.linspace(0.0, 1.0, samples)
+    points = [manifold.exp(base, b * first + np.sin(2.0 * np.pi * b) * second)
+              for b in minimum_jerk(t)]
+    return Demonstration(duration * t, np.array(points), manifold)
+
+
+def skill(manifold: Manifold, duration: float, n_basis: int = 50, seed: int = 0,
+          connection: str = 'parallel') -> Skill:
+    """What is learned from `demonstration`."""
+    return Skill.learn(demonstration(manifold, duration, seed), n_basis, connection=connection)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Stay on one core, without pauses for the garbage collector."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        os.sched_setaffinity(0, before)
+
+
+def median_time(prepare: Callable[[], Callable[[], object]], calls: int,
+                repetitions: int, clock: Callable[[], float] = time.perf_counter) -> float:
+    """
+    Median over ``repetitions`` of the mean time of a call [s].
+
+    :param prepare: makes the call anew for each repetition
+    :param clock: `time.thread_time` leaves out what else the machine does, but also what other
+        threads do for the call
+    """
+    times = []
+    for _ in range(repetitions):
+        call = prepare()
+        begun = clock()
+        for _ in range(calls):
+            call()
+        times.append((clock() - begun) / calls)
+    return float(np.median(times))
+
+
+def environment() -> dict[str, object]:
+    """Where the figures come from."""
+    return {'gdmp_ros': __version__, 'python': platform.python_version(),
+            'numpy': np.__version__, 'numba': version('numba'), 'machine': platform.machine(),
+            'kernel': platform.release(), 'cpus': os.cpu_count()}

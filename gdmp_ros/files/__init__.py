@@ -1,1 +1,0 @@
-"""Files and data sets: rosbag2 recordings, LASA handwriting."""

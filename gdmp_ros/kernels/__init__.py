@@ -1,0 +1,16 @@
+"""Compiled kernels: decorators, views of flat memory, and the cache of machine code."""
+from gdmp_ros.kernels.cache import cache_folder, is_warm, on_compile, remove_stale
+from gdmp_ros.kernels.compile import always_inline, inlined, jitable, kernel
+from gdmp_ros.kernels.intrinsics import (
+    call_kernel,
+    matrix_at,
+    measure_with_kernel,
+    noinline,
+    numbers_at,
+    records_at,
+    without_refcount,
+)
+
+__all__ = ['always_inline', 'cache_folder', 'call_kernel', 'inlined', 'is_warm', 'jitable',
+           'kernel', 'matrix_at', 'measure_with_kernel', 'noinline', 'numbers_at', 'on_compile',
+           'records_at', 'remove_stale', 'without_refcount']

@@ -1,0 +1,224 @@
+"""
+Operations that kernels need and Numba does not offer: views of flat memory, calls by address.
+
+Each view function works in plain Python too, so that the same layout code serves both sides.
+"""
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from numba.core import cgutils, types
+from numba.extending import intrinsic, overload
+from numba.np import arrayobj
+import numpy as np
+
+VECTOR = types.Array(types.float64, 1, 'C')
+POINTER = types.CPointer(types.float64)
+
+
+def numbers_at(memory, at, count):  # type: ignore[no-untyped-def]
+    """
+    ``count`` numbers of a flat array from index ``at`` on.
+
+    In kernels the result is a plain pointer: it has no size, no bounds check and no reference
+    count, and compiles to one instruction where an array slice takes a hundred.
+    """
+    return memory[at:at + count]
+
+
+def matrix_at(memory, at, rows, columns):  # type: ignore[no-untyped-def]
+    """``rows × columns`` numbers of a flat array as a matrix; in kernels without bounds check."""
+    return memory[at:at + rows * columns].reshape(rows, columns)
+
+
+class Record:
+    """
+    One record in Python, with the fields as attributes, as kernels see it.
+
+    NumPy's own records take ten times as long for it. All fields have one type.
+    """
+
+    __slots__ = ('_numbers', '_index')
+
+    def __init__(self, numbers: np.ndarray, dtype: np.dtype):
+        """:param numbers: a view of the memory, one number for each field"""
+        object.__setattr__(self, '_numbers', numbers)
+        object.__setattr__(self, '_index', _field_index(dtype))
+
+    def __getattr__(self, name: str) -> Any:
+        return self._numbers.item(self._index[name])
+
+    def __setattr__(self, name: str, value: float) -> None:
+        self._numbers[self._index[name]] = value
+
+
+@functools.cache
+def _field_index(dtype: np.dtype) -> dict[str, int]:
+    return {name: i for i, name in enumerate(dtype.names or ())}
+
+
+def records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
+    """``count`` records of a structured ``dtype`` in a flat float64 array; see `matrix_at`."""
+    fields = len(dtype.names)
+    numbers = memory[at:at + count * fields].view(dtype[0])
+    return [Record(numbers[i * fields:(i + 1) * fields], dtype) for i in range(count)]
+
+
+def without_refcount(array):  # type: ignore[no-untyped-def]
+    """
+    The same array without its reference count.
+
+    A kernel that cuts an array into many views would count each one with two locked instructions,
+    more than a 3×3 product costs. The caller of the kernel keeps the array alive.
+    """
+    return array
+
+
+def _data_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Pointer to the first number of an array, or the pointer itself."""
+    if isinstance(kind, types.Array):
+        return context.make_array(kind)(context, builder, value).data
+    return value
+
+
+def _array_from(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any],
+                strides: list[Any]) -> Any:
+    """Array structure around existing memory."""
+    made = context.make_array(kind)(context, builder)
+    size = context.get_constant(types.intp, context.get_abi_sizeof(
+        context.get_data_type(kind.dtype)))
+    arrayobj.populate_array(made, data=builder.bitcast(data, made.data.type), shape=shape,
+                            strides=strides, itemsize=size, meminfo=None)
+    return made._getvalue()
+
+
+@intrinsic
+def _numbers_at(typing_context, memory, at, count):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = _data_of(context, builder, memory, arguments[0])
+        return builder.gep(data, [arguments[1]])
+
+    return POINTER(memory, types.intp, types.intp), build
+
+
+@intrinsic
+def _matrix_at(typing_context, memory, at, rows, columns):  # type: ignore[no-untyped-def]
+    view_type = types.Array(types.float64, 2, 'C')
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        array, at, rows, columns = arguments
+        data = builder.gep(_data_of(context, builder, memory, array), [at])
+        size = context.get_constant(types.intp, 8)
+        return _array_from(context, builder, view_type, data, [rows, columns],
+                           [builder.mul(columns, size), size])
+
+    return view_type(memory, types.intp, types.intp, types.intp), build
+
+
+@intrinsic
+def _records_at(typing_context, memory, at, count, dtype):  # type: ignore[no-untyped-def]
+    view_type = types.Array(dtype.dtype, 1, 'C')
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = builder.gep(_data_of(context, builder, memory, arguments[0]), [arguments[1]])
+        size = context.get_constant(types.intp, dtype.dtype.size)
+        return _array_from(context, builder, view_type, data, [arguments[2]], [size])
+
+    return view_type(memory, types.intp, types.intp, dtype), build
+
+
+@intrinsic
+def _without_refcount(typing_context, array):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        made = context.make_array(array)(context, builder, arguments[0])
+        made.meminfo = cgutils.get_null_value(made.meminfo.type)
+        made.parent = cgutils.get_null_value(made.parent.type)
+        return made._getvalue()
+
+    return array(array), build
+
+
+# Not ``inline='always'``: after inlining an overload Numba removes statements that it wrongly takes
+# for dead, such as assignments to elements of an attribute of a named tuple.
+
+@overload(numbers_at)
+def _overload_numbers_at(memory, at, count):  # type: ignore[no-untyped-def]
+    return lambda memory, at, count: _numbers_at(memory, at, count)
+
+
+@overload(matrix_at)
+def _overload_matrix_at(memory, at, rows, columns):  # type: ignore[no-untyped-def]
+    return lambda memory, at, rows, columns: _matrix_at(memory, at, rows, columns)
+
+
+@overload(records_at)
+def _overload_records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
+    return lambda memory, at, count, dtype: _records_at(memory, at, count, dtype)
+
+
+@overload(without_refcount)
+def _overload_without_refcount(array):  # type: ignore[no-untyped-def]
+    return lambda array: _without_refcount(array)
+
+
+def kernel_signature(arrays: int) -> Any:
+    """Argument types of a kernel that is called by address: a size and flat arrays."""
+    return (types.int64, *[VECTOR] * arrays)
+
+
+def _call(result: Any, context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """Emit a call with Numba's own calling convention; kernels do not raise."""
+    address, size, packed = values
+    kinds, parts = signature.args[2].types, cgutils.unpack_tuple(builder, packed)
+    arrays, item = [], context.get_constant(types.intp, 8)
+    for k in range(0, len(parts), 3):
+        data = _data_of(context, builder, kinds[k], parts[k])
+        start, end = (context.cast(builder, parts[i], kinds[i], types.intp)
+                      for i in (k + 1, k + 2))
+        arrays.append(_array_from(context, builder, VECTOR, builder.gep(data, [start]),
+                                  [builder.sub(end, start)], [item]))
+    wanted = kernel_signature(len(arrays))
+    function = context.call_conv.get_function_type(result, wanted).as_pointer()
+    _, returned = context.call_conv.call_function(
+        builder, builder.inttoptr(address, function), result, wanted,
+        [context.cast(builder, size, signature.args[1], wanted[0]), *arrays])
+    return returned
+
+
+@intrinsic
+def call_kernel(typing_context, address, size, parts):  # type: ignore[no-untyped-def]
+    """
+    Call the kernel ``f(size, *arrays)`` at an address.
+
+    :param parts: a flat tuple; three entries for each array: numbers, first index, end
+    """
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        _call(types.none, context, builder, signature, values)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, types.int64, parts), build
+
+
+@intrinsic
+def measure_with_kernel(typing_context, address, size, parts):  # type: ignore[no-untyped-def]
+    """Call a kernel as `call_kernel` does, and return the distance that it returns."""
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        return _call(types.float64, context, builder, signature, values)
+
+    return types.float64(types.int64, types.int64, parts), build
+
+
+@intrinsic
+def noinline(typing_context):  # type: ignore[no-untyped-def]
+    """
+    First statement of a large kernel: keep it out of its callers' machine code.
+
+    Otherwise LLVM may copy and optimise it again in every kernel above it.
+    """
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        builder.function.attributes.discard('alwaysinline')
+        builder.function.attributes.add('noinline')
+        return context.get_dummy_value()
+
+    return types.none(), build

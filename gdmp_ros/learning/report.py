@@ -1,0 +1,126 @@
+"""Fit report: how accurately a skill reproduces its demonstrations, and suspect samples."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
+from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.evaluation import deviation, mean_distance
+from gdmp_ros.dmp.forcing import basis
+from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.learning.regression import scaled_design_matrix
+
+#: A sample is suspect if its deviation from its neighbours is this many times the local median.
+_OUTLIER = 12.0
+#: Window of the local median [samples].
+_WINDOW = 31
+#: A spacing of this many times the median is a gap.
+_GAP = 5.0
+#: Most suspect samples listed for one demonstration.
+MAX_LISTED = 20
+
+
+class Suspect(NamedTuple):
+    """A sample that may be wrong, at ``time`` [s] after the first, and the reason."""
+
+    sample: int
+    time: float
+    reason: str
+
+
+class DemonstrationFit(NamedTuple):
+    """
+    How one demonstration is reproduced.
+
+    :ivar mean_error: by factor, geodesic
+    :ivar largest_error: by factor
+    :ivar relative_error: mean geodesic error / span
+    """
+
+    duration: float
+    samples: int
+    mean_error: tuple[float, ...]
+    largest_error: tuple[float, ...]
+    relative_error: float
+    suspects: tuple[Suspect, ...]
+
+
+class Fit(NamedTuple):
+    """
+    Result of learning.
+
+    :ivar condition: of the normal equations, columns scaled to unit length
+    :ivar segments: progress s at which the motion is split at the cut locus, if it is
+    """
+
+    factors: tuple[str, ...]
+    n_basis: int
+    condition: float
+    segments: tuple[float, ...]
+    demonstrations: tuple[DemonstrationFit, ...]
+
+
+def fit_report(skill: Primitive, demonstrations: Demonstration | Sequence[Demonstration]) -> Fit:
+    """
+    Compare a skill with the demonstrations it was learned from.
+
+    Each demonstration is reproduced between its own start and goal, in its own duration.
+    """
+    shown, alpha_x = as_list(demonstrations), skill.gains.alpha_x
+    # As many samples as learning uses: `Demonstration.uniform`.
+    s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), MIN_RESAMPLED)) for d in shown])
+    matrix, _ = scaled_design_matrix(basis(skill.n_basis, alpha_x), alpha_x, s)
+    return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
+               tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
+
+
+def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:
+    times = demonstration.times - demonstration.times[0]
+    away = deviation(skill, demonstration, times)
+    relative = mean_distance(away) / demonstration.span()
+    return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
+                            tuple(away.max(axis=0).tolist()), relative,
+                            tuple(suspect_samples(demonstration)))
+
+
+def suspect_samples(demonstration: Demonstration) -> list[Suspect]:
+    """Gaps in the stamps, jumps and repeated samples; at most `MAX_LISTED`."""
+    times = demonstration.times - demonstration.times[0]
+    spacing = np.diff(times)
+    usual = float(np.median(spacing))
+    found = [Suspect(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
+                       f'{spacing[i] / usual:.0f} times the usual spacing')
+             for i in np.flatnonzero(spacing > _GAP * usual)]
+    manifold, points = demonstration.manifold, demonstration.flat_points
+    curve = Development(manifold, points, manifold.frame(demonstration.points[0])).unrolled
+    scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
+    found += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
+    first = {one.sample: one for one in reversed(found)}
+    return sorted(first.values())[:MAX_LISTED]
+
+
+def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> list[Suspect]:
+    """Samples far off the line between their neighbours, compared with those around them."""
+    spacing = np.diff(times)
+    share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+    off = np.linalg.norm(curve[1:-1] - (1.0 - share) * curve[:-2] - share * curve[2:], axis=1)
+    usual = median_filter(off, size=min(_WINDOW, len(off)), mode='nearest')
+    off[(spacing[1:] > gap) | (spacing[:-1] > gap)] = 0.0
+    ratio = off / np.maximum(usual, 1e-6 * scale)
+    peak = (off >= np.roll(off, 1)) & (off > np.roll(off, -1))
+    return [Suspect(int(i) + 1, float(times[i + 1]),
+                      f'is {ratio[i]:.0f} times further off its neighbours than those around it')
+            for i in np.flatnonzero(peak & (ratio > _OUTLIER))]
+
+
+def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspect]:
+    """Samples equal to the one before although the motion is under way."""
+    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    around = median_filter(steps, size=min(_WINDOW, len(steps)), mode='nearest')
+    frozen = np.flatnonzero((steps < 1e-3 * around) & (around > 1e-5 * scale))
+    return [Suspect(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
+            for i in frozen]

@@ -1,0 +1,152 @@
+"""Points as arrays: shapes, names, validation."""
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+import math
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from gdmp_ros.errors import ManifoldError
+
+#: Largest size parameter: above it the frames do not fit into memory.
+MAX_SIZE = 1000
+
+
+def kernel_array(array: np.ndarray) -> np.ndarray:
+    """Contiguous, writable float64, as kernels are compiled for; copied only if needed."""
+    return np.require(array, dtype=np.float64, requirements=['C', 'W'])
+
+
+class PointSpace(ABC):
+    """
+    A set of points, each a float64 array of one shape, with flat vectors as tangents.
+
+    :ivar size: size parameter
+    :ivar dim: dimension
+    :ivar point_shape: shape of a point
+    :ivar point_size: numbers in a point
+    :ivar tangent_size: numbers in a tangent
+    :ivar frame_size: numbers in a frame (`gdmp_ros.manifolds.factors`)
+    """
+
+    #: Name in files and parameters.
+    kind: ClassVar[str]
+    #: Unit of points and tangents, for files and pictures.
+    unit: ClassVar[str]
+    #: `check_point` accepts a deviation up to this.
+    tolerance: ClassVar[float] = 1e-6
+
+    def __init__(self, size: int, *, dim: int, point_shape: tuple[int, ...], tangent_size: int,
+                 frame_size: int):
+        self.size = size
+        self.dim = dim
+        self.point_shape = point_shape
+        self.point_size = math.prod(point_shape)
+        self.tangent_size = tangent_size
+        self.frame_size = frame_size
+
+    @abstractmethod
+    def nearest_point(self, array: np.ndarray) -> np.ndarray:
+        """Nearest point to a finite array of the right shape."""
+
+    @abstractmethod
+    def why_invalid(self, point: np.ndarray) -> str | None:
+        """Why a finite array of the right shape is not a point; None if it is one."""
+
+    @abstractmethod
+    def random_point(self, rng: np.random.Generator) -> np.ndarray:
+        """Draw a point."""
+
+    def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Of all points with the same meaning, return the one nearest to ``reference``."""
+        return point
+
+    @property
+    def components(self) -> list[tuple[str, int]]:
+        """Name and index in a flat point of each number worth plotting."""
+        names = 'xyz' if self.point_size <= 3 else [str(i + 1) for i in range(self.point_size)]
+        return [(name, i) for i, name in zip(range(self.point_size), names)]
+
+    def spec(self) -> dict[str, object]:
+        """Describe the manifold for files and parameters (`gdmp_ros.manifolds.from_spec`)."""
+        return {'kind': self.kind, 'm': self.size}
+
+    @final
+    def project(self, array: np.ndarray) -> np.ndarray:
+        """
+        Nearest point to an array of shape `point_shape`.
+
+        :raises ManifoldError: if there is none (the zero vector, a NaN)
+        """
+        return self.nearest_point(self._finite(array))
+
+    @final
+    def check_point(self, array: np.ndarray) -> np.ndarray:
+        """
+        Return ``array`` as a float64 point of shape `point_shape`.
+
+        :raises ManifoldError: if it is not a point within `tolerance`; the message says why
+        """
+        point = self._finite(array)
+        reason = self.why_invalid(point)
+        if reason is not None:
+            raise self.error(reason)
+        return point
+
+    @final
+    def flat(self, point: np.ndarray) -> np.ndarray:
+        """
+        A point as a flat float64 vector for kernels.
+
+        :raises ManifoldError: if the shape is wrong
+        """
+        array = kernel_array(point)
+        if array.shape != self.point_shape:
+            raise self.error(f'shape is {array.shape}, expected {self.point_shape}')
+        return array.reshape(-1)
+
+    @final
+    def vector(self, tangent: np.ndarray) -> np.ndarray:
+        """
+        A tangent as a float64 vector for kernels.
+
+        :raises ManifoldError: if the shape is wrong
+        """
+        array = kernel_array(tangent)
+        if array.shape != (self.tangent_size,):
+            raise self.error(f'tangent shape is {array.shape}, expected {(self.tangent_size,)}')
+        return array
+
+    def error(self, reason: str) -> ManifoldError:
+        """Error that names this manifold."""
+        return ManifoldError(f'{self!r}: {reason}')
+
+    def _finite(self, array: np.ndarray) -> np.ndarray:
+        point = self.flat(array).reshape(self.point_shape)
+        if not np.isfinite(point).all():
+            raise self.error('an entry is NaN or infinite')
+        return point
+
+    def _check_unit_norm(self, point: np.ndarray, name: str) -> str | None:
+        norm = float(np.linalg.norm(point))
+        if abs(norm - 1.0) <= self.tolerance:
+            return None
+        return f'{name} is {norm:.9g}, expected 1 within {self.tolerance:g}'
+
+    @classmethod
+    def _check_size(cls, size: Any, least: int) -> int:
+        if (not isinstance(size, (int, np.integer)) or isinstance(size, bool)
+                or not least <= size <= MAX_SIZE):
+            raise ManifoldError(f'{cls.__name__}: m must be an integer from {least} to '
+                                f'{MAX_SIZE}, got {size!r}')
+        return int(size)
+
+    def __repr__(self) -> str:
+        return f'{type(self).__name__}({self.size})'
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PointSpace) and self.spec() == other.spec()
+
+    def __hash__(self) -> int:
+        return hash(repr(self.spec()))

@@ -1,1 +1,0 @@
-"""ROS 2 nodes: the only place that imports rclpy."""

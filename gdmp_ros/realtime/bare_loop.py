@@ -1,0 +1,22 @@
+"""The yardstick: a process of ordinary priority that only sleeps to 1 kHz deadlines."""
+from __future__ import annotations
+
+import sys
+
+from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.util.processes import ended_by_signal
+from gdmp_ros.realtime.statistics import LatenessRecorder
+
+PERIOD_NS = 1_000_000
+
+
+def main(path: str, capacity: str = '131072') -> int:
+    """Run until SIGTERM or SIGINT, then write deadline and lateness of the ticks to ``path``."""
+    recorder = LatenessRecorder(PERIOD_NS, int(capacity))
+    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), ended_by_signal().is_set)
+    recorder.save(path)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(*sys.argv[1:]))

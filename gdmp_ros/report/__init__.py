@@ -1,1 +1,0 @@
-"""One page about a bag: what was streamed, how the arm followed, what happened."""

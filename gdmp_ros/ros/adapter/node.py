@@ -1,0 +1,272 @@
+"""Feeds other controllers: turns the stream of references into the topics that they listen to."""
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+from typing import Any, NamedTuple
+
+from gdmp_msgs.msg import Reference
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+import numpy as np
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Float64MultiArray
+
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.tank import bound_stiffness
+from gdmp_ros.control.guard import GuardSettings, Origin, refusal
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import ManagedNode, run, take_latest
+from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+
+PERIOD_NS = 1_000_000
+#: A reply that has not come after so long does not come [s].
+REPLY_S = 1.0
+#: A stiffness that is set by parameters is set again when an entry has changed by this share.
+CHANGED = 0.01
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to pass on'),
+    Spec('reference_frame', 'panda_link0', 'frame of the references; others are refused'),
+    Spec('pose_topic', 'target_pose', 'geometry_msgs/PoseStamped of the controller; empty: none'),
+    Spec('pose_rate_hz', 1000, 'poses passed on, at most', 'Hz', 1, 1000),
+    Spec('frame_id', '', 'what the controller calls that frame, where it calls it otherwise; '
+         'empty: the same'),
+    Spec('stiffness', 'six', 'how the controller takes its stiffness: not at all, six numbers '
+         '(x y z rx ry rz) or a row-major 6x6 matrix in a Float64MultiArray, a WrenchStamped, or '
+         'six parameters', choices=('none', 'six', 'matrix', 'wrench', 'parameters')),
+    Spec('stiffness_topic', 'target_stiffness', 'where it listens to it'),
+    Spec('stiffness_rate_hz', 1000, 'stiffnesses passed on, at most', 'Hz', 1, 1000),
+    Spec('stiffness_frame', 'base', 'axes of the six numbers: of the base, or of the tool',
+         choices=('base', 'tool')),
+    Spec('stiffness_node', '', 'node of the six parameters'),
+    Spec('stiffness_parameters', [''], 'their names, x y z rx ry rz'),
+    Spec('stiffness_min', [1.0, 0.1], 'smallest that the controller takes, translational and '
+         'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_max', [2000.0, 200.0], 'largest that it takes', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
+         'it; 0: never', low=-1, high=99),
+)
+
+
+class Output:
+    """One thing that is passed on, at most so often."""
+
+    def __init__(self, rate_hz: float, send: Callable[[Passed], None]):
+        self.send = send
+        self._period = 1.0 / rate_hz
+        self._next = 0.0
+
+    def due(self, now: float) -> bool:
+        """Whether it is time again, on the monotonic clock [s]."""
+        # A reference comes a little early or late: half a tick does not matter.
+        if now < self._next - 0.5e-3:
+            return False
+        self._next = max(self._next + self._period, now)
+        return True
+
+
+class Passed(NamedTuple):
+    """
+    A reference as controllers take it.
+
+    :ivar pose: (x, y, z, qw, qx, qy, qz)
+    :ivar stiffness: 6×6 [N/m, Nm/rad]
+    :ivar stamp_ns: of the reference
+    """
+
+    pose: np.ndarray
+    stiffness: np.ndarray
+    stamp_ns: int
+
+
+def along_axes(stiffness: np.ndarray, quaternion: np.ndarray | None) -> np.ndarray:
+    """
+    Six numbers of a stiffness: its diagonal in the base's axes, or in the tool's.
+
+    :param stiffness: 6×6, base frame
+    :param quaternion: of the tool (wxyz); None for the axes of the base
+    """
+    if quaternion is None:
+        return np.diag(stiffness).copy()
+    turn = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    return np.concatenate([np.diag(turn.T @ stiffness[:3, :3] @ turn),
+                           np.diag(turn.T @ stiffness[3:, 3:] @ turn)])
+
+
+class Adapter(ManagedNode):
+    """The managed node ``adapter``."""
+
+    def __init__(self) -> None:
+        super().__init__('adapter')
+        self.parameters = Parameters(self, SPECS)
+        self._thread: RealtimeThread | None = None
+        self._active = False
+
+    def configure(self) -> None:
+        p = self.parameters
+        p.check = self._check
+        self._check(p)
+        self._reference = self.add_subscription(Reference, p.reference_topic, None)
+        self._pending: tuple[Any, float] | None = None
+        self._last: np.ndarray | None = None
+        self._frame = p.frame_id or p.reference_frame
+        self._expected = GuardSettings(p.reference_frame)
+        self._bounds = np.array([np.diag(np.repeat(bound, 3)).reshape(-1)
+                                 for bound in (p.stiffness_min, p.stiffness_max)])
+        self._outputs: list[Output] = []
+        if p.pose_topic:
+            self._pose = self.add_publisher(PoseStamped, p.pose_topic, 1)
+            self._outputs.append(Output(p.pose_rate_hz, self._send_pose))
+        if p.stiffness != 'none':
+            self._outputs.append(Output(p.stiffness_rate_hz, self._stiffness_output()))
+        self.add_report(self._report)
+        p.locked = True
+
+    def activate(self) -> None:
+        self._active = True
+        self._thread = RealtimeThread(self._loop, self.parameters.realtime_priority)
+        self._thread.start()
+        self.get_logger().info(f'passing {self.parameters.reference_topic} on to '
+                               f'{self.parameters.pose_topic}')
+
+    def deactivate(self) -> None:
+        self._active = False
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def cleanup(self) -> None:
+        self.release()
+        self.parameters.locked = False
+
+    def _check(self, p: Any) -> None:
+        for word, low, high in zip(('translational', 'rotational'), p.stiffness_min,
+                                   p.stiffness_max):
+            if low > high:
+                raise ParameterError(f'stiffness_min is {low:g} ({word}), expected at most '
+                                     f'stiffness_max, {high:g}')
+        if p.stiffness == 'parameters' and (not p.stiffness_node
+                                            or len(p.stiffness_parameters) != 6):
+            raise ParameterError('stiffness by parameters needs stiffness_node and six '
+                                 f'stiffness_parameters, got {len(p.stiffness_parameters)}')
+
+    def _loop(self) -> None:
+        run_periodic(self._tick, PERIOD_NS, MonotonicClock(), lambda: not self._active)
+
+    def _tick(self, deadline_ns: int, now_ns: int) -> None:
+        message = take_latest(self._reference)
+        if message is not None:
+            self.pass_on(message)
+
+    def pass_on(self, message: Reference) -> None:
+        """Pass a reference on, or refuse it: other controllers do not look."""
+        reason = refusal(wire.reference_target(message), Origin(message.header.frame_id),
+                         self._expected)
+        if reason is not None:
+            self.get_logger().warning(f'reference refused: {reason}', throttle_duration_sec=1.0)
+            return
+        now = time.monotonic()
+        due = [output for output in self._outputs if output.due(now)]
+        if not due:
+            return
+        passed = Passed(wire.pose_numbers(message.pose),
+                        np.asarray(message.stiffness).reshape(6, 6),
+                        message.header.stamp.sec * wire.NS + message.header.stamp.nanosec)
+        for output in due:
+            output.send(passed)
+
+    def _report(self) -> None:
+        if self._thread is not None and self._thread.failure is not None:
+            self.get_logger().error(f'passing on failed: {self._thread.failure!r}',
+                                    throttle_duration_sec=5.0)
+
+    # Outputs
+
+    def _send_pose(self, passed: Passed) -> None:
+        message = PoseStamped()
+        message.header.frame_id = self._frame
+        message.header.stamp = wire.stamp_of(passed.stamp_ns)
+        wire.set_pose(message.pose, passed.pose)
+        self._pose.publish(message)
+
+    def _stiffness_output(self) -> Callable[[Passed], None]:
+        p = self.parameters
+        if p.stiffness == 'parameters':
+            self._client = self.add_client(
+                SetParametersAtomically, f'{p.stiffness_node}/set_parameters_atomically')
+            return self._set_parameters
+        kind = WrenchStamped if p.stiffness == 'wrench' else Float64MultiArray
+        self._stiffness = self.add_publisher(kind, p.stiffness_topic, 1)
+        return {'six': self._send_six, 'matrix': self._send_matrix,
+                'wrench': self._send_wrench}[p.stiffness]
+
+    def _six(self, passed: Passed) -> np.ndarray:
+        p = self.parameters
+        numbers = along_axes(passed.stiffness,
+                             passed.pose[3:] if p.stiffness_frame == 'tool' else None)
+        return np.clip(numbers, np.repeat(p.stiffness_min, 3), np.repeat(p.stiffness_max, 3))
+
+    def _send_six(self, passed: Passed) -> None:
+        self._stiffness.publish(Float64MultiArray(data=self._six(passed).tolist()))
+
+    def _send_matrix(self, passed: Passed) -> None:
+        message = wire.matrix_message(6)
+        bounded = passed.stiffness.reshape(-1).copy()
+        bound_stiffness(bounded, self._bounds[0], self._bounds[1], np.zeros(len(LIMITS)))
+        message.data = bounded.tolist()
+        self._stiffness.publish(message)
+
+    def _send_wrench(self, passed: Passed) -> None:
+        message, numbers = WrenchStamped(), self._six(passed)
+        message.header.frame_id = self._frame
+        message.header.stamp = wire.stamp_of(passed.stamp_ns)
+        wire.set_vectors(message.wrench.force, message.wrench.torque, numbers)
+        self._stiffness.publish(message)
+
+    def _set_parameters(self, passed: Passed) -> None:
+        """Set what has changed, one request at a time."""
+        if self._pending is not None:
+            future, since = self._pending
+            if not future.done() and time.monotonic() - since < REPLY_S:
+                return
+            if not future.done():
+                self._client.remove_pending_request(future)
+                self._last = None
+            self._pending = None
+        numbers = self._six(passed)
+        if not self._client.service_is_ready():
+            self._last = None  # who comes back knows nothing
+            self.get_logger().warning(f'{self.parameters.stiffness_node} is not there to take a '
+                                      'stiffness', throttle_duration_sec=5.0)
+            return
+        if self._last is not None and np.all(
+                np.abs(numbers - self._last) <= CHANGED * np.maximum(self._last, 1.0)):
+            return
+        changes = [Parameter(name, value=float(number)).to_parameter_msg()
+                   for name, number in zip(self.parameters.stiffness_parameters, numbers)]
+        self._last = numbers
+        future = self._client.call_async(SetParametersAtomically.Request(parameters=changes))
+        self._pending = (future, time.monotonic())
+        future.add_done_callback(self._on_set)
+
+    def _on_set(self, future: Any) -> None:
+        result = future.result().result
+        if not result.successful:
+            self._last = None
+            self.get_logger().warning(f'{self.parameters.stiffness_node} refuses the stiffness: '
+                                      f'{result.reason}', throttle_duration_sec=1.0)
+
+
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``adapter``."""
+    return run([Adapter], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

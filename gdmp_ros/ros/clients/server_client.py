@@ -1,0 +1,85 @@
+"""The person at the terminal, as a node: starts the skill, switches the goal, waits."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.msg import ServerState
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+from rclpy.action import ActionClient
+from std_msgs.msg import Float64MultiArray
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.clients.client import Client
+from gdmp_ros.ros.lifecycle import reliable
+
+
+class Operator(Client):
+    """Talks to a trajectory server over topics and its action."""
+
+    def __init__(self, server: str = 'trajectory_server', check: Callable[[], None] | None = None):
+        """:param check: called while waiting; may raise to give up"""
+        super().__init__('operator', check)
+        self.state: ServerState | None = None
+        self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
+                                       reliable(10))
+        self._pose = self.node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
+        self._matrix = self.node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
+                                                   reliable(10))
+        self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
+        self._result: Any = None
+        self.handle: Any = None
+
+    def _on_state(self, message: ServerState) -> None:
+        self.state = message
+
+    def wait_status(self, status: str, timeout: float) -> None:
+        """Wait until the server reports a status."""
+        self.wait(f'the server to be {status}',
+                  lambda: self.state is not None and self.state.status == status, timeout)
+
+    def execute(self, goal: ExecuteSkill.Goal | None = None, timeout: float = 10.0) -> None:
+        """Start the loaded skill through the action."""
+        self.wait('the action server', self._action.server_is_ready, timeout)
+        self._result = None
+        sent = self._action.send_goal_async(goal or ExecuteSkill.Goal())
+        self.wait('the goal to be accepted', sent.done, timeout)
+        if not sent.result().accepted:
+            raise GdmpError('the server rejected the goal')
+        self.handle = sent.result()
+        self._result = self.handle.get_result_async()
+
+    def cancel(self, timeout: float = 5.0) -> bool:
+        """Have the motion that was executed come to a smooth stop, if one is under way."""
+        if self.handle is None or self.done():
+            return False
+        asked = self.handle.cancel_goal_async()
+        self.wait('the motion to be cancelled', asked.done, timeout)
+        return True
+
+    def done(self) -> bool:
+        """Whether the motion that was executed has ended."""
+        return self._result is not None and bool(self._result.done())
+
+    def result(self, timeout: float) -> ExecuteSkill.Result:
+        """Wait for the action's result."""
+        self.wait('the motion to finish', self._result.done, timeout)
+        return self._result.result().result
+
+    def goal_pose(self, pose: np.ndarray, frame: str) -> None:
+        """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
+        self.wait('the server to listen to goals',
+                  lambda: self._pose.get_subscription_count() > 0, 5.0)
+        message = PoseStamped()
+        message.header.frame_id = frame
+        wire.set_pose(message.pose, pose)
+        self._pose.publish(message)
+
+    def goal_stiffness(self, matrix: np.ndarray) -> None:
+        """Switch the stiffness goal."""
+        self.wait('the server to listen to stiffness goals',
+                  lambda: self._matrix.get_subscription_count() > 0, 5.0)
+        self._matrix.publish(Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))

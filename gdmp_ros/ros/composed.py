@@ -1,0 +1,35 @@
+"""Several nodes in one process: fewer processes, but one interpreter for all of them."""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from gdmp_ros.ros.adapter.node import Adapter
+from gdmp_ros.ros.lifecycle import ManagedNode, own_words, run
+from gdmp_ros.ros.arm.node import PandaSim
+from gdmp_ros.ros.recorder.node import TakeRecorder
+from gdmp_ros.ros.server.node import TrajectoryServer
+from gdmp_ros.ros.visualizer.node import Visualizer
+
+NODES: dict[str, Callable[[], ManagedNode]] = {
+    'trajectory_server': TrajectoryServer, 'panda_sim': PandaSim, 'visualizer': Visualizer,
+    'take_recorder': TakeRecorder, 'adapter': Adapter}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the nodes that are named."""
+    parser = argparse.ArgumentParser(
+        prog='composed', description=__doc__,
+        epilog='Parameters follow --ros-args, each after the name of its node: '
+               '-p trajectory_server:skill:=skill.json. For the calmest stream give the server a '
+               'process of its own.')
+    parser.add_argument('nodes', nargs='+', choices=NODES, metavar='NODE',
+                        help=f'one of {", ".join(NODES)}; each once')
+    names = parser.parse_args(own_words(arguments)).nodes
+    if len(set(names)) < len(names):
+        parser.error(f'every node once, got {" ".join(names)}')
+    return run([NODES[name] for name in names], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,91 @@
+"""
+Every parameter of every node as text: ``config/*.yaml`` and ``docs/parameters.md``.
+
+``python -m gdmp_ros.ros.parameter_tables`` in the folder of the project writes them anew.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from gdmp_ros.ros.adapter import node as adapter
+from gdmp_ros.ros.server import parameters as server_parameters
+from gdmp_ros.ros.arm import parameters as sim_parameters
+from gdmp_ros.ros.recorder import node as take_recorder
+from gdmp_ros.ros.visualizer import node as visualizer
+from gdmp_ros.ros.parameters import CHANGES, Spec
+from gdmp_ros.util.atomic_write import write_text
+
+NODES: dict[str, tuple[str, Sequence[Spec]]] = {
+    'trajectory_server': ('Trajectory server', server_parameters.SPECS),
+    'panda_sim': ('Simulated Panda', sim_parameters.SPECS),
+    'adapter': ('Adapter to other controllers', adapter.SPECS),
+    'take_recorder': ('Recorder of takes', take_recorder.SPECS),
+    'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),
+}
+_WIDTH = 98
+
+
+def bounds(spec: Spec) -> str:
+    """Range of a parameter, or its choices; empty where there are none."""
+    if spec.choices:
+        return ', '.join(spec.choices)
+    if spec.low is None or spec.high is None:
+        return ''
+    return f'{spec.low:g} to {spec.high:g}'
+
+
+def yaml_text(node: str) -> str:
+    """Configuration file of a node: every parameter with its default, unit and range."""
+    title, specs = NODES[node]
+    lines = [f'# {title}: every parameter with its default.', f'/**/{node}:',
+             '  ros__parameters:']
+    for spec in specs:
+        unit = f' [{spec.unit}]' if spec.unit else ''
+        words = '; '.join(filter(None, [spec.description + unit, bounds(spec)]))
+        lines += _comment(words)
+        value = yaml.safe_dump(spec.default, default_flow_style=True).removesuffix('...\n').strip()
+        lines.append(f'    {spec.name}: {value}')
+    return '\n'.join(lines) + '\n'
+
+
+def _comment(words: str) -> list[str]:
+    lines, line = [], '    #'
+    for word in words.split():
+        if len(line) + 1 + len(word) > _WIDTH:
+            lines.append(line)
+            line = '    #'
+        line += f' {word}'
+    return [*lines, line]
+
+
+def markdown() -> str:
+    """Page with a table for each node."""
+    lines = ['# Parameters', '', 'Generated from the nodes. A change that is refused says why '
+             '(`ros2 param set`); what is refused leaves everything as it was.', '']
+    for node, (title, specs) in NODES.items():
+        lines += [f'## `{node}`: {title.lower()}', '',
+                  '| parameter | default | unit | range | changes | what it is |',
+                  '|---|---|---|---|---|---|']
+        lines += [f'| `{spec.name}` | `{_short(spec.default)}` | {spec.unit} | {bounds(spec)} | '
+                  f'{CHANGES[spec.changes]} | {spec.description} |' for spec in specs]
+        lines.append('')
+    return '\n'.join(lines)
+
+
+def _short(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def files() -> dict[Path, str]:
+    """All generated files, relative to the project, with their text."""
+    made = {Path('config') / f'{node}.yaml': yaml_text(node) for node in NODES}
+    return {**made, Path('docs/parameters.md'): markdown()}
+
+
+if __name__ == '__main__':
+    for path, text in files().items():
+        write_text(path, text)
+        print(f'wrote {path}')

@@ -1,0 +1,200 @@
+"""Records takes of a demonstration: begin, end and drop them by service, as often as it takes."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import shutil
+import time
+from typing import Any
+
+from gdmp_msgs.msg import RecorderState
+from std_srvs.srv import Trigger
+
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.data import takes
+from gdmp_ros.data.bags import BagWriter, STORAGES
+from gdmp_ros.ros.lifecycle import ManagedNode, run
+from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap
+
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('folder', 'takes', 'where the takes are written, one bag each'),
+    Spec('prefix', 'take', 'takes are called PREFIX_001, PREFIX_002, …'),
+    Spec('storage', 'mcap', 'of the bags', choices=tuple(sorted(STORAGES))),
+    Spec('pose_topic', '/panda_sim/measured_pose', 'geometry_msgs/PoseStamped of the tool'),
+    Spec('also', [''], 'more topics to record, as TOPIC=package/msg/Type'),
+    Spec('longest', 600.0, 'a take ends by itself after this', 's', 1.0, 86400.0),
+    Spec('keep_free', 64.0, 'a take ends while the disk has so much room left', 'MB', 1.0, 1e6),
+)
+POSE = 'geometry_msgs/msg/PoseStamped'
+
+
+class TakeRecorder(ManagedNode):
+    """The managed node ``take_recorder``."""
+
+    def __init__(self) -> None:
+        super().__init__('take_recorder')
+        self.parameters = Parameters(self, SPECS)
+        self._tap: Tap | None = None
+        self._writer: BagWriter | None = None
+        self._kept: Path | None = None
+        self._state = RecorderState(status='waiting')
+
+    def configure(self) -> None:
+        self._state, self._kept = RecorderState(status='waiting'), None
+        self._folder = Path(self.parameters.folder).expanduser().absolute()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
+        self._topics = self._wanted()
+        self._publisher = self.add_publisher(RecorderState, '~/state', 10)
+        for name, action in (('start', self.start), ('stop', self.stop),
+                             ('discard', self.discard)):
+            self.add_service(Trigger, name, self._answering(action))
+        self.parameters.locked = True
+
+    def activate(self) -> None:
+        self._tap = Tap(self, self._topics)
+        self._timers = [self.wall_timer(DRAIN_S, self._drain), self.wall_timer(0.1, self._report)]
+        self.get_logger().info(f'takes go to {self._folder}, of {", ".join(self._topics)}')
+
+    def deactivate(self) -> None:
+        if self._tap is None:
+            return
+        try:
+            if self._writer is not None:
+                self._finish('the recorder was deactivated')
+        except (GdmpError, OSError) as error:
+            self.get_logger().error(str(error))
+        finally:
+            for timer in self._timers:
+                self.destroy_timer(timer)
+            self._tap.release(self)
+            self._tap = None
+
+    def cleanup(self) -> None:
+        self.release()
+        self.parameters.locked = False
+
+    def _wanted(self) -> dict[str, str]:
+        result = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
+        for pair in filter(None, self.parameters.also):
+            topic, _, kind = pair.partition('=')
+            try:
+                message_class(kind)
+            except (ValueError, ImportError, AttributeError):
+                raise ParameterError(f'also has {pair!r}, expected TOPIC=package/msg/Type of an '
+                                     'installed package') from None
+            result[self.resolve_topic_name(topic)] = kind
+        return result
+
+    def takes(self) -> list[str]:
+        """Names of all takes in the folder."""
+        return sorted(path.parent.name for path in self._folder.glob('*/metadata.yaml'))
+
+    def start(self) -> str:
+        """Begin a take; what to say about it."""
+        if self._tap is None:
+            raise ParameterError('the recorder is not active: activate it first')
+        if self._writer is not None:
+            raise ParameterError(f'{self._state.take} is being recorded: stop or discard it first')
+        name = self._next_name()
+        self._tap.begin()
+        self._writer = BagWriter(self._folder / name, self.parameters.storage).open()
+        self._begun = time.monotonic()
+        self._state.take, self._state.messages, self._state.problem = name, 0, ''
+        return f'recording {name}'
+
+    def stop(self) -> str:
+        """End the take and keep it."""
+        if self._writer is None:
+            raise ParameterError('nothing is being recorded: start a take first')
+        return self._finish('')
+
+    def discard(self) -> str:
+        """Drop the take that is being recorded, or else put the last one aside."""
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close(keep=False)
+            return f'dropped {writer.path.name} while it was being recorded'
+        if self._kept is None or not self._kept.exists():
+            raise ParameterError('there is no take of this session to discard; put older ones '
+                                 'aside with gdmp takes FOLDER --drop NAME')
+        kept, self._kept = self._kept, None
+        return f'put aside: {takes.drop(kept.parent, kept.name)}'
+
+    def _next_name(self) -> str:
+        prefix = f'{self.parameters.prefix}_'
+        used = [int(name[len(prefix):]) for name in self.takes()
+                if name.startswith(prefix) and name[len(prefix):].isdigit()]
+        return f'{prefix}{max(used, default=0) + 1:03d}'
+
+    def _finish(self, problem: str) -> str:
+        """Close the take that is being recorded; a take without messages is not kept."""
+        writer, tap, self._writer = self._writer, self._tap, None
+        if writer is None or tap is None:
+            return ''
+        try:
+            self._state.messages += tap.drain(writer)
+        finally:
+            # What was written so far is kept, whatever has come between.
+            writer.close(keep=self._state.messages > 0)
+        missing = ', '.join(sorted(tap.waiting))
+        if missing:
+            problem = f'{problem}; nothing has come on {missing}'.strip('; ')
+        if not self._state.messages:
+            raise DataError(f'{self._state.take} is not kept: {problem}')
+        self._kept = writer.path
+        self._state.problem = problem
+        text = (f'{writer.path}: {self._state.messages} messages in {self._state.duration:.1f} s'
+                + (f'; {problem}' if problem else ''))
+        self.get_logger().info(text)
+        return text
+
+    def _drain(self) -> None:
+        writer, tap = self._writer, self._tap
+        if tap is None or writer is None:
+            return
+        self._state.duration = time.monotonic() - self._begun
+        try:
+            self._state.messages += tap.drain(writer)
+            free = shutil.disk_usage(self._folder).free
+            if free < self.parameters.keep_free * 1e6:
+                self._finish(f'the disk is nearly full ({free / 1e6:.0f} MB left)')
+            elif self._state.duration > self.parameters.longest:
+                self._finish(f'a take lasts at most {self.parameters.longest:g} s')
+        except (GdmpError, OSError) as error:
+            self._state.problem = str(error)
+            self.get_logger().error(str(error))
+
+    def _report(self) -> None:
+        if self._writer is None and self._tap is not None:
+            self._tap.drain(None)
+        state = self._state
+        state.header.stamp = self.get_clock().now().to_msg()
+        state.folder, state.takes = str(self._folder), self.takes()
+        waiting = self._tap is not None and self._tap.waiting
+        state.status = ('recording' if self._writer is not None
+                        else 'waiting' if waiting else 'ready')
+        self._publisher.publish(state)
+
+    def _answering(self, action: Callable[[], str]) -> Callable[[Any, Any], Any]:
+        def answer(_: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
+            try:
+                reply.success, reply.message = True, action()
+            except (GdmpError, OSError) as error:
+                reply.success, reply.message = False, str(error)
+                self.get_logger().warning(reply.message)
+            return reply
+        return answer
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``take_recorder``."""
+    return run([TakeRecorder], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

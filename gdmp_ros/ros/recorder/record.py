@@ -1,0 +1,152 @@
+"""Records topics to a bag without losing a message: deep histories, drained in batches."""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection, Mapping
+from importlib import import_module
+import os
+from pathlib import Path
+import shutil
+import sys
+import time
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.data.bags import BagWriter
+from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable
+from gdmp_ros.util.dds_network import network
+from gdmp_ros.util.processes import ended_by_signal
+
+#: Recording ends while the disk still has so much room: bags need some to be closed [MB].
+KEEP_FREE_MB = 64.0
+#: How often the histories are drained [s]: 20 messages of a 1 kHz topic at a time.
+DRAIN_S = 0.02
+
+
+def message_class(name: str) -> Any:
+    """Message class of a type name ``package/msg/Name``."""
+    package, _, kind = name.split('/')
+    return getattr(import_module(f'{package}.msg'), kind)
+
+
+def definition(name: str) -> tuple[str, str]:
+    """Text of a message definition with all it contains, as bags store it, and its digest."""
+    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+    store = get_typestore(Stores.ROS2_JAZZY)
+    package, _, kind = name.split('/')
+    path = _share(package) / 'msg' / f'{kind}.msg'
+    store.register(get_types_from_msg(path.read_text(), name))
+    text, _ = store.generate_msgdef(name, ros_version=2)
+    return text, store.hash_rihs01(name)
+
+
+def _share(package: str) -> Path:
+    """Where a package keeps its files; the wheels install to the interpreter's own prefix."""
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        folder = Path(prefix) / 'share' / package
+        if folder.is_dir():
+            return folder
+    raise DataError(f'package {package} is not installed in any of {prefixes}')
+
+
+class Tap:
+    """
+    Raw subscriptions whose every message goes to a bag, stamped with the time it was published.
+
+    :ivar waiting: topics that have not brought a message since the last `begin`
+    """
+
+    def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = ()):
+        """
+        Subscribe.
+
+        :param topics: topic names and their types (``package/msg/Name``)
+        :param best_effort: topics whose publishers do not offer more
+        """
+        self._inputs = []
+        self.waiting = set(topics)
+        for topic, kind in topics.items():
+            quality = reliable(DEEP)
+            if topic in best_effort:
+                quality.reliability = ReliabilityPolicy.BEST_EFFORT
+            subscription = node.create_subscription(
+                message_class(kind), topic, lambda _: None, quality, raw=True,
+                callback_group=PolledGroup())
+            extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
+            self._inputs.append((topic, kind, subscription, *extra))
+
+    def begin(self) -> None:
+        """Forget what has arrived so far."""
+        self.drain(None)
+        self.waiting = {topic for topic, *_ in self._inputs}
+
+    def drain(self, writer: BagWriter | None) -> int:
+        """Write everything that has arrived, or drop it; how many messages there were."""
+        count = 0
+        for topic, kind, subscription, text, digest in self._inputs:
+            with subscription.handle:
+                while True:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    count += 1
+                    self.waiting.discard(topic)
+                    if writer is not None:
+                        writer.raw(topic, kind, taken[1]['source_timestamp'], taken[0], text,
+                                   digest)
+        return count
+
+    def release(self, node: Node) -> None:
+        """Unsubscribe."""
+        for _, _, subscription, *_ in self._inputs:
+            node.destroy_subscription(subscription)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Record until SIGTERM or SIGINT; the bag appears under its name when it is complete."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('bag')
+    parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
+                        help='end the recording while the disk has so much room left '
+                             '(default %(default)g)')
+    parser.add_argument('--best-effort', action='append', default=[], metavar='TOPIC',
+                        help='take a topic whose publisher is not reliable')
+    parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
+    options = parser.parse_args(arguments)
+    topics = dict(pair.split('=', 1) for pair in options.topics)
+    os.environ.update(network())
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    ended = ended_by_signal()
+    try:
+        with BagWriter(options.bag) as writer:
+            tap = Tap(Node('recorder'), topics, options.best_effort)
+            print(f'waiting for {", ".join(topics)}', flush=True)
+            said, full = False, False
+            while not ended.is_set() and not full:
+                tap.drain(writer)
+                full = shutil.disk_usage(writer.path.parent).free < options.keep_free * 1e6
+                if not tap.waiting and not said:
+                    print('recording', flush=True)
+                    said = True
+                time.sleep(DRAIN_S)
+            tap.drain(writer)
+        if full:
+            raise DataError(f'{options.bag}: the disk is nearly full (less than '
+                            f'{options.keep_free:g} MB left): the recording has ended, and what '
+                            'was recorded is kept')
+    except GdmpError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    finally:
+        rclpy.shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

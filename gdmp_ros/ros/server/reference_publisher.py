@@ -1,0 +1,38 @@
+"""The reference of a tick on its three topics."""
+from __future__ import annotations
+
+import secrets
+
+from gdmp_msgs.msg import Reference
+import numpy as np
+
+from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
+from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream
+
+
+class ReferencePublisher:
+    """``~/reference`` whole and stamped; ``~/reference_pose`` and ``~/reference_stiffness``."""
+
+    def __init__(self, node: ManagedNode, frame: str):
+        """:param frame: ``frame_id`` of the references"""
+        reference = Reference()
+        reference.header.frame_id = frame
+        self._whole = Stream(node.add_publisher(Reference, '~/reference', DEEP),
+                             wire.Patched(reference, TARGET_SIZE, wire.fill_reference))
+        self._pose = pose_stream(node, '~/reference_pose', frame)
+        self._stiffness = stiffness_stream(node, '~/reference_stiffness')
+        # Numbers of two publishers never follow each other: who listens can tell them apart.
+        self._sequence = secrets.randbelow(1 << 31) << 30
+
+    def publish(self, target: np.ndarray, stamp_ns: int) -> None:
+        """
+        Publish a tick.
+
+        :param target: `TARGET_SIZE` numbers
+        """
+        self._sequence += 1
+        self._whole.publish(target, stamp_ns, self._sequence)
+        self._pose.publish(target[POSE:POSE + 7], stamp_ns)
+        self._stiffness.publish(target[STIFFNESS:STIFFNESS + 36])

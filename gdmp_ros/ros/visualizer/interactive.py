@@ -1,0 +1,139 @@
+"""
+Interactive markers, as RViz knows them: poses that a user drags.
+
+The protocol is that of visualization_msgs: a service tells a newcomer all markers, a topic tells
+changes, numbered; what the user does comes back on a third.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+import time
+
+from geometry_msgs.msg import Quaternion
+import numpy as np
+from visualization_msgs.msg import (
+    InteractiveMarker,
+    InteractiveMarkerControl,
+    InteractiveMarkerFeedback,
+    InteractiveMarkerPose,
+    InteractiveMarkerUpdate,
+    Marker,
+    MenuEntry,
+)
+from visualization_msgs.srv import GetInteractiveMarkers
+
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import ManagedNode
+
+#: Of updates and of what users do; a user who drags says so with every frame that is drawn.
+DEPTH = 100
+#: A user who holds a marker says so four times a second; after this it has been let go [s].
+HELD_S = 1.0
+#: Where it was let go it stays for so long: what it asked for takes a moment [s].
+REST_S = 0.5
+_AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+
+
+def handle(name: str, description: str, frame: str, scale: float, shapes: Sequence[Marker],
+           menu: Sequence[str] = ()) -> InteractiveMarker:
+    """
+    Make a marker that is moved and turned along its axes.
+
+    :param shapes: what it looks like, poses relative to it
+    :param menu: titles; their numbers begin with 1
+    """
+    result = InteractiveMarker(name=name, description=description, scale=scale)
+    result.header.frame_id = frame
+    for axis, direction in _AXES.items():
+        half = math.sqrt(0.5)
+        turn = Quaternion(w=half, **{a: half * d for a, d in zip('xyz', direction)})
+        for mode, what in ((InteractiveMarkerControl.MOVE_AXIS, 'move'),
+                           (InteractiveMarkerControl.ROTATE_AXIS, 'turn')):
+            result.controls.append(InteractiveMarkerControl(
+                name=f'{what}_{axis}', orientation=turn, interaction_mode=mode))
+    result.controls.append(InteractiveMarkerControl(
+        name='body', always_visible=True, markers=list(shapes),
+        interaction_mode=(InteractiveMarkerControl.MENU if menu
+                          else InteractiveMarkerControl.MOVE_3D)))
+    result.menu_entries = [MenuEntry(id=i, title=title, command_type=MenuEntry.FEEDBACK)
+                           for i, title in enumerate(menu, 1)]
+    return result
+
+
+class InteractiveMarkers:
+    """Serves markers under the name of a node; calls back when one is used."""
+
+    def __init__(self, node: ManagedNode, used: Callable[[InteractiveMarkerFeedback], None]):
+        """:param used: takes what a user does"""
+        self._markers: dict[str, InteractiveMarker] = {}
+        self._used = used
+        self._sequence = 0
+        self._dragged: dict[str, float] = {}
+        self._resting: dict[str, float] = {}
+        self._update = node.add_publisher(InteractiveMarkerUpdate, '~/update', DEPTH)
+        node.add_subscription(InteractiveMarkerFeedback, '~/feedback', self.take_feedback, DEPTH)
+        node.add_service(GetInteractiveMarkers, 'get_interactive_markers', self._on_get)
+        self._name = node.get_fully_qualified_name()
+
+    def put(self, marker: InteractiveMarker) -> None:
+        """Add a marker, or replace the one of the same name."""
+        self._markers[marker.name] = marker
+        self._send(markers=[marker])
+
+    def remove(self, name: str) -> None:
+        """Take a marker away, if it is there."""
+        if self._markers.pop(name, None) is not None:
+            self._dragged.pop(name, None)
+            self._send(erases=[name])
+
+    def names(self) -> set[str]:
+        """Markers that there are."""
+        return set(self._markers)
+
+    def dragged(self, name: str) -> bool:
+        """Whether a user holds a marker."""
+        return time.monotonic() - self._dragged.get(name, -HELD_S) < HELD_S
+
+    def pose(self, name: str) -> np.ndarray:
+        """Where a marker is (x, y, z, qw, qx, qy, qz)."""
+        return wire.pose_numbers(self._markers[name].pose)
+
+    def move(self, name: str, pose: np.ndarray) -> None:
+        """Put a marker elsewhere, unless a user holds it, has just let go, or it is there."""
+        waits = time.monotonic() - self._resting.get(name, -REST_S) < REST_S
+        if self.dragged(name) or waits or np.allclose(pose, self.pose(name), atol=1e-9):
+            return
+        marker = self._markers[name]
+        wire.set_pose(marker.pose, pose)
+        self._send(poses=[InteractiveMarkerPose(header=marker.header, pose=marker.pose,
+                                                name=name)])
+
+    def _send(self, **changes: object) -> None:
+        self._sequence += 1
+        self._update.publish(InteractiveMarkerUpdate(
+            server_id=self._name, seq_num=self._sequence, type=InteractiveMarkerUpdate.UPDATE,
+            **changes))
+
+    def _on_get(self, _: GetInteractiveMarkers.Request,
+                reply: GetInteractiveMarkers.Response) -> GetInteractiveMarkers.Response:
+        reply.sequence_number, reply.markers = self._sequence, list(self._markers.values())
+        return reply
+
+    def take_feedback(self, message: InteractiveMarkerFeedback) -> None:
+        """Use what a user does to a marker; of others, and without a finite pose, nothing."""
+        marker = self._markers.get(message.marker_name)
+        if marker is None or message.header.frame_id != marker.header.frame_id:
+            return
+        numbers = wire.pose_numbers(message.pose)
+        if not np.isfinite(numbers).all():
+            return
+        kind = InteractiveMarkerFeedback
+        if message.event_type in (kind.MOUSE_DOWN, kind.POSE_UPDATE, kind.KEEP_ALIVE):
+            self._dragged[message.marker_name] = time.monotonic()
+        if message.event_type in (kind.POSE_UPDATE, kind.MOUSE_UP):
+            marker.pose = message.pose
+        if message.event_type == kind.MOUSE_UP:
+            self._dragged.pop(message.marker_name, None)
+            self._resting[message.marker_name] = time.monotonic()
+        self._used(message)

@@ -1,0 +1,251 @@
+"""What an arm looks like: its shapes, and its description as URDF for those who read no MJCF."""
+from __future__ import annotations
+
+from typing import NamedTuple
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.sim.arm import Arm
+
+_GEOM = mujoco.mjtGeom
+_KINDS = {int(_GEOM.mjGEOM_SPHERE): 'sphere', int(_GEOM.mjGEOM_BOX): 'box',
+          int(_GEOM.mjGEOM_CYLINDER): 'cylinder', int(_GEOM.mjGEOM_CAPSULE): 'capsule'}
+#: Geoms of the groups that MuJoCo's window shows at first.
+_SHOWN_GROUPS = 3
+
+
+class Shape(NamedTuple):
+    """
+    One simple shape.
+
+    :ivar kind: ``sphere``, ``box`` or ``cylinder`` (along its z)
+    :ivar size: extents along its axes [m], shape ``(3,)``
+    :ivar body: number of the body that it is fixed to
+    :ivar pose: in the body's frame, (x, y, z, qw, qx, qy, qz)
+    :ivar colour: red, green, blue, opacity, 0 to 1
+    """
+
+    kind: str
+    size: np.ndarray
+    body: int
+    pose: np.ndarray
+    colour: np.ndarray
+
+
+def shapes(arm: Arm) -> list[Shape]:
+    """
+    Shapes of all bodies: capsules in three parts, meshes as the boxes around them.
+
+    Of a body whose geoms are all hidden, the hidden ones.
+    """
+    model, result = arm.model, []
+    visible = {int(model.geom_bodyid[i]) for i in range(model.ngeom)
+               if model.geom_group[i] < _SHOWN_GROUPS}
+    for i in range(model.ngeom):
+        body = int(model.geom_bodyid[i])
+        kind = _KINDS.get(int(model.geom_type[i]), '')
+        mesh = int(model.geom_type[i]) == int(_GEOM.mjGEOM_MESH)
+        hidden = model.geom_group[i] >= _SHOWN_GROUPS and body in visible
+        if body == 0 or hidden or not (kind or mesh):
+            continue
+        material = int(model.geom_matid[i])
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[i]
+        colour = colour.astype(float).round(4)
+        size, place, turn = model.geom_size[i], model.geom_pos[i], model.geom_quat[i]
+        if mesh:
+            kind, size = 'box', model.geom_aabb[i, 3:]
+            place = place + _rotation(turn).apply(model.geom_aabb[i, :3])
+
+        def add(kind: str, extents: list[float], along: float = 0.0, turn: np.ndarray = turn,
+                place: np.ndarray = place, body: int = body, colour: np.ndarray = colour) -> None:
+            middle = place + along * _rotation(turn).as_matrix()[:, 2]
+            result.append(Shape(kind, np.array(extents), body, np.concatenate([middle, turn]),
+                                colour))
+
+        wide = 2.0 * size[0]
+        if kind == 'box':
+            add('box', list(2.0 * size))
+        elif kind == 'sphere':
+            add('sphere', [wide] * 3)
+        else:
+            add('cylinder', [wide, wide, 2.0 * size[1]])
+            if kind == 'capsule':
+                for end in (-size[1], size[1]):
+                    add('sphere', [wide] * 3, end)
+    return result
+
+
+def placed(arm: Arm, shape: Shape) -> np.ndarray:
+    """Pose of a shape in the base frame, where the arm is now."""
+    return _compose(np.concatenate([arm.data.xpos[shape.body], arm.data.xquat[shape.body]]),
+                    shape.pose)
+
+
+def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> str:
+    """
+    Describe an arm as URDF.
+
+    Links are the model's bodies and sites; joints keep the names that ``joint_states`` has.
+    Frames, inertial parameters, limits and simple shapes are the model's.
+
+    :param frame: name of the link where the model's origin is, in which poses are; what it has
+        before the first body's own name, as ``panda_`` before ``link0``, goes before the names of
+        the other links too
+    :param joint_speed: limit of every joint, which MJCF does not know [rad/s]
+    :raises DataError: for joints that URDF cannot describe, or if the frame is elsewhere
+    """
+    model, drawn = arm.model, shapes(arm)
+    links = _links(arm, frame)
+    robot = ET.Element('robot', name=links.prefix.strip('_') or 'arm')
+    for i, name in links.bodies.items():
+        element = ET.SubElement(robot, 'link', name=name)
+        if i == 0:
+            continue
+        _inertial(element, model, i)
+        for shape in (s for s in drawn if s.body == i):
+            _visual(element, shape)
+    for i, name in links.bodies.items():
+        parent = links.bodies.get(int(model.body_parentid[i]))
+        if i == 0 or parent is None:
+            continue
+        joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == i]
+        pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
+        if joints:
+            _joint(robot, arm, joints, parent, name, pose, joint_speed)
+        else:
+            _fixed(robot, parent, name, pose)
+    for s, name in links.sites.items():
+        site = model.site(s)
+        ET.SubElement(robot, 'link', name=name)
+        _fixed(robot, links.bodies[int(model.site_bodyid[s])], name,
+               np.concatenate([site.pos, site.quat]))
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
+
+
+class _Links(NamedTuple):
+    """Names of the links: of bodies (0 is the world, where it is a link) and sites by number."""
+
+    prefix: str
+    bodies: dict[int, str]
+    sites: dict[int, str]
+
+
+def _links(arm: Arm, frame: str) -> _Links:
+    model = arm.model
+    root = int(model.body_rootid[arm.tool_body])
+    bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
+    own = model.body(root).name
+    prefix = frame.removesuffix(own) if own and frame.endswith(own) else ''
+    # A body that stands at the origin for good is the frame itself.
+    base = next((i for i in bodies if f'{prefix}{model.body(i).name}' == frame), 0)
+    if base and not _at_origin(model, base):
+        raise DataError(f'the body {model.body(base).name!r} is not at the origin of the model: '
+                        f'{frame!r} cannot be the frame of its poses')
+    taken: set[str] = set()
+
+    def unique(name: str) -> str:
+        while name in taken:
+            name += '_'
+        taken.add(name)
+        return name
+
+    named = {} if base == root else {0: unique('world' if base else frame)}
+    named |= {i: unique(f'{prefix}{model.body(i).name or f"body{i}"}') for i in bodies}
+    return _Links(prefix, named, {
+        s: unique(f'{prefix}{model.site(s).name}') for s in range(model.nsite)
+        if int(model.site_bodyid[s]) in bodies and model.site(s).name})
+
+
+def _at_origin(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is where the model's origin is, whatever the joints do."""
+    while body != 0:
+        if (model.body_jntnum[body] or np.abs(model.body_pos[body]).max() > 1e-9
+                or abs(model.body_quat[body, 0]) < 1.0 - 1e-12):
+            return False
+        body = int(model.body_parentid[body])
+    return True
+
+
+def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: str,
+           pose: np.ndarray, speed: float) -> None:
+    model, j = arm.model, joints[0]
+    kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): 'revolute',
+             int(mujoco.mjtJoint.mjJNT_SLIDE): 'prismatic'}
+    kind = kinds.get(int(model.jnt_type[j]))
+    if len(joints) > 1 or kind is None or np.abs(model.jnt_pos[j]).max() > 1e-9:
+        raise DataError(f'{child}: URDF describes one hinge or slide at the origin of a body, the '
+                        f'model has {[model.joint(k).name for k in joints]}')
+    limited = bool(model.jnt_limited[j])
+    element = ET.SubElement(robot, 'joint', name=model.joint(j).name,
+                            type=kind if limited or kind == 'prismatic' else 'continuous')
+    ET.SubElement(element, 'parent', link=parent)
+    ET.SubElement(element, 'child', link=child)
+    _origin(element, pose)
+    ET.SubElement(element, 'axis', xyz=_words(model.jnt_axis[j]))
+    dof = int(model.jnt_dofadr[j])
+    limit = {'effort': f'{arm.limits.torque[dof]:.6g}', 'velocity': f'{speed:.6g}'}
+    if limited:
+        limit |= {'lower': repr(float(model.jnt_range[j, 0])),
+                  'upper': repr(float(model.jnt_range[j, 1]))}
+    ET.SubElement(element, 'limit', limit)
+    ET.SubElement(element, 'dynamics', damping=repr(float(model.dof_damping[dof])))
+
+
+def _fixed(robot: ET.Element, parent: str, child: str, pose: np.ndarray) -> None:
+    element = ET.SubElement(robot, 'joint', name=f'{child}_fixed', type='fixed')
+    ET.SubElement(element, 'parent', link=parent)
+    ET.SubElement(element, 'child', link=child)
+    _origin(element, pose)
+
+
+def _inertial(element: ET.Element, model: mujoco.MjModel, i: int) -> None:
+    if model.body_mass[i] <= 0.0:
+        return
+    inertial = ET.SubElement(element, 'inertial')
+    _origin(inertial, np.concatenate([model.body_ipos[i], model.body_iquat[i]]))
+    ET.SubElement(inertial, 'mass', value=repr(float(model.body_mass[i])))
+    moments = {key: repr(float(value)) for key, value in zip(('ixx', 'iyy', 'izz'),
+                                                             model.body_inertia[i])}
+    ET.SubElement(inertial, 'inertia', moments | {'ixy': '0', 'ixz': '0', 'iyz': '0'})
+
+
+def _visual(element: ET.Element, shape: Shape) -> None:
+    visual = ET.SubElement(element, 'visual')
+    _origin(visual, shape.pose)
+    geometry = ET.SubElement(visual, 'geometry')
+    if shape.kind == 'box':
+        ET.SubElement(geometry, 'box', size=_words(shape.size))
+    elif shape.kind == 'sphere':
+        ET.SubElement(geometry, 'sphere', radius=repr(float(shape.size[0] / 2.0)))
+    else:
+        ET.SubElement(geometry, 'cylinder', radius=repr(float(shape.size[0] / 2.0)),
+                      length=repr(float(shape.size[2])))
+    material = ET.SubElement(visual, 'material', name='rgba ' + _words(shape.colour))
+    ET.SubElement(material, 'color', rgba=_words(shape.colour))
+
+
+def _origin(element: ET.Element, pose: np.ndarray) -> None:
+    # At a pitch of 90° one of the other two is free: SciPy warns, and sets it to 0.
+    angles = _rotation(pose[3:]).as_euler('xyz', suppress_warnings=True)
+    ET.SubElement(element, 'origin', xyz=_words(pose[:3]), rpy=_words(angles))
+
+
+def _words(numbers: np.ndarray) -> str:
+    return ' '.join(repr(float(value)) for value in numbers)
+
+
+def _rotation(quaternion: np.ndarray) -> Rotation:
+    return Rotation.from_quat(np.roll(quaternion, -1))
+
+
+def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    turn = np.zeros(4)
+    mujoco.mju_mulQuat(turn, outer[3:], inner[3:])
+    moved = np.zeros(3)
+    mujoco.mju_rotVecQuat(moved, inner[:3], outer[3:])
+    return np.concatenate([outer[:3] + moved, turn])

@@ -1,0 +1,1 @@
+"""Small tools without knowledge of robots: files, processes, terminal, optional imports."""

@@ -1,0 +1,117 @@
+"""
+Many independent tasks over processes, or over a Dask cluster, with one progress bar.
+
+Finished tasks can be kept in a journal, a file with one JSON line each: what was interrupted goes
+on where it stopped.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import contextlib
+import json
+from pathlib import Path
+from typing import Any
+
+from joblib import delayed, Parallel, parallel_config
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.util.terminal import progress
+
+
+class Journal:
+    """Results by key, kept on disk as soon as they are there."""
+
+    def __init__(self, path: Path | None, subject: str):
+        """
+        Read what an earlier run has finished.
+
+        :param path: None keeps nothing
+        :param subject: what the results are of; a journal of something else is refused
+        :raises DataError: if the file is not such a journal
+        """
+        self._path = path
+        self.results: dict[str, Any] = {}
+        if path is None:
+            return
+        if not path.exists():
+            path.write_text(json.dumps({'journal': subject}) + '\n')
+            return
+        lines = path.read_text().splitlines()
+        try:
+            head = json.loads(lines[0])
+        except (ValueError, IndexError):
+            head = None
+        if head != {'journal': subject}:
+            raise DataError(f'{path}: not a journal of {subject}: remove it or name another file')
+        for line in lines[1:]:
+            # The last line is cut short where the run was killed while writing it.
+            with contextlib.suppress(ValueError):
+                key, result = json.loads(line)
+                self.results[key] = result
+
+    def keep(self, key: str, result: Any) -> None:
+        """Remember a result."""
+        self.results[key] = result
+        if self._path is not None:
+            with self._path.open('a') as out:
+                out.write(json.dumps([key, result]) + '\n')
+
+
+def mapped(title: str, function: Callable[[Any], Any], tasks: dict[str, Any], jobs: int = 1,
+           dask: str | None = None, journal: Journal | None = None) -> dict[str, Any]:
+    """
+    Apply ``function`` to every task and return the results by key, in the order of the tasks.
+
+    :param function: of one task, importable by name; its results must be fit for JSON
+    :param jobs: processes; -1 for one per core
+    :param dask: address of a Dask scheduler, instead of processes on this machine
+    :param journal: tasks it has are not done again
+    :raises DataError: if the scheduler cannot be reached
+    """
+    journal = journal or Journal(None, title)
+    left = {key: task for key, task in tasks.items() if key not in journal.results}
+    with progress(title, len(tasks)) as step, _cluster(dask):
+        for _ in range(len(tasks) - len(left)):
+            step()
+        options: dict[str, Any] = {'n_jobs': jobs} if dask is None else {}
+        worker = Parallel(return_as='generator_unordered', **options)
+        for key, result in worker(delayed(_keyed)(function, key, task)
+                                  for key, task in left.items()):
+            journal.keep(key, result)
+            step()
+    return {key: journal.results[key] for key in tasks}
+
+
+def _keyed(function: Callable[[Any], Any], key: str, task: Any) -> tuple[str, Any]:
+    return key, function(task)
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Any:
+    if address is None:
+        yield
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise DataError("the Dask backend is not installed: pip install 'gdmp_ros[dask]'"
+                        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise DataError(f'no Dask scheduler answers at {address!r}: {error}') from None
+    with client, parallel_config(backend='dask', wait_for_workers_timeout=30):
+        yield
+
+
+def chosen(arguments: Sequence[str]) -> str | None:
+    """
+    Address from ``--backend dask ADDRESS``; None where nothing was chosen.
+
+    :raises DataError: if it is another backend or has no address
+    """
+    if not arguments:
+        return None
+    if len(arguments) != 2 or arguments[0] != 'dask':
+        raise DataError(f'--backend is {" ".join(arguments)!r}, expected: dask ADDRESS')
+    return arguments[1]

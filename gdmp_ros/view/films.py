@@ -1,0 +1,121 @@
+"""
+Draws a simulated arm at given joint positions, as a picture or a film; a process of its own.
+
+A process of its own because the way to draw without a screen is chosen before MuJoCo is loaded.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.util.optional_imports import extra, needs
+
+#: Ways to render without a screen, tried in this order, and the Debian packages they need.
+BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
+#: Exit code when another way to render would not help.
+_REFUSED = 3
+
+
+def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | Path = '',
+              frame_s: float = 0.05, environment: Mapping[str, str] | None = None) -> str | None:
+    """
+    Write a picture (``.png``) or a film (``.webp``, ``.mp4``).
+
+    :param joints: one posture, shape ``(n,)``, or one for each picture of a film [rad]
+    :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
+    :param model: MJCF file or name; the built-in Panda by default
+    :param frame_s: time between the pictures of a film [s]
+    :returns: what to install where that is not possible, otherwise None
+    :raises DataError: if the film cannot be written
+    """
+    numbers = target.with_name(f'.{target.stem}.npz')
+    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s)
+    try:
+        for backend in BACKENDS:
+            done = subprocess.run(
+                [sys.executable, '-m', 'gdmp_ros.view.films', str(numbers), str(target)],
+                env={**(environment or os.environ), 'MUJOCO_GL': backend}, capture_output=True,
+                text=True)
+            if done.returncode == 0:
+                return None
+            said = (done.stdout.strip() or done.stderr.strip()).splitlines()
+            if done.returncode == _REFUSED:
+                raise DataError(said[-1])
+    finally:
+        numbers.unlink()
+    return (f'no picture of the arm: install {" or ".join(BACKENDS.values())} '
+            f'({said[-1] if said else "no reason was given"})')
+
+
+def main(numbers: str, target: str) -> int:
+    """Render what `render_to` left in ``numbers``."""
+    from PIL import Image
+
+    from gdmp_ros.sim.arm import Arm
+    from gdmp_ros.sim.viewer import NoScreenError, Pictures
+    partial = Path(target).with_name(f'.{Path(target).stem}.partial{Path(target).suffix}')
+    try:
+        with np.load(numbers) as given:
+            postures = np.atleast_2d(given['joints'])
+            film = given['joints'].ndim == 2
+            arm, path = Arm(str(given['model'])), given['path']
+            frame_s = float(given['frame_s'])
+        if postures.shape[1] != arm.model.nq:
+            raise DataError(f'postures have {postures.shape[1]} joints, the model has '
+                            f'{arm.model.nq}: name the model of the arm')
+        encode = _h264 if partial.suffix == '.mp4' else _pillow
+        with Pictures(arm, (640, 480) if film else (960, 720)) as pictures:
+            def images() -> Iterator[Any]:
+                for posture in postures:
+                    arm.reset(posture)
+                    yield Image.fromarray(pictures.take(path))
+            encode(partial, images(), frame_s)
+        os.replace(partial, target)
+    except NoScreenError as error:
+        print(error)
+        return 1
+    except DataError as error:
+        print(error)
+        return _REFUSED
+    except OSError as error:
+        print(f'{target}: cannot write: {error.strerror}')
+        return _REFUSED
+    finally:
+        partial.unlink(missing_ok=True)
+    return 0
+
+
+def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
+    """Write a picture, or an animated one; it looks at each image as it needs it."""
+    first = next(images)
+    if target.suffix == '.webp':
+        first.save(target, save_all=True, append_images=images, duration=round(1e3 * frame_s),
+                   loop=0, quality=70)
+    else:
+        first.save(target)
+
+
+def _h264(target: Path, images: Iterator[Any], frame_s: float) -> None:
+    """Write a film that every browser plays."""
+    with needs(extra('film')):
+        import av
+    rate = Fraction(1.0 / frame_s).limit_denominator(1000)
+    with av.open(str(target), 'w') as out:
+        stream = out.add_stream('libx264', rate=rate)
+        for image in images:
+            if stream.width != image.width:
+                stream.width, stream.height, stream.pix_fmt = image.width, image.height, 'yuv420p'
+            out.mux(stream.encode(av.VideoFrame.from_image(image)))
+        out.mux(stream.encode())
+
+
+if __name__ == '__main__':
+    sys.exit(main(*sys.argv[1:]))

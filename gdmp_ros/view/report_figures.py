@@ -1,0 +1,166 @@
+"""The figures of a report, to be turned and zoomed in a browser; the only place for plotly."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from gdmp_ros.data.recordings import Recording
+from gdmp_ros.data.runs import Run
+from gdmp_ros.data import run_analysis as findings
+
+#: Curves are drawn with at most so many points.
+MOST = 3000
+#: Ellipsoids along a path, and the length of the longest half-axis [m].
+ELLIPSOIDS, ELLIPSOID_M = 12, 0.035
+INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
+DASH = ('solid', 'dash', 'dot', 'dashdot', 'longdash', 'longdashdot')
+
+
+def library() -> str:
+    """The drawing library itself, for a page that needs no network."""
+    return str(get_plotlyjs())
+
+
+def html(figure: go.Figure, name: str) -> str:
+    """A figure as a part of a page."""
+    return str(figure.to_html(full_html=False, include_plotlyjs=False, div_id=name,
+                              config={'displaylogo': False, 'responsive': True}))
+
+
+def _thin(count: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
+
+
+def _path(positions: np.ndarray, name: str, ink: str, dash: str = 'solid') -> go.Scatter3d:
+    x, y, z = positions[_thin(len(positions))].T
+    return go.Scatter3d(x=x, y=y, z=z, mode='lines', name=name,
+                        line={'color': ink, 'width': 4, 'dash': dash})
+
+
+def _ellipsoids(positions: np.ndarray, matrices: np.ndarray, name: str) -> go.Scatter3d:
+    """Three rings of each ellipsoid; the longest axis is the stiffest direction."""
+    steps = np.linalg.norm(np.diff(positions, axis=0, prepend=positions[:1]), axis=1)
+    passed = np.cumsum(steps)
+    at = np.minimum(np.searchsorted(passed, np.linspace(0.0, passed[-1], ELLIPSOIDS)),
+                    len(positions) - 1)
+    angle = np.linspace(0.0, 2.0 * np.pi, 25)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    unit = np.vstack([np.vstack([np.roll(ring, k, axis=1), np.full((1, 3), np.nan)])
+                      for k in range(3)])
+    largest = float(np.linalg.eigvalsh(matrices[at]).max())
+    lines = np.vstack([positions[i] + unit @ (matrices[i] * ELLIPSOID_M / largest).T for i in at])
+    x, y, z = lines.T
+    return go.Scatter3d(x=x, y=y, z=z, mode='lines', name=f'{name} (longest {largest:.0f} N/m)',
+                        line={'color': INK[2], 'width': 1.5}, connectgaps=False)
+
+
+def _point(position: np.ndarray, name: str, symbol: str) -> go.Scatter3d:
+    return go.Scatter3d(x=position[:1], y=position[1:2], z=position[2:3], mode='markers',
+                        name=name, marker={'size': 5, 'color': '#111', 'symbol': symbol})
+
+
+def _space(traces: Sequence[Any]) -> go.Figure:
+    figure = go.Figure(list(traces))
+    figure.update_layout(scene={'xaxis_title': 'x [m]', 'yaxis_title': 'y [m]',
+                                'zaxis_title': 'z [m]', 'aspectmode': 'data'},
+                         height=620, margin={'l': 0, 'r': 0, 't': 20, 'b': 0})
+    return figure
+
+
+def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
+               marks: Sequence[findings.Event] = ()) -> go.Figure:
+    """Panels above each other on one axis of time."""
+    figure = make_subplots(rows=len(rows), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for number, (label, curves) in enumerate(rows, 1):
+        for k, (name, times, values) in enumerate(curves):
+            # A curve that has a panel of its own is named by its axis.
+            alone = len(curves) == 1
+            kept = _thin(len(times))
+            figure.add_trace(go.Scatter(
+                x=times[kept], y=values[kept], name=name, mode='lines', showlegend=not alone,
+                line={'color': INK[k % 6], 'dash': DASH[k % 6], 'width': 1.5}), number, 1)
+        figure.update_yaxes(title_text=label, row=number, col=1)
+    for mark in marks:
+        figure.add_vline(x=mark.time, line={'color': '#999', 'width': 1, 'dash': 'dot'})
+    figure.update_xaxes(title_text='time [s]', row=len(rows), col=1)
+    figure.update_layout(height=60 + 190 * len(rows), margin={'l': 70, 'r': 20, 't': 20, 'b': 40},
+                         plot_bgcolor='#fafafa')
+    return figure
+
+
+def _eigenvalues(matrices: np.ndarray, times: np.ndarray, name: str
+                 ) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    values = np.linalg.eigvalsh(matrices)
+    return [(f'{name} {word}', times, values[:, k])
+            for word, k in (('smallest', 0), ('largest', -1))]
+
+
+def run_in_space(run: Run) -> go.Figure:
+    """Reference and arm, with the stiffness that was asked for."""
+    kept = run.moving if run.moving.any() else slice(None)
+    moving = run.references[kept]
+    matrices = run.reference_stiffness[kept].reshape(-1, 6, 6)[:, :3, :3]
+    return _space([_path(moving[:, :3], 'reference', INK[0], 'dash'),
+                   _path(run.poses[:, :3], 'arm', INK[1]),
+                   _ellipsoids(moving[:, :3], matrices, 'stiffness'),
+                   _point(moving[0, :3], 'start', 'circle'),
+                   _point(moving[-1, :3], 'end', 'diamond')])
+
+
+def run_over_time(run: Run, tracked: findings.Tracking,
+                  marks: Sequence[findings.Event]) -> go.Figure:
+    """Errors, stiffness, speed, energy and lateness."""
+    origin = run.state_stamps[0]
+    times = (run.state_stamps - origin) * 1e-9
+    sent = (run.reference_stamps - origin) * 1e-9
+    states, away, turned = tracked
+    kept, less = _thin(len(times)), _thin(len(sent))
+
+    def blocks(rows: np.ndarray) -> np.ndarray:
+        return np.asarray(rows.reshape(-1, 6, 6)[:, :3, :3])
+    return _over_time([
+        ('position error [mm]', [('position', times[states], 1e3 * away)]),
+        ('rotation error [rad]', [('rotation', times[states], turned)]),
+        ('stiffness [N/m]', [
+            *_eigenvalues(blocks(run.reference_stiffness[less]), sent[less], 'asked for,'),
+            *_eigenvalues(blocks(run.stiffness[kept]), times[kept], 'applied,')]),
+        ('speed [m/s]', [('tool', times, np.linalg.norm(run.twists[:, :3], axis=1))]),
+        ('energy tank [J]', [('tank', times, run.tank)]),
+        ('lateness [µs]', [('reference', sent, 1e6 * findings.lateness(run))])], marks)
+
+
+def demonstration_in_space(recording: Recording) -> go.Figure:
+    """The path that was shown, with its stiffness where it has one."""
+    points = recording.demonstration.points
+    traces = [_path(points[:, :3], 'shown', INK[0]), _point(points[0, :3], 'start', 'circle'),
+              _point(points[-1, :3], 'end', 'diamond')]
+    matrices = _stiffness(points)
+    if matrices is not None:
+        traces.insert(1, _ellipsoids(points[:, :3], matrices, 'stiffness'))
+    return _space(traces)
+
+
+def demonstration_over_time(recording: Recording) -> go.Figure:
+    """Position, orientation, speed and stiffness."""
+    shown = recording.demonstration
+    times, points = shown.times, shown.points
+    speed = np.linalg.norm(np.gradient(points[:, :3], times, axis=0), axis=1)
+    rows = [('position [m]', [(name, times, points[:, k]) for k, name in enumerate('xyz')]),
+            ('quaternion', [(name, times, points[:, 3 + k])
+                            for k, name in enumerate(('qw', 'qx', 'qy', 'qz'))]),
+            ('speed [m/s]', [('tool', times, speed)])]
+    matrices = _stiffness(points)
+    if matrices is not None:
+        rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'shown,')))
+    return _over_time(rows)
+
+
+def _stiffness(points: np.ndarray) -> np.ndarray | None:
+    """Translational stiffness of a demonstration's points, None where they have none."""
+    size = {16: 3, 43: 6}.get(points.shape[1])
+    return None if size is None else points[:, 7:].reshape(-1, size, size)[:, :3, :3].copy()
