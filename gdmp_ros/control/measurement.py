@@ -1,4 +1,4 @@
-"""What a robot tells its controller."""
+"""What a robot reports to its controller."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 class Measurement(NamedTuple):
     """
-    What a robot tells its controller at a tick.
+    Measurements of one tick.
 
     :ivar position: of the joints [rad], shape ``(n,)``
     :ivar velocity: of the joints [rad/s], shape ``(n,)``
@@ -17,10 +17,9 @@ class Measurement(NamedTuple):
     :ivar jacobian: of the tool in the base frame, linear over angular, shape ``(6, n)``
     :ivar inertia: joint-space inertia, shape ``(n, n)``
     :ivar bias: gravity and Coriolis torque [Nm], shape ``(n,)``
-    :ivar external: torque of contacts and applied forces [Nm], shape ``(n,)``
-    :ivar drift: J̇ q̇, acceleration of the tool that the joints' velocity alone brings [m/s²,
-        rad/s²]
-    :ivar potential: energy of gravity, up to a constant [J]
+    :ivar external: torque of contacts and external forces [Nm], shape ``(n,)``
+    :ivar jdot_qdot: J̇ q̇, acceleration of the tool at constant joint velocity [m/s², rad/s²]
+    :ivar potential: potential energy of gravity, up to a constant [J]
     """
 
     position: np.ndarray
@@ -30,7 +29,7 @@ class Measurement(NamedTuple):
     inertia: np.ndarray
     bias: np.ndarray
     external: np.ndarray
-    drift: np.ndarray
+    jdot_qdot: np.ndarray
     potential: float
 
 

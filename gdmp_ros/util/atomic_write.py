@@ -1,18 +1,21 @@
-"""Text files that are written whole or not at all."""
+"""Files that are written whole or not at all: readers see the old content or the new one."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 import json
 import os
 from pathlib import Path
 import tempfile
 from typing import Any
 
+import numpy as np
+
 
 def write_text(path: Path, text: str) -> None:
     """
-    Write beside ``path`` first and move it there: a reader sees the old file or the new one.
+    Write a text file in a temporary place and move it to ``path``.
 
-    :raises OSError: if it cannot be written; the old file stays
+    :raises OSError: if it cannot be written; an old file stays
     """
     handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
     try:
@@ -26,5 +29,16 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write plain values as indented JSON, whole or not at all (see `write_text`)."""
+    """Write plain values as indented JSON (see `write_text`)."""
     write_text(path, json.dumps(document, indent=1) + '\n')
+
+
+def write_archive(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """
+    Write a compressed NumPy archive of named arrays.
+
+    :param path: ending in ``.npz``
+    """
+    partial = path.with_name(f'.{path.stem}.partial.npz')
+    np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
+    partial.replace(path)

@@ -1,4 +1,4 @@
-"""Modules that may not be installed, and where they come from."""
+"""Imports of packages that may not be installed, with an error that says where they come from."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -6,25 +6,26 @@ from contextlib import contextmanager
 
 from gdmp_ros.errors import DataError
 
+#: Origin of rclpy and of the message packages.
 ROS = ': the nodes need ROS 2 (make setup)'
 
 
 def extra(name: str) -> str:
-    """Say that a module comes with an extra of this package."""
+    """Origin of a package that an extra of this one installs."""
     return f", it comes with pip install 'gdmp_ros[{name}]'"
 
 
 @contextmanager
-def needs(origin: str) -> Iterator[None]:
+def optional_import(origin: str) -> Iterator[None]:
     """
-    Do what imports something that may not be installed.
+    Run imports that may fail.
 
-    :param origin: where it comes from: `ROS`, or an `extra`
-    :raises DataError: naming the module that is missing or broken
+    :param origin: where the packages come from: `ROS`, or an `extra`
+    :raises DataError: naming the package that is missing or broken
     """
     try:
         yield
     except ModuleNotFoundError as error:
         raise DataError(f'{error.name} is missing{origin}') from None
-    except ImportError as error:  # it is there, but what it needs is not
+    except ImportError as error:  # installed, but something that it needs is not
         raise DataError(f'{error.name} cannot be used ({error}){origin}') from None

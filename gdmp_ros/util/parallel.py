@@ -1,8 +1,8 @@
 """
-Many independent tasks over processes, or over a Dask cluster, with one progress bar.
+Independent tasks on several processes or on a Dask cluster, with one progress bar.
 
-Finished tasks can be kept in a journal, a file with one JSON line each: what was interrupted goes
-on where it stopped.
+Results can be kept in a journal, a file with one JSON line each: an interrupted run then continues
+where it stopped.
 """
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ import json
 from pathlib import Path
 from typing import Any
 
-from joblib import delayed, Parallel, parallel_config
-
 from gdmp_ros.errors import DataError
+from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import progress
 
 
 class Journal:
-    """Results by key, kept on disk as soon as they are there."""
+    """Results by key, written to disk as soon as they are known."""
 
     def __init__(self, path: Path | None, subject: str):
         """
-        Read what an earlier run has finished.
+        Read the results of an earlier run.
 
-        :param path: None keeps nothing
-        :param subject: what the results are of; a journal of something else is refused
+        :param path: None for no file
+        :param subject: what the results are about; a journal of another subject is refused
         :raises DataError: if the file is not such a journal
         """
         self._path = path
@@ -44,30 +43,31 @@ class Journal:
         if head != {'journal': subject}:
             raise DataError(f'{path}: not a journal of {subject}: remove it or name another file')
         for line in lines[1:]:
-            # The last line is cut short where the run was killed while writing it.
+            # The last line is incomplete if the run was killed while writing it.
             with contextlib.suppress(ValueError):
                 key, result = json.loads(line)
                 self.results[key] = result
 
     def keep(self, key: str, result: Any) -> None:
-        """Remember a result."""
+        """Add a result."""
         self.results[key] = result
         if self._path is not None:
             with self._path.open('a') as out:
                 out.write(json.dumps([key, result]) + '\n')
 
 
-def mapped(title: str, function: Callable[[Any], Any], tasks: dict[str, Any], jobs: int = 1,
+def map_tasks(title: str, function: Callable[[Any], Any], tasks: dict[str, Any], jobs: int = 1,
            dask: str | None = None, journal: Journal | None = None) -> dict[str, Any]:
     """
     Apply ``function`` to every task and return the results by key, in the order of the tasks.
 
-    :param function: of one task, importable by name; its results must be fit for JSON
-    :param jobs: processes; -1 for one per core
+    :param function: of one task, importable by name; its results must be plain values
+    :param jobs: number of processes; -1 for one per core
     :param dask: address of a Dask scheduler, instead of processes on this machine
-    :param journal: tasks it has are not done again
+    :param journal: tasks with a result in it are skipped
     :raises DataError: if the scheduler cannot be reached
     """
+    from joblib import delayed, Parallel
     journal = journal or Journal(None, title)
     left = {key: task for key, task in tasks.items() if key not in journal.results}
     with progress(title, len(tasks)) as step, _cluster(dask):
@@ -91,11 +91,9 @@ def _cluster(address: str | None) -> Any:
     if address is None:
         yield
         return
-    try:
+    from joblib import parallel_config
+    with optional_import(extra('dask')):
         from distributed import Client
-    except ImportError:
-        raise DataError("the Dask backend is not installed: pip install 'gdmp_ros[dask]'"
-                        ) from None
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError) as error:
@@ -104,9 +102,9 @@ def _cluster(address: str | None) -> Any:
         yield
 
 
-def chosen(arguments: Sequence[str]) -> str | None:
+def scheduler_address(arguments: Sequence[str]) -> str | None:
     """
-    Address from ``--backend dask ADDRESS``; None where nothing was chosen.
+    Address from the arguments of ``--backend dask ADDRESS``; None without arguments.
 
     :raises DataError: if it is another backend or has no address
     """

@@ -1,4 +1,4 @@
-"""Child processes that never outlive their parent."""
+"""Child processes that end with their parent."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -8,26 +8,26 @@ import subprocess
 import threading
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.util import child_process as child
+from gdmp_ros.util.child_process import command as child_command
 
 
 def interrupt_on_sigterm() -> None:
-    """Make SIGTERM end this process as Ctrl-C does: what it has begun is cleared away."""
+    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that everything is cleaned up."""
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
     signal.signal(signal.SIGTERM, interrupt)
 
 
-def ended_by_signal() -> threading.Event:
-    """Event that SIGINT and SIGTERM set from now on, in place of ending this process."""
-    ended = threading.Event()
+def stop_event() -> threading.Event:
+    """Event that SIGINT and SIGTERM set from now on instead of ending this process."""
+    stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    return ended
+        signal.signal(number, lambda *_: stop.set())
+    return stop
 
 
-class Children:
-    """Processes of Python modules; leaving the context ends them all."""
+class ChildProcesses:
+    """Processes that run Python modules; leaving the context ends them all."""
 
     def __init__(self, environment: Mapping[str, str], logs: Path):
         """:param logs: folder for one log file per process"""
@@ -36,7 +36,7 @@ class Children:
         logs.mkdir(parents=True, exist_ok=True)
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def __enter__(self) -> Children:
+    def __enter__(self) -> ChildProcesses:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -48,12 +48,12 @@ class Children:
         """
         Start ``python -m module`` under a name (see `gdmp_ros.util.child_process`).
 
-        :param prefix: command that becomes it (exec), as ``nsenter`` does
-        :param environment: added to that of all
+        :param prefix: command that executes the rest of the line, such as ``nsenter``
+        :param environment: added to the environment of all processes
         """
         with self.log(name).open('ab') as out:
             self.processes[name] = subprocess.Popen(
-                [*prefix, *child.command(module, *arguments)],
+                [*prefix, *child_command(module, *arguments)],
                 env={**self._environment, **(environment or {})}, stdout=out,
                 stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
 
@@ -67,7 +67,7 @@ class Children:
         self.start(name, module, [*words, *extra], prefix, environment)
 
     def stop(self, name: str, timeout: float = 10.0) -> int:
-        """Ask a process to end, and end it if it does not; its exit code."""
+        """Send SIGTERM, after ``timeout`` seconds SIGKILL; return the exit code."""
         process = self.processes.pop(name)
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
@@ -78,26 +78,26 @@ class Children:
         return process.wait()
 
     def kill(self, name: str) -> None:
-        """End a process without giving it a chance (SIGKILL)."""
+        """End a process with SIGKILL."""
         process = self.processes.pop(name)
         process.kill()
         process.wait()
 
     def check(self, but: str = '') -> None:
         """
-        Look after all processes.
+        Check that all processes run.
 
-        :param but: the name of one that may end
-        :raises GdmpError: if a process has ended by itself; with the end of its log
+        :param but: name of a process that may end
+        :raises GdmpError: if a process has ended; with the end of its log
         """
         for name, process in self.processes.items():
             if name != but and process.poll() is not None:
                 tail = '\n  '.join(self.log(name).read_text(errors='replace').splitlines()[-6:])
-                raise GdmpError(f'{name} ended with code {process.returncode}; its last words:\n'
+                raise GdmpError(f'{name} ended with code {process.returncode}; the end of its log:\n'
                                 f'  {tail}')
 
     def log(self, name: str) -> Path:
-        """Where a process's output goes."""
+        """File with the output of a process."""
         return self._logs / f'{name}.log'
 
 

@@ -151,7 +151,7 @@ def isometries(manifold, rng):
     """Isometries of a manifold, the inversions among them."""
     other = manifold.random_point(rng)
     if manifold.kind == 'spd':
-        a = rng.standard_normal((manifold.m, manifold.m)) + 2.0 * np.eye(manifold.m)
+        a = rng.standard_normal((manifold.size, manifold.size)) + 2.0 * np.eye(manifold.m)
         return [lambda y: a @ y @ a.T, np.linalg.inv]
     if manifold.kind == 'rotation':
         return [lambda y: other @ y, lambda y: y @ other, lambda y: y.T]

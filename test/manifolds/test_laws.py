@@ -87,7 +87,7 @@ def test_log_near_the_cut_locus_loses_no_more_than_the_gap(manifold, rng, gap):
         where = (manifold.tangent_slices[factor_at] if isinstance(manifold, Product)
                  else slice(None))
         drawn = factor.random_tangent(part, rng)
-        if factor.kind == 'rotation' and factor.m > 3:
+        if factor.kind == 'rotation' and factor.size > 3:
             # The cut locus is where the largest plane angle is pi, not where the norm is.
             angles = np.abs(np.linalg.eigvals(logm(factor.exp(part, 1e-3 * drawn) @ part.T)))
             drawn *= (math.pi - gap) * 1e-3 / angles.max()
