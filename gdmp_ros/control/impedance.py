@@ -6,56 +6,24 @@ the orientation error (base frame), plus damping designed for the inertia felt a
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.control.settings import GAIN_NUMBERS
+from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TWIST
+from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
     multiply,
     transposed_multiply,
 )
+from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 
-@dataclass(frozen=True)
-class ImpedanceGains:
-    """
-    Constants of the law.
-
-    :ivar singularity: ε in ``Λ = (J M⁻¹ Jᵀ + ε² I)⁻¹`` [1/√kg]: keeps it finite at singularities
-    :ivar position_clip: largest position error acted upon [m]
-    :ivar rotation_clip: largest rotation error acted upon [rad]
-    :ivar posture_stiffness: of the null-space posture [Nm/rad]
-    :ivar posture_damping: in the null space [Nm s/rad]
-    :ivar feed_forward: 1 adds what the reference itself costs, the inertial force ``Λ ẍ_d`` and
-        the viscous friction of the joints at its velocity; 0 does not
-    """
-
-    singularity: float = 0.02
-    position_clip: float = 0.1
-    rotation_clip: float = 0.5
-    posture_stiffness: float = 5.0
-    posture_damping: float = 2.0
-    feed_forward: float = 1.0
-
-    def array(self) -> np.ndarray:
-        """Return the numbers as the kernel takes them."""
-        return np.array([self.singularity, self.position_clip, self.rotation_clip,
-                         self.posture_stiffness, self.posture_damping, self.feed_forward])
-
-
-(_SINGULARITY, _POSITION_CLIP, _ROTATION_CLIP, _POSTURE_STIFFNESS, _POSTURE_DAMPING,
- _FEED_FORWARD) = range(6)
-# Where the numbers of a target lie: `Target.array`.
-POSE, TWIST, ACCELERATION, STIFFNESS, DAMPING_RATIO = 0, 7, 13, 19, 55
-TARGET_SIZE = 56
-
-
-@compiled
+@kernel
 def task_inertia_inverse(inertia, jacobian, singularity, solved):
     """
     ``A = J M⁻¹ Jᵀ + ε² I`` (6×6), and ``M⁻¹ Jᵀ`` into ``solved`` (n×6).
@@ -88,7 +56,7 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved):
     return result
 
 
-@compiled
+@kernel
 def damping_design(stiffness, inertia_inverse, damping_ratio):
     """
     Damping by double diagonalisation, and the task inertia Λ.
@@ -101,14 +69,14 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
     :returns: D and Λ, shape (m, m) each
     """
     m = stiffness.shape[0]
-    lower, inverse, work, turned = (np.empty(m * m), np.empty(m * m), np.empty(m * m),
+    lower, inverse, work, rotated = (np.empty(m * m), np.empty(m * m), np.empty(m * m),
                                     np.empty(m * m))
     cholesky(m, inertia_inverse.reshape(m * m), lower)
     invert_lower(m, lower, inverse)
     multiply(m, stiffness.reshape(m * m), lower, work)
-    transposed_multiply(m, lower, work, turned)
+    transposed_multiply(m, lower, work, rotated)
     values, vectors = np.empty(m), np.empty(m * m)
-    symmetric_eigen(m, turned, values, vectors, work)
+    symmetric_eigen(m, rotated, values, vectors, work)
     # Rows of V L⁻¹ are the columns of Q.
     multiply(m, vectors, inverse, work)
     damping, inertia = np.empty((m, m)), np.empty((m, m))
@@ -126,29 +94,7 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
     return damping, inertia
 
 
-@compiled
-def rotation_error(measured, wanted, out):
-    """
-    Rotation vector from the measured to the wanted quaternion (wxyz), in the base frame [rad].
-
-    The shorter way round: the sign of the measured quaternion is chosen first.
-    """
-    dot = 0.0
-    for i in range(4):
-        dot += measured[i] * wanted[i]
-    sign = 1.0 if dot >= 0.0 else -1.0
-    w, x, y, z = (sign * measured[0], sign * measured[1], sign * measured[2], sign * measured[3])
-    a, b, c, d = wanted[0], wanted[1], wanted[2], wanted[3]
-    vx = -a * x + b * w - c * z + d * y
-    vy = -a * y + b * z + c * w - d * x
-    vz = -a * z - b * y + c * x + d * w
-    norm = math.sqrt(vx * vx + vy * vy + vz * vz)
-    real = a * w + b * x + c * y + d * z
-    scale = 2.0 * math.atan2(norm, real) / norm if norm > 1e-12 else 2.0
-    out[0], out[1], out[2] = scale * vx, scale * vy, scale * vz
-
-
-@compiled
+@kernel
 def clip_norm(v, limit):
     """Shorten ``v`` to ``limit``."""
     total = 0.0
@@ -160,7 +106,7 @@ def clip_norm(v, limit):
             v[i] *= limit / norm
 
 
-@compiled
+@kernel
 def left_jacobian_inverse(e, v, out):
     """
     ``J_l(e)⁻¹ v`` on SO(3): makes the torque the gradient of the rotational energy.
@@ -179,108 +125,115 @@ def left_jacobian_inverse(e, v, out):
     out[2] = v[2] - 0.5 * cz + factor * (e[0] * cy - e[1] * cx)
 
 
-@compiled
-def _elastic_wrench(pose, target, gains, stiffness):
-    error = np.empty(6)
+@kernel
+def elastic_error(pose, target, gains, error):
+    """
+    Write the position error and the rotation vector of the orientation error, both clipped.
+
+    :param gains: record of `ImpedanceGains`
+    :param error: result in the base frame, shape (6,) [m, rad]
+    """
     for i in range(3):
         error[i] = target[POSE + i] - pose[i]
-    rotation_error(pose[3:7], target[POSE + 3:POSE + 7], error[3:])
-    clip_norm(error[:3], gains[_POSITION_CLIP])
-    clip_norm(error[3:], gains[_ROTATION_CLIP])
-    wrench = np.empty(6)
+    rotation_between(pose[3:7], target[POSE + 3:POSE + 7], error[3:])
+    clip_norm(error[:3], gains.position_clip)
+    clip_norm(error[3:], gains.rotation_clip)
+
+
+@kernel
+def _elastic_wrench(pose, target, gains, wrench):
+    error = np.empty(6)
+    elastic_error(pose, target, gains, error)
     for i in range(6):
-        total = 0.0
+        wrench[i] = 0.0
         for j in range(6):
-            total += stiffness[i, j] * error[j]
-        wrench[i] = total
+            wrench[i] += target[STIFFNESS + 6 * i + j] * error[j]
     left_jacobian_inverse(error[3:], wrench[3:].copy(), wrench[3:])
-    return wrench
 
 
-@compiled
-def _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
+@kernel
+def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
     """Add the posture torque projected to the null space: ``(I - Jᵀ Λ J M⁻¹) τ``."""
     n = q.size
-    wanted, task = np.empty(n), np.zeros(6)
+    posture, task = np.empty(n), np.zeros(6)
     for i in range(n):
-        wanted[i] = gains[_POSTURE_STIFFNESS] * (rest[i] - q[i]) - gains[_POSTURE_DAMPING] * dq[i]
+        posture[i] = gains.posture_stiffness * (rest[i] - q[i]) - gains.posture_damping * dq[i]
     for j in range(6):
         for i in range(n):
-            task[j] += solved[i, j] * wanted[i]
+            task[j] += solved[i, j] * posture[i]
     for i in range(n):
-        total = wanted[i]
+        total = posture[i]
         for j in range(6):
             for k in range(6):
                 total -= jacobian[j, i] * task_inertia[j, k] * task[k]
         torque[i] += total
 
 
-@compiled
-def _feed_forward(target, gains, friction, jacobian, solved, task_inertia, torque):
+@kernel
+def _add_feed_forward(target, friction, jacobian, solved, task_inertia, torque):
     """
-    Add ``Jᵀ Λ ẍ_d`` and the friction of the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
+    Add ``Jᵀ Λ ẍ_d`` and the friction at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
 
-    At the reference's velocity, not at the measured one: no energy is fed into a measured motion.
+    Friction is compensated at the velocity of the reference, not at the measured one, so that no
+    energy is added to a motion that somebody else causes.
     """
     for j in range(6):
-        push, flow = 0.0, 0.0
+        force, impulse = 0.0, 0.0
         for k in range(6):
-            push += task_inertia[j, k] * target[ACCELERATION + k]
-            flow += task_inertia[j, k] * target[TWIST + k]
+            force += task_inertia[j, k] * target[ACCELERATION + k]
+            impulse += task_inertia[j, k] * target[TWIST + k]
         for i in range(torque.size):
-            torque[i] += gains[_FEED_FORWARD] * (jacobian[j, i] * push
-                                                 + friction[i] * solved[i, j] * flow)
+            torque[i] += jacobian[j, i] * force + friction[i] * solved[i, j] * impulse
 
 
-def felt_wrench(jacobian: np.ndarray, inertia: np.ndarray, external: np.ndarray,
-                singularity: float) -> np.ndarray:
+def external_wrench(jacobian: np.ndarray, inertia: np.ndarray, external: np.ndarray,
+                    singularity: float) -> np.ndarray:
     """
-    Wrench at the tool that explains joint torques from outside: ``Λ J M⁻¹ τ_ext`` [N, Nm].
+    Wrench at the tool that explains external joint torques: ``Λ J M⁻¹ τ_ext`` [N, Nm].
 
-    :param external: joint torque acting from outside [Nm], shape (n,)
+    :param external: external joint torque [Nm], shape (n,)
     """
     solved = np.empty((len(external), 6))
     inverse = task_inertia_inverse(inertia, jacobian, singularity, solved)
     return np.asarray(np.linalg.solve(inverse, solved.T @ external))
 
 
-@compiled
-def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gains, external,
-                     torque, wrench):
+@kernel
+def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gain_numbers,
+                     external, torque, wrench):
     """
-    One tick of the law.
+    Compute the joint torque of one tick.
 
     :param pose: measured (x, y, z, qw, qx, qy, qz)
     :param friction: viscous, of the joints [Nm s/rad], shape (n,)
     :param target: `TARGET_SIZE` numbers: pose, twist, acceleration, 6×6 stiffness, damping ratio
     :param rest: posture of the null space [rad]
-    :param external: joint torque acting from outside [Nm]
+    :param gain_numbers: `ImpedanceGains` as numbers
+    :param external: external joint torque [Nm]
     :param torque: result [Nm], shape (n,): impedance + posture + gravity and Coriolis
     :param wrench: result, external wrench at the tool [N, Nm], shape (6,)
     """
+    gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     n = q.size
+    solved, force, rate, impulse = np.empty((n, 6)), np.empty(6), np.empty(6), np.zeros(6)
+    inverse = task_inertia_inverse(inertia, jacobian, gains.singularity, solved)
     stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
-    solved = np.empty((n, 6))
-    inverse = task_inertia_inverse(inertia, jacobian, gains[_SINGULARITY], solved)
     damping, task_inertia = damping_design(stiffness, inverse, target[DAMPING_RATIO])
-    force = _elastic_wrench(pose, target, gains, stiffness)
-    felt = np.zeros(6)
-    rate = np.empty(6)
+    _elastic_wrench(pose, target, gains, force)
     for j in range(6):
         rate[j] = target[TWIST + j]
         for i in range(n):
             rate[j] -= jacobian[j, i] * dq[i]
-            felt[j] += solved[i, j] * external[i]
+            impulse[j] += solved[i, j] * external[i]
     for j in range(6):
-        total = force[j]
         wrench[j] = 0.0
         for k in range(6):
-            total += damping[j, k] * rate[k]
-            wrench[j] += task_inertia[j, k] * felt[k]
-        force[j] = total
+            force[j] += damping[j, k] * rate[k]
+            wrench[j] += task_inertia[j, k] * impulse[k]
     for i in range(n):
         torque[i] = bias[i]
         for j in range(6):
             torque[i] += jacobian[j, i] * force[j]
-    _feed_forward(target, gains, friction, jacobian, solved, task_inertia, torque)
-    _posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)
+    if gains.feed_forward > 0.0:
+        _add_feed_forward(target, friction, jacobian, solved, task_inertia, torque)
+    _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)

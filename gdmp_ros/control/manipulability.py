@@ -19,10 +19,10 @@ def manipulability(jacobian: np.ndarray) -> np.ndarray:
 
 def jacobian_derivative(linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
     """
-    Derivative of a linear Jacobian by every joint of a chain of revolute joints.
+    Derivative of a linear Jacobian with respect to each joint of a chain of revolute joints.
 
-    Turning joint k turns all that lies beyond it: column i changes by ``z_k × j_i`` for k ≤ i, and
-    by ``z_i × j_k`` otherwise.
+    Joint k rotates everything beyond it: the derivative of column i is ``z_k × j_i`` for k ≤ i,
+    and ``z_i × j_k`` otherwise.
 
     :param linear: columns j_i, shape ``(3, n)`` [m]
     :param angular: axes z_i, shape ``(3, n)``
@@ -34,23 +34,23 @@ def jacobian_derivative(linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
     return np.asarray(np.cross(angular.T[first], linear.T[last]).transpose(0, 2, 1))
 
 
-def divergence(wanted: np.ndarray, actual: np.ndarray) -> float:
-    """``g = log det((Υ̂ + Υ)/2) - ½ log det(Υ̂ Υ)``, [GDMP] eq. (38): 0 where they are equal."""
-    middle = np.linalg.slogdet(0.5 * (wanted + actual))[1]
-    return float(middle - 0.5 * (np.linalg.slogdet(wanted)[1] + np.linalg.slogdet(actual)[1]))
+def divergence(desired: np.ndarray, actual: np.ndarray) -> float:
+    """``g = log det((Υ̂ + Υ)/2) - ½ log det(Υ̂ Υ)``, [GDMP] eq. (38): 0 if they are equal."""
+    middle = np.linalg.slogdet(0.5 * (desired + actual))[1]
+    return float(middle - 0.5 * (np.linalg.slogdet(desired)[1] + np.linalg.slogdet(actual)[1]))
 
 
-def divergence_gradient(wanted: np.ndarray, jacobian: np.ndarray,
+def divergence_gradient(desired: np.ndarray, jacobian: np.ndarray,
                         derivative: np.ndarray) -> np.ndarray:
     """
-    Gradient of `divergence` by the joints, shape ``(n,)`` [1/rad].
+    Gradient of `divergence` with respect to the joints, shape ``(n,)`` [1/rad].
 
     :param jacobian: J, shape ``(m, n)``
     :param derivative: ∂J/∂q_k, shape ``(n, m, n)``
     """
     actual = manipulability(jacobian)
     # d log det S = tr(S⁻¹ dS), and dΥ = dJ Jᵀ + its transpose.
-    weight = np.linalg.inv(wanted + actual) - 0.5 * np.linalg.inv(actual)
+    weight = np.linalg.inv(desired + actual) - 0.5 * np.linalg.inv(actual)
     return np.asarray(2.0 * np.einsum('ab,kbi,ai->k', weight, derivative, jacobian))
 
 
@@ -61,8 +61,8 @@ class PositionGains:
 
     :ivar stiffness: of the position task, shape (m, m) [N/m]
     :ivar damping_ratio: 1 is critical
-    :ivar alpha: α of [GDMP] eq. (37) [Nm]; 0 leaves the null space to its damping
-    :ivar null_damping: D_n, of joint velocities in the null space [Nm s/rad]
+    :ivar alpha: α of [GDMP] eq. (37) [Nm]; with 0 the null space is only damped
+    :ivar null_damping: D_n, for joint velocities in the null space [Nm s/rad]
     :ivar singularity: ε in ``Λ = (J M⁻¹ Jᵀ + ε² I)⁻¹`` [1/√kg]
     """
 
@@ -76,7 +76,7 @@ class PositionGains:
 @dataclass(frozen=True)
 class PositionTarget:
     """
-    Where the tool has to be, and how well it should be able to move there.
+    Desired motion of the tool, and desired manipulability.
 
     :ivar position: shape (m,) [m], with velocity [m/s] and acceleration [m/s²]
     :ivar manipulability: Υ̂, shape (m, m) [m²]; None for no preference
@@ -91,7 +91,7 @@ class PositionTarget:
 @dataclass(frozen=True)
 class PositionState:
     """
-    What the law needs to know of the arm.
+    State of the arm.
 
     :ivar position: of the tool, shape (m,) [m]
     :ivar jacobian: linear, shape (m, n)
@@ -100,7 +100,7 @@ class PositionState:
     :ivar inertia: of the joints, shape (n, n)
     :ivar bias: gravity and Coriolis torque [Nm], shape (n,)
     :ivar friction: viscous, of the joints [Nm s/rad], shape (n,)
-    :ivar drift: J̇ q̇, shape (m,) [m/s²]
+    :ivar jdot_qdot: J̇ q̇, shape (m,) [m/s²]
     """
 
     position: np.ndarray
@@ -110,16 +110,16 @@ class PositionState:
     inertia: np.ndarray
     bias: np.ndarray
     friction: np.ndarray
-    drift: np.ndarray
+    jdot_qdot: np.ndarray
 
 
 def position_torque(state: PositionState, target: PositionTarget,
                     gains: PositionGains) -> np.ndarray:
     """
-    Impedance in position, manipulability in what is left, [GDMP] eq. (37).
+    Impedance in position, and manipulability in its null space, [GDMP] eq. (37).
 
-    ``τ = Jᵀ F - (I - Jᵀ J̄ᵀ)(α ∇g + D_n q̇)`` + gravity, Coriolis and the inertial force and
-    friction of the reference's own motion.
+    ``τ = Jᵀ F - (I - Jᵀ J̄ᵀ)(α ∇g + D_n q̇)``, plus gravity and Coriolis torque, and the inertial
+    force and the joint friction of the desired motion.
 
     :returns: joint torques [Nm], shape ``(n,)``
     """
@@ -130,7 +130,7 @@ def position_torque(state: PositionState, target: PositionTarget,
                                            gains.damping_ratio)
     rate = target.velocity - jacobian @ dq
     force = (gains.stiffness @ (target.position - state.position) + damping @ rate
-             + task_inertia @ (target.acceleration - state.drift))
+             + task_inertia @ (target.acceleration - state.jdot_qdot))
     # J̄ = M⁻¹ Jᵀ Λ, the inertia-weighted inverse.
     weighted = solved @ task_inertia
     rest = -gains.null_damping * dq

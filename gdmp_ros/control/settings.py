@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.util.settings import setting
+from gdmp_ros.util.settings import numbers_type, setting
 
 
 @dataclass(frozen=True)
@@ -127,3 +127,7 @@ class ControllerSettings:
     tank: TankSettings = field(default_factory=TankSettings)
     damping_ratio: float = setting(
         0.7, 'damping ratio while holding without a reference; 1 is critical', '', 0.0, 2.0)
+
+
+#: The numbers of the gains and of the limits, as kernels see them.
+GAIN_NUMBERS, LIMIT_NUMBERS = numbers_type(ImpedanceGains), numbers_type(LimitSettings)

@@ -7,16 +7,17 @@ import numpy as np
 
 from gdmp_ros.control.limits import JOINT_POSITION, JOINT_SPEED, TORQUE, TORQUE_RATE
 from gdmp_ros.control.measurement import JointLimits
-from gdmp_ros.control.settings import LimitSettings
-from gdmp_ros.kernels import kernel
+from gdmp_ros.control.settings import LIMIT_NUMBERS, LimitSettings
+from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.util.settings import numbers
 
 #: A joint is braked from this fraction of its speed limit on.
 SPEED_MARGIN = 0.9
 
 
 @kernel
-def limit_torque(position, velocity, bias, last, lower, upper, largest, settings, torque,
-                 violation):
+def limit_torque(position, velocity, bias, last, lower, upper, largest, limit_numbers,
+                 torque, violation):
     """
     Apply joint-limit repulsion, joint speed, torque rate and torque limit, in this order.
 
@@ -25,26 +26,28 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, settings
 
     :param last: torque of the last tick [Nm]
     :param largest: torque limits [Nm]
-    :param settings: rate, margin, repulsion, joint speed, brake (`LimitSettings`)
+    :param limit_numbers: `LimitSettings` as numbers
     :param torque: requested; changed to what may be sent [Nm]
     :param violation: written: by how much each limit was exceeded (`LIMITS`)
     """
-    rate, margin, repulsion, fastest, brake = (settings[0], settings[1], settings[2], settings[3],
-                                               settings[4])
+    limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
+    margin, rate, fastest = limits.joint_margin, limits.torque_rate, limits.joint_speed
     slow = SPEED_MARGIN * fastest
     for i in range(torque.size):
         below = max(lower[i] + margin - position[i], 0.0)
         above = max(position[i] - upper[i] + margin, 0.0)
         if below + above > 0.0:
             violation[JOINT_POSITION] = max(violation[JOINT_POSITION], below, above)
-            torque[i] += repulsion * (min(below / margin, 1.0) - min(above / margin, 1.0))
+            torque[i] += limits.joint_repulsion * (min(below / margin, 1.0)
+                                                   - min(above / margin, 1.0))
         too_fast = abs(velocity[i]) - slow
         if too_fast > 0.0:
             violation[JOINT_SPEED] = max(violation[JOINT_SPEED], too_fast)
             active = torque[i] - bias[i]
             if active * velocity[i] > 0.0:
                 active *= max(1.0 - too_fast / (fastest - slow), 0.0)
-            torque[i] = bias[i] + active - math.copysign(brake * too_fast, velocity[i])
+            brake = math.copysign(limits.joint_brake * too_fast, velocity[i])
+            torque[i] = bias[i] + active - brake
         if abs(torque[i]) > largest[i]:
             violation[TORQUE] = max(violation[TORQUE], abs(torque[i]) - largest[i])
         change = torque[i] - last[i]
@@ -61,9 +64,7 @@ class TorqueLimiter:
     def __init__(self, joints: JointLimits, settings: LimitSettings):
         self._joints = joints
         self._torque = settings.torque_share * joints.torque
-        self._settings = np.array([settings.torque_rate, settings.joint_margin,
-                                   settings.joint_repulsion, settings.joint_speed,
-                                   settings.joint_brake])
+        self._limits = numbers(settings)
         self._last = np.zeros_like(joints.torque)
 
     @property
@@ -84,6 +85,6 @@ class TorqueLimiter:
         """
         joints, sent = self._joints, torque.copy()
         limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
-                     self._torque, self._settings, sent, violation)
+                     self._torque, self._limits, sent, violation)
         self._last = sent
         return sent.copy()

@@ -25,11 +25,13 @@ class Start(NamedTuple):
     :ivar point: None for the skill's own start
     :ivar velocity: tangent at the point [1/s]
     :ivar acceleration: tangent at the point [1/s²]
+    :ivar speed: of the phase; None for that of the options
     """
 
     point: np.ndarray | None = None
     velocity: np.ndarray | None = None
     acceleration: np.ndarray | None = None
+    speed: float | None = None
 
 
 def new_memory(skill: Primitive, options: Options) -> np.ndarray:
@@ -71,6 +73,8 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
         first = start.point
         frame, opposite = carry_frame(manifold, skill.frame, first)
     _reset_scalars(motion, skill, options, duration)
+    if start.speed is not None:
+        motion.scalars.speed = motion.scalars.speed_ramp = motion.scalars.speed_goal = start.speed
     motion.scalars.cut_locus = int(opposite)
     motion.frames.start[:] = frame
     for point in (motion.points.start, motion.points.node):

@@ -61,16 +61,19 @@ class Rollout:
         self.begin(start, velocity, acceleration)
 
     def begin(self, start: np.ndarray | None = None, velocity: np.ndarray | None = None,
-              acceleration: np.ndarray | None = None) -> None:
+              acceleration: np.ndarray | None = None, speed: float | None = None) -> None:
         """
-        Begin anew, with the goal, duration and options of the beginning; see the constructor.
+        Begin again, with the goal, duration and options of the constructor; see there.
 
+        :param speed: of the phase at the beginning; that of the options by default
         :raises ManifoldError: if the start is not on the manifold
-        :raises ParameterError: if a number is not finite, or a velocity is given at speed 0
+        :raises ParameterError: if a number is out of range, or a velocity is given at speed 0
         """
+        if speed is not None:
+            check_range('speed', speed, 0.0, MAX_SPEED)
         initialise(self.motion, self.skill, self._options, self._goal, self._duration,
                    Start(None if start is None else self._checked(start, self.skill.start),
-                         velocity, acceleration))
+                         velocity, acceleration, speed))
         self.advance(0.0)
 
     def advance(self, dt: float) -> State:

@@ -1,10 +1,10 @@
 """
-Stiffness from sensed forces: how hard a demonstrator holds on to a path.
+Stiffness from sensed forces: how strongly a demonstrator corrects deviations from a path.
 
-The hand that leads a tool of mass M along its path x̂ acts as a spring and a damper, and the robot
-loads the tool with the force f that the wrist senses: ``M ẍ = K (x̂ - x) - D ẋ + f``. Over several
-demonstrations of the same motion the mean is taken off, so that what the hand intends need not be
-known: x̂ is the mean path, and f what differs from the mean force.
+The hand that guides a tool of mass M along its path x̂ acts as a spring and a damper, and the robot
+loads the tool with the force f that the wrist senses: ``M ẍ = K (x̂ - x) - D ẋ + f``. The intended
+path is not known. The mean over several demonstrations is therefore subtracted: x̂ is the mean
+path, and f the deviation from the mean force.
 
 Source: Abu-Dakka, Rozo, Caldwell 2018, as [GDMP] section 5.6.1 uses it.
 """
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
-from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.learning.variance_stiffness import check_bounds
+from gdmp_ros.learning.variance_stiffness import check_stiffness_bounds
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class ForceRecords:
                 raise DataError(f'force records: {name} have NaN or infinite numbers (was there a '
                                 'force sensor?)')
         if not _deviation(self.positions).any(axis=(0, 2)).all():
-            raise DataError('force records: the demonstrations do not differ, so their forces say '
-                            'nothing about stiffness')
+            raise DataError('force records: the demonstrations do not differ: their forces do not '
+                            'determine a stiffness')
 
 
 def force_stiffness(records: ForceRecords, mass: float, damping: float, window: float = 0.8,
@@ -63,9 +63,8 @@ def force_stiffness(records: ForceRecords, mass: float, damping: float, window: 
     """
     Stiffness profile that explains the forces best.
 
-    In a sliding window the symmetric K of least squares is found, its eigenvalues are brought
-    between the bounds (the nearest symmetric matrix that is merely semidefinite would not do), and
-    the profile is smoothed on SPD.
+    In a sliding window the symmetric K of least squares is found. Its eigenvalues are clipped to
+    the bounds, so that it is positive definite, and the profile is smoothed on SPD.
 
     :param mass: M of the tool [kg]
     :param damping: D of the hand [N s/m]
@@ -76,20 +75,20 @@ def force_stiffness(records: ForceRecords, mass: float, damping: float, window: 
     :returns: shape ``(T, d, d)`` [N/m]
     :raises ParameterError: if a number is out of range
     """
-    check_bounds(k_min, k_max)
+    check_stiffness_bounds(k_min, k_max)
     if not (mass >= 0.0 and damping >= 0.0 and window > 0.0):
         raise ParameterError(f'mass {mass!r} kg and damping {damping!r} N s/m must not be '
                              f'negative, window {window!r} s must be positive')
-    away = _deviation(records.positions)
-    pull = (_deviation(records.forces) - mass * _deviation(records.accelerations)
-            - damping * _deviation(records.velocities))
-    size = away.shape[2]
-    # Sums of products over all demonstrations at each sample, then over windows.
-    spread = _windowed(np.einsum('nti,ntj->tij', away, away), records.times, window)
-    work = _windowed(np.einsum('nti,ntj->tij', pull, away), records.times, window)
+    offset = _deviation(records.positions)
+    force = (_deviation(records.forces) - mass * _deviation(records.accelerations)
+             - damping * _deviation(records.velocities))
+    size = offset.shape[2]
+    # Sums of products over all demonstrations at each sample, then over each window.
+    spread = _windowed(np.einsum('nti,ntj->tij', offset, offset), records.times, window)
+    work = _windowed(np.einsum('nti,ntj->tij', force, offset), records.times, window)
     result = np.empty((len(records.times), size, size))
     for i in range(len(records.times)):
-        # K symmetric with least Σ ‖K δx - p‖²: K A + A K = B + Bᵀ.
+        # K symmetric with least Σ ‖K δx - f‖²: K A + A K = B + Bᵀ.
         ridge = 1e-6 * np.trace(spread[i]) * np.eye(size)
         found = solve_continuous_lyapunov(spread[i] + ridge, work[i] + work[i].T)
         values, vectors = np.linalg.eigh(0.5 * (found + found.T))

@@ -1,4 +1,4 @@
-"""What demonstrations say about how to learn from them, and how to execute what was learned."""
+"""Settings suggested by demonstrations: basis functions, goal gain, speeds, stiffness."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -7,54 +7,58 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration, Rollout, Skill
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.learning.variance_stiffness import evenly, Mixture
+from gdmp_ros.learning.mixture import Mixture
+from gdmp_ros.learning.variance_stiffness import resampled
 
-#: Numbers of basis functions that are tried, and gains of a moving goal.
+#: Numbers of basis functions that are tried.
 COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128)
+#: Gains of a moving goal that are tried.
 GOAL_GAINS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-#: Details count down to this part of what demonstrations differ by …
+#: Details matter down to this fraction of the difference between demonstrations …
 DETAIL = 0.05
-#: … and to this part of the span.
-SMALL = 1e-3
-#: A goal is switched half-way, by this part of the span; what acceleration it brings may be such
-#: a part of what the motion has without it.
-SWITCH_AT, SWITCH_BY, CALM = 0.5, 0.25, 0.5
-#: The new goal counts as reached within this part of the switch.
+#: … and to this fraction of the span.
+SMALL_DETAIL = 1e-3
+#: A goal switch is tried at this fraction of the duration, by this fraction of the span.
+SWITCH_AT, SWITCH_BY = 0.5, 0.25
+#: Largest acceleration that a goal switch may add, relative to that of the motion.
+SMOOTH_SWITCH = 0.5
+#: The new goal counts as reached when this fraction of the switch is left.
 REACHED = 0.05
-#: Bounds of any stiffness that is suggested [N/m].
-SOFTEST, STIFFEST = 20.0, 3000.0
-#: A position that moves less than this stands still [m].
-LEAST_SPAN = 1e-3
+#: Bounds of a suggested stiffness [N/m].
+SMALLEST_STIFFNESS, LARGEST_STIFFNESS = 20.0, 3000.0
+#: A position with a smaller span does not move [m].
+SMALLEST_SPAN = 1e-3
 _DT = 0.005
-#: Samples of a demonstration whose variance is looked at.
-_PATH = 200
+#: Samples of a demonstration from which the variance is computed.
+_SAMPLES = 200
 
 
 class BasisError(NamedTuple):
     """
     Mean distances / span with a number of basis functions.
 
-    :ivar detail: from the motion that the most functions of `COUNTS` make
-    :ivar shown: from what was learned from
-    :ivar unseen: from a demonstration that was left out; NaN where there is only one
+    :ivar detail: from the motion with the most functions of `COUNTS`
+    :ivar training: from the demonstrations that were learned from
+    :ivar unseen: from a demonstration that was left out; NaN if there is only one
     """
 
     functions: int
     detail: float
-    shown: float
+    training: float
     unseen: float
 
 
 class GoalSwitch(NamedTuple):
     """
-    What a goal switch does with a gain of the moving goal.
+    Effect of a goal switch with one gain of the moving goal.
 
-    :ivar acceleration: largest that the switch adds, as a part of the motion's own
-    :ivar reached: time from the switch until the new goal's share of the motion is nearly all
-        there, in durations
+    :ivar acceleration: largest that the switch adds, relative to that of the motion
+    :ivar reached: time until the new goal is reached, in durations
     """
 
     gain: float
@@ -63,17 +67,17 @@ class GoalSwitch(NamedTuple):
 
 
 class Speeds(NamedTuple):
-    """Largest [m/s, rad/s, m/s²]."""
+    """Largest speeds and acceleration of a motion [m/s, rad/s, m/s²]."""
 
     speed: float
-    turn_speed: float
+    angular_speed: float
     acceleration: float
 
 
 def basis_errors(demonstrations: Sequence[Demonstration],
                  step: Callable[[], object] = lambda: None) -> list[BasisError]:
     """
-    Try numbers of basis functions: on what was shown, and on each demonstration left out.
+    Try numbers of basis functions, on the demonstrations and on each one left out.
 
     :param step: called after each of `COUNTS`
     """
@@ -83,94 +87,102 @@ def basis_errors(demonstrations: Sequence[Demonstration],
     motion = Demonstration(finest.times, finest.points, manifold)
     for count in COUNTS:
         skill = Skill.learn(demonstrations, count)
-        shown = reproduction_error(skill, demonstrations, _DT).mean()
+        training = reproduction_error(skill, demonstrations, _DT).mean()
         detail = mean_distance(deviation(skill, motion, finest.times)) / motion.span()
         unseen = np.nan
         if several:
             unseen = np.mean([reproduction_error(
                 Skill.learn([*demonstrations[:i], *demonstrations[i + 1:]], count), one, _DT)
                 for i, one in enumerate(demonstrations)])
-        result.append(BasisError(count, detail, float(shown), float(unseen)))
+        result.append(BasisError(count, detail, float(training), float(unseen)))
         step()
     return result
 
 
-def enough(errors: Sequence[BasisError]) -> int:
-    """Fewest basis functions after which more add nothing but what differs anyway."""
-    limit = max(SMALL, DETAIL * min(one.shown for one in errors))
+def sufficient_basis(errors: Sequence[BasisError]) -> int:
+    """Fewest basis functions whose missing detail is small against the demonstrations' spread."""
+    limit = max(SMALL_DETAIL, DETAIL * min(one.training for one in errors))
     return next(one.functions for one in errors if one.detail <= limit)
 
 
 def goal_switches(skill: Skill, span: float) -> list[GoalSwitch]:
     """
-    Switch the goal of a pose skill half-way with different gains, along each axis both ways.
+    Switch the goal of a pose skill with different gains, along each axis in both directions.
 
     :param span: of the position [m]
     :raises DataError: if the position hardly moves
     """
-    if span < LEAST_SPAN:
-        raise DataError(f'the position moves by {1e3 * span:.2g} mm, goals are switched from '
-                        f'{1e3 * LEAST_SPAN:g} mm on')
+    if span < SMALLEST_SPAN:
+        raise DataError(f'the position moves by {1e3 * span:.2g} mm, goal switches are tried from '
+                        f'{1e3 * SMALLEST_SPAN:g} mm on')
     times = np.arange(0.0, 3.0 * skill.duration, _DT)
     usual = _peak(_positions(Rollout(skill), times))
     result = []
     for gain in GOAL_GAINS:
         changed = replace(skill, gains=replace(skill.gains, alpha_g=gain))
-        worst, latest = 0.0, 0.0
-        for direction in np.vstack([np.eye(3), -np.eye(3)]):
-            goal = skill.goal.copy()
-            goal[:3] += SWITCH_BY * span * direction
-            before = times[times < SWITCH_AT * skill.duration]
-            plain = _positions(Rollout(changed), times)
-            rollout = Rollout(changed)
-            first = _positions(rollout, before)
-            rollout.retarget(goal)
-            path = np.vstack([first, _positions(rollout, times[len(before):])])
-            worst = max(worst, _peak(path - plain) / usual)
-            left = np.linalg.norm(path - plain - (goal[:3] - skill.goal[:3]), axis=1)
-            far = np.flatnonzero(left > REACHED * SWITCH_BY * span)
-            end = times[far[-1]] if len(far) else 0.0
-            latest = max(latest, (end - times[len(before)]) / skill.duration)
-        result.append(GoalSwitch(gain, float(worst), float(latest)))
+        plain = _positions(Rollout(changed), times)
+        tried = [_switched(changed, plain, times, SWITCH_BY * span * direction)
+                 for direction in np.vstack([np.eye(3), -np.eye(3)])]
+        result.append(GoalSwitch(gain, max(added for added, _ in tried) / usual,
+                                 max(reached for _, reached in tried) / skill.duration))
     return result
 
 
-def calm_gain(switches: Sequence[GoalSwitch]) -> float:
-    """Largest gain that is calm; the smallest if none is."""
-    return max((one.gain for one in switches if one.acceleration <= CALM),
+def _switched(skill: Skill, plain: np.ndarray, times: np.ndarray, offset: np.ndarray
+              ) -> tuple[float, float]:
+    """
+    Switch the goal by ``offset``.
+
+    :param plain: positions without the switch
+    :returns: acceleration that the switch adds [m/s²], time until the goal is reached [s]
+    """
+    goal = skill.goal.copy()
+    goal[:3] += offset
+    before = int(np.sum(times < SWITCH_AT * skill.duration))
+    rollout = Rollout(skill)
+    first = _positions(rollout, times[:before])
+    rollout.retarget(goal)
+    path = np.vstack([first, _positions(rollout, times[before:])])
+    left = np.linalg.norm(path - plain - offset, axis=1)
+    late = np.flatnonzero(left > REACHED * np.linalg.norm(offset))
+    end = times[late[-1]] if len(late) else 0.0
+    return _peak(path - plain), float(end - times[before])
+
+
+def smooth_gain(switches: Sequence[GoalSwitch]) -> float:
+    """Largest gain whose goal switch is smooth (`SMOOTH_SWITCH`); the smallest if none is."""
+    return max((one.gain for one in switches if one.acceleration <= SMOOTH_SWITCH),
                default=switches[0].gain)
 
 
 def speeds(demonstrations: Sequence[Demonstration], skill: Skill) -> Speeds:
-    """Speeds of the skill's smooth path, at the tempo of the fastest demonstration."""
+    """Largest speeds of the skill's path, at the tempo of the fastest demonstration."""
     fastest = skill.duration / min(one.duration for one in demonstrations)
     path = skill.reproduce(_DT)
-    straight, turning = (np.linalg.norm(path.velocities[:, part], axis=1).max()
+    linear, half_angular = (np.linalg.norm(path.velocities[:, part], axis=1).max()
                          for part in (slice(0, 3), slice(3, 6)))
     times = np.arange(0.0, skill.duration, _DT)
-    # Turns are half-angles on S³.
-    return Speeds(float(fastest * straight), float(2.0 * fastest * turning),
+    # Velocities on S³ are half-angles.
+    return Speeds(float(fastest * linear), float(2.0 * fastest * half_angular),
                   float(fastest ** 2 * _peak(_positions(Rollout(skill), times))))
 
 
 def stiffness_bounds(demonstrations: Sequence[Demonstration], force: float) -> tuple[float, float]:
     """
-    Stiffness with which a deviation of two standard deviations costs ``force`` everywhere.
-
-    Where demonstrations agree a small deviation is two of them, where they vary a large one.
+    Stiffness range in which a deviation of two standard deviations costs the same force.
 
     :param force: [N]
-    :returns: softest and stiffest [N/m]
+    :returns: smallest and largest stiffness [N/m]
     :raises DataError: with fewer than two demonstrations
     """
-    paths = [evenly(one.points[:, :3], one.times, _PATH) for one in demonstrations]
+    paths = [resampled(one.points[:, :3], one.times, _SAMPLES) for one in demonstrations]
     covariances = Mixture(paths).covariances(np.linspace(0.0, 1.0, 100))
-    away = 2.0 * np.sqrt(np.linalg.eigvalsh(covariances))
-    low, high = force / away.max(), force / away.min()
+    deviations = 2.0 * np.sqrt(np.linalg.eigvalsh(covariances))
+    low, high = force / deviations.max(), force / deviations.min()
     if not low < high:
-        raise DataError('the demonstrations are equal: they say nothing about stiffness')
-    return (float(np.clip(low, SOFTEST, 0.5 * STIFFEST)),
-            float(np.clip(high, 2.0 * SOFTEST, STIFFEST)))
+        raise DataError('the demonstrations are equal: they do not determine a stiffness')
+    return (float(np.clip(low, SMALLEST_STIFFNESS, 0.5 * LARGEST_STIFFNESS)),
+            float(np.clip(high, 2.0 * SMALLEST_STIFFNESS, LARGEST_STIFFNESS)))
 
 
 def _positions(rollout: Rollout, times: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A skill seen as an impedance reference: where pose and stiffness lie in its points."""
+"""A skill as a source of impedance references: where pose and stiffness lie in its points."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -6,69 +6,84 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TWIST
-from gdmp_ros.dmp import Options, Skill, State
+from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
+from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import DataError, ManifoldError
-from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+from gdmp_ros.util.settings import setting
 
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """
-    What completes a skill to an impedance reference.
+    """What a reference needs besides the skill."""
 
-    :ivar stiffness: 6×6 used where the skill has none; its rotational block also goes with SPD(3)
-    :ivar damping_ratio: 1 is critical
-    :ivar speed_rate: largest change of the tempo [1/s]
-    :ivar goal_speed: fastest a goal position moves after a switch [m/s]; 0 for no limit
-    :ivar goal_turn_speed: fastest a goal orientation turns [rad/s]; 0 for no limit
-    :ivar phase_stopping: κ of `gdmp_ros.dmp.Rollout.observe`
-    :ivar error_weights: of the squared position [1/m²] and rotation error [1/rad²] in it
-    """
+    damping_ratio: float = setting(
+        0.7, 'damping ratio of the reference; 1 is critical', '', 0.0, 2.0)
+    stiffness: tuple[float, float, float] = setting(
+        (400.0, 400.0, 400.0), 'translational stiffness if the skill has none', 'N/m', 1.0, 5000.0)
+    rotational_stiffness: tuple[float, float, float] = setting(
+        (30.0, 30.0, 30.0), 'rotational stiffness if the skill has none', 'Nm/rad', 0.1, 500.0)
+    speed_rate: float = setting(5.0, 'largest rate of change of the tempo', '1/s', 0.1, 100.0)
+    goal_speed: float = setting(
+        0.0, 'largest speed of the goal position after a goal switch; 0: no limit', 'm/s', 0.0,
+        10.0)
+    goal_angular_speed: float = setting(
+        0.0, 'largest angular speed of the goal orientation after a goal switch; 0: no limit',
+        'rad/s', 0.0, 50.0)
+    phase_stopping: float = setting(
+        0.0, 'kappa: the tempo is divided by 1 + kappa e^2 while the measured pose lags behind; '
+        '0: never', '', 0.0, 1000.0)
+    phase_stopping_weights: tuple[float, float] = setting(
+        (400.0, 4.0), 'weights in e^2: first x position error^2 [m^2] + second x rotation '
+        'error^2 [rad^2]', '1/m^2, 1/rad^2', 0.0, 1e6)
 
-    stiffness: np.ndarray
-    damping_ratio: float = 0.7
-    speed_rate: float = 5.0
-    goal_speed: float = 0.0
-    goal_turn_speed: float = 0.0
-    phase_stopping: float = 0.0
-    error_weights: tuple[float, float] = (400.0, 4.0)
+    @property
+    def stiffness_matrix(self) -> np.ndarray:
+        """6×6 stiffness for skills without one; its rotational block is also used with SPD(3)."""
+        return np.diag([*self.stiffness, *self.rotational_stiffness])
 
 
 class ToolSkill:
-    """Where pose and stiffness lie in a skill's points; refuses other manifolds."""
+    """A skill of pose and stiffness; other manifolds are refused."""
 
     def __init__(self, skill: Skill, settings: PlayerSettings):
         """:raises DataError: unless the skill is on R³ × S³, with or without SPD(3) or SPD(6)"""
         factors = skill.manifold.factors
         kinds = [type(f) for f in factors]
-        pose = kinds[:2] == [Euclidean, UnitQuaternion] and factors[0].m == 3
+        pose = kinds[:2] == [Euclidean, UnitQuaternion] and factors[0].size == 3
         rest = factors[2:]
         matrix = (len(rest) == 1 and isinstance(rest[0], SymmetricPositiveDefinite)
-                  and rest[0].m in (3, 6))
+                  and rest[0].size in (3, 6))
         if not pose or (rest and not matrix) or not isinstance(skill.manifold, Product):
             raise DataError(f'the skill is on {skill.manifold!r}; a pose reference needs '
                             'R³ × S³, R³ × S³ × SPD(3) or R³ × S³ × SPD(6)')
         self.skill = skill
         self.manifold = skill.manifold
-        self.stiffness_size = rest[0].m if rest else 0
+        self.stiffness_size = rest[0].size if rest else 0
         self.settings = settings
 
     def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
         """
         Options of a roll-out of the skill.
 
-        :param speed: tempo to begin with
+        :param speed: initial tempo
         :param tolerances: at the goal [m, rad]
         """
         settings, count = self.settings, len(self.manifold.factors)
-        # Turns are half-angles on S³.
-        goal_speed = (settings.goal_speed or np.inf, 0.5 * settings.goal_turn_speed or np.inf,
+        # Distances on S³ are half-angles.
+        goal_speed = (settings.goal_speed or np.inf, 0.5 * settings.goal_angular_speed or np.inf,
                       np.inf)
         limits = None
         if tolerances is not None:
-            limits = [tolerances[0], 0.5 * tolerances[1], 0.0025][:count]
-        weights = (settings.error_weights[0], 4.0 * settings.error_weights[1], 0.0)
+            limits = [tolerances[0], 0.5 * tolerances[1],
+                      *(factor.goal_tolerance for factor in self.manifold.factors[2:])]
+        position_weight, rotation_weight = settings.phase_stopping_weights
+        weights = (position_weight, 4.0 * rotation_weight, 0.0)
         return Options(speed, settings.speed_rate, limits, goal_speed[:count],
                        settings.phase_stopping, weights[:count])
 
@@ -78,6 +93,21 @@ class ToolSkill:
         if self.stiffness_size and stiffness is not None:
             parts.append(stiffness)
         return self.manifold.join(*parts)
+
+    def start_at(self, pose: np.ndarray | None) -> np.ndarray | None:
+        """Point with a pose and the skill's initial stiffness; None for the skill's own start."""
+        if pose is None:
+            return None
+        _, _, *stiffness = self.manifold.split(self.skill.start)
+        return self.point(pose, stiffness[0] if stiffness else None)
+
+    def stiffness_of(self, target: np.ndarray) -> np.ndarray | None:
+        """The stiffness factor of a reference; None if the skill has no stiffness."""
+        size = self.stiffness_size
+        if not size:
+            return None
+        matrix = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:size, :size]
+        return np.ascontiguousarray(matrix)
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
         """
@@ -99,11 +129,11 @@ class ToolSkill:
             return full
         scale = 1e-6 * np.abs(full).max()
         if np.abs(full[:3, 3:]).max() > scale:
-            raise ManifoldError('stiffness goal couples translation and rotation; this skill has '
-                                'a 3×3 translational stiffness only')
-        if np.abs(full[3:, 3:] - self.settings.stiffness[3:, 3:]).max() > scale:
-            raise ManifoldError('stiffness goal has another rotational block than the parameter '
-                                'rotational_stiffness; this skill can change the 3×3 '
+            raise ManifoldError('stiffness goal couples translation and rotation; this skill '
+                                'has a 3×3 translational stiffness only')
+        if np.abs(full[3:, 3:] - self.settings.stiffness_matrix[3:, 3:]).max() > scale:
+            raise ManifoldError('the rotational block of the stiffness goal differs from the '
+                                'parameter rotational_stiffness; this skill can change the 3×3 '
                                 'translational stiffness only')
         return np.ascontiguousarray(full[:3, :3])
 

@@ -1,9 +1,9 @@
 """Parameters with a description, a unit and a range, declared from one table."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -14,8 +14,10 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from gdmp_ros.errors import GdmpError
+from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.util.settings import about
 
+Settings = TypeVar('Settings')
 #: When a changed parameter takes effect.
 CHANGES = {'configure': 'read-only while the node is configured', 'live': 'changes at once',
            'motion': 'changes with the next motion'}
@@ -26,12 +28,13 @@ class Spec:
     """
     One parameter.
 
-    :ivar unit: empty where there is none
+    :ivar unit: empty if there is none
     :ivar low: smallest value, None without bound
     :ivar high: largest value
     :ivar choices: the strings allowed
-    :ivar changes: when a change takes effect: with the next ``configure`` (until then the node is
-        asked to be unconfigured), ``live``, or with the next ``motion``
+    :ivar changes: when a change takes effect: with the next ``configure`` (until then it is
+        refused), ``live``, or with the next ``motion``
+    :ivar formerly: older name, still accepted
     """
 
     name: str
@@ -42,6 +45,7 @@ class Spec:
     high: float | None = None
     choices: tuple[str, ...] = ()
     changes: str = 'configure'
+    formerly: str = ''
 
     def descriptor(self) -> ParameterDescriptor:
         """Descriptor for ``ros2 param describe``."""
@@ -61,7 +65,7 @@ class Spec:
         return result
 
     def problem(self, value: Any) -> str | None:
-        """Why a value is refused, None where it is not."""
+        """Why a value is refused; None if it is accepted."""
         if self.choices and value not in self.choices:
             return f'{self.name} is {value!r}, expected one of {", ".join(self.choices)}'
         if self.low is None or self.high is None:
@@ -77,27 +81,69 @@ class Spec:
         return None
 
 
+def specs_of(settings_class: type, changes: str = 'live', names: Mapping[str, str] | None = None,
+             fixed: Collection[str] = (), formerly: Mapping[str, str] | None = None
+             ) -> tuple[Spec, ...]:
+    """
+    Parameters for the fields of a settings dataclass (`gdmp_ros.util.settings.setting`).
+
+    :param changes: when changes take effect
+    :param names: parameter names of fields that have another one
+    :param fixed: fields that change with the next ``configure`` only
+    :param formerly: older parameter names by field
+    """
+    names, formerly = names or {}, formerly or {}
+    return tuple(
+        Spec(names.get(field, field), list(default) if isinstance(default, tuple) else default,
+             known.description, known.unit, known.low, known.high, known.choices,
+             'configure' if field in fixed else changes, formerly.get(field, ''))
+        for field, (default, known) in about(settings_class).items())
+
+
+def settings_from(parameters: Any, settings_class: Callable[..., Settings],
+                  names: Mapping[str, str] | None = None, **given: Any) -> Settings:
+    """
+    Make the settings from the parameters that `specs_of` declared for them.
+
+    :param given: fields that are not parameters
+    :raises ParameterError: if they contradict each other
+    """
+    values = {field: getattr(parameters, (names or {}).get(field, field))
+              for field in about(settings_class)}
+    return settings_class(**given, **{
+        field: value if isinstance(value, (bool, int, float, str)) else tuple(value)
+        for field, value in values.items()})
+
+
 class Parameters:
     """
     A node's parameters as attributes; changes are checked before they take effect.
 
-    :ivar check: called with the parameters as they would be, while the node is configured; raises
-        `ParameterError` where they contradict each other
+    :ivar check: called with the proposed parameters while the node is configured; raises
+        `ParameterError` if they contradict each other
     :ivar changed: called after changes, while the node is configured
+    :ivar locked: whether the node is configured
     """
 
     def __init__(self, node: Node, specs: Sequence[Spec]):
-        """Declare all of them."""
+        """
+        Declare all of them.
+
+        :raises ParameterError: if a value at start-up is out of range
+        """
         self.check: Callable[[Any], object] = lambda _: None
         self.changed: Callable[[], None] = lambda: None
+        self.locked = False
         self._node = node
         self._specs = {spec.name: spec for spec in specs}
-        self.locked = False
+        self._newer = {spec.formerly: spec.name for spec in specs if spec.formerly}
         for spec in specs:
-            value = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
+            default = self._former_value(spec)
+            value = node.declare_parameter(spec.name, default, spec.descriptor()).value
             problem = spec.problem(value)
             if problem:
-                raise ValueError(problem)
+                raise ParameterError(problem)
+        node.add_pre_set_parameters_callback(self._rename)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._after)
 
@@ -105,6 +151,29 @@ class Parameters:
         if name.startswith('_') or name not in self._specs:
             raise AttributeError(name)
         return self._node.get_parameter(name).value
+
+    def _former_value(self, spec: Spec) -> Any:
+        """Value given at start-up under the older name, otherwise the default."""
+        if not spec.formerly:
+            return spec.default
+        given = self._node.declare_parameter(spec.formerly, None,
+                                             ParameterDescriptor(dynamic_typing=True)).value
+        self._node.undeclare_parameter(spec.formerly)
+        if given is None:
+            return spec.default
+        self._warn_of_name(spec.formerly)
+        return float(given) if isinstance(spec.default, float) else given
+
+    def _warn_of_name(self, name: str) -> None:
+        self._node.get_logger().warning(
+            f'the parameter {name} is now called {self._newer[name]}')
+
+    def _rename(self, changes: list[Parameter]) -> list[Parameter]:
+        for change in changes:
+            if change.name in self._newer:
+                self._warn_of_name(change.name)
+        return [Parameter(self._newer.get(change.name, change.name), change.type_, change.value)
+                for change in changes]
 
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
         for change in changes:
@@ -130,7 +199,7 @@ class Parameters:
 
 
 class _Proposed:
-    """Parameters as they would be after some changes."""
+    """The parameters with some changes that are not in force yet."""
 
     def __init__(self, present: Parameters, changes: Mapping[str, Any]):
         self._present, self._changes = present, changes

@@ -1,1 +1,5 @@
-"""Simulated robots: the only place that imports MuJoCo."""
+"""Simulated robots: the only room that imports MuJoCo."""
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+
+__all__ = ['Arm', 'ClosedLoop']

@@ -10,10 +10,10 @@ import numpy as np
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
-from gdmp_ros.sim.model_sources import load, torque_controlled
+from gdmp_ros.sim.model_sources import load, make_torque_controlled
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
-#: Warnings after which MuJoCo resets its state, or ignores the torques.
+#: Warnings after which MuJoCo resets its state or ignores the torques.
 _BROKEN = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
@@ -22,7 +22,7 @@ READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 
 
 
 class Arm:
-    """One arm; `step` lets one time step pass under a torque."""
+    """One arm; `step` advances it by one period under joint torques."""
 
     def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
                  hand: bool = True):
@@ -32,8 +32,8 @@ class Arm:
         :param path: MJCF file or name (`gdmp_ros.sim.model_sources.load`), or a model under
             construction; the built-in Panda by default
         :param tool: name of the site that is controlled
-        :param hand: False removes the body ``hand`` (and its tool) from the model
-        :raises DataError: if the file cannot be loaded or has no such site, or no motors
+        :param hand: False removes the body ``hand`` with the tool from the model
+        :raises DataError: if the file cannot be loaded, or has no such site or no motors
         """
         source: Any = path or PANDA
         try:
@@ -41,7 +41,7 @@ class Arm:
             if not hand:
                 spec.delete(spec.body('hand'))
             if spec.site(tool) is not None:
-                torque_controlled(spec, tool)
+                make_torque_controlled(spec, tool)
             self.model = spec.compile()
         except DataError:
             raise
@@ -69,7 +69,7 @@ class Arm:
 
     @property
     def tool_body(self) -> int:
-        """Number of the body that carries the tool."""
+        """Id of the body that carries the tool."""
         return self._body
 
     @property
@@ -83,7 +83,7 @@ class Arm:
         return float(self.data.time)
 
     def reset(self, position: np.ndarray | None = None) -> None:
-        """Put the arm at rest at ``position`` [rad]; at the first keyframe by default."""
+        """Put the arm at rest at ``position`` [rad], by default at the first keyframe."""
         mujoco.mj_resetData(self.model, self.data)
         if position is not None:
             self.data.qpos[:] = position
@@ -100,39 +100,39 @@ class Arm:
         mujoco.mj_energyPos(model, data)
         self._pose[:3] = data.site_xpos[self._site]
         mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[self._site])
-        # Everything that is neither passive, nor bias, nor a motor acts from outside.
-        applied = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - data.qfrc_actuator
+        # Everything that is not passive, bias or motor torque is external.
+        external = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - data.qfrc_actuator
         return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
                            np.vstack([self._linear, self._angular]), self._inertia,
-                           data.qfrc_bias.copy(), data.qfrc_constraint + applied,
+                           data.qfrc_bias.copy(), data.qfrc_constraint + external,
                            (self._rate @ data.qvel).reshape(-1), float(data.energy[0]))
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """
-        Give the position task's view of the present state, with the Jacobian's derivative.
+        State for a position task, with the derivative of the Jacobian.
 
-        :param axes: how many of x, y, z belong to the task
+        :param axes: number of axes of the task, from x on
         """
         now = self.measure()
         linear, angular = now.jacobian[:3], now.jacobian[3:]
         derivative = jacobian_derivative(linear, angular)
         return PositionState(now.pose[:axes].copy(), linear[:axes],
                              np.ascontiguousarray(derivative[:, :axes]), now.velocity,
-                             now.inertia, now.bias, self.friction, now.drift[:axes])
+                             now.inertia, now.bias, self.friction, now.jdot_qdot[:axes])
 
     def step(self, torque: np.ndarray) -> None:
-        """Let one period pass under joint torques [Nm]; `measure` then tells the new state."""
+        """Advance by one period under joint torques [Nm]."""
         self.data.ctrl[:] = torque
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
         if self.data.warning.number[_BROKEN].any():
-            # MuJoCo has put the arm back to where it began, without a word.
+            # MuJoCo has reset the arm to its initial state silently.
             self.data.warning.number[:] = 0
             raise DataError('the simulation is unstable: a position, velocity, acceleration or '
                             'torque was not finite or huge')
 
     def push(self, wrench: np.ndarray) -> None:
-        """Let something outside push the tool's site with a wrench (base frame) [N, Nm]."""
+        """Apply an external wrench at the tool from now on (base frame) [N, Nm]."""
         body = self._body
         lever = self.data.site_xpos[self._site] - self.data.xipos[body]
         self.data.xfrc_applied[body, :3] = wrench[:3]

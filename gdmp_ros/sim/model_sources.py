@@ -1,8 +1,8 @@
 """
-Arms of other people: from their files, from MuJoCo Menagerie, from robot_descriptions.
+Models of arms from files, from MuJoCo Menagerie and from robot_descriptions.
 
-Their models are made for position control, often with a gripper. What the controller needs is one
-torque motor for each joint that moves the tool, and the tool: `torque_controlled` makes it so.
+Many of these models have position actuators and a gripper. The controller needs one torque motor
+for each joint that moves the tool, and a site at the tool: `make_torque_controlled` adds them.
 """
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 #: Time step of the control loop [s].
 PERIOD = 0.001
 
 
 class Tool(NamedTuple):
-    """Where the tool is: the body that holds it, and its place in that body's frame [m]."""
+    """The body that holds the tool, and the position of the tool in its frame [m]."""
 
     body: str
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
 
 
 #: Tools of models that have no site ``tcp``, by the folder of their file.
@@ -39,8 +39,8 @@ def load(name: str) -> mujoco.MjSpec:
 
     :param name: MJCF file; ``menagerie:NAME`` or ``menagerie:NAME/ENTRY``, such as
         ``menagerie:franka_fr3``; ``robot_descriptions:NAME``, such as
-        ``robot_descriptions:panda_mj_description``. The latter two are downloaded at first use
-    :raises DataError: if it cannot be had
+        ``robot_descriptions:panda_mj_description``. The latter two are downloaded at their first use
+    :raises DataError: if there is no such model, or it cannot be downloaded
     """
     source, colon, rest = name.partition(':')
     fetch = {'menagerie': _menagerie, 'robot_descriptions': _robot_descriptions}.get(source)
@@ -50,7 +50,7 @@ def load(name: str) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(path))
     tool = TOOLS.get(path.parent.name)
     if tool is not None and spec.site('tcp') is None and spec.body(tool.body) is not None:
-        spec.body(tool.body).add_site(name='tcp', pos=tool.place)
+        spec.body(tool.body).add_site(name='tcp', pos=tool.position)
     return spec
 
 
@@ -73,27 +73,27 @@ def _robot_descriptions(rest: str) -> str:
     except AttributeError:
         raise DataError(f'robot_descriptions:{rest}: it is not MJCF; take one whose name ends in '
                         '_mj_description') from None
-    except Exception as error:  # whatever git says
-        raise DataError(f'robot_descriptions:{rest}: cannot be had: {error}') from None
+    except Exception as error:  # any error of git
+        raise DataError(f'robot_descriptions:{rest}: cannot be downloaded: {error}') from None
 
 
 def _module(name: str) -> Any:
-    with needs(extra('models')):
+    with optional_import(extra('models')):
         return importlib.import_module(name)
 
 
-def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
+def make_torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
     """
-    Give a model one torque motor for each joint that moves the tool, unless it is so already.
+    Give a model one torque motor for each joint that moves the tool, unless it has them.
 
-    Joints that do not move the tool, those of a gripper or of things around, are held where the
-    model has them; sensors go. Limits of the torques are those of the model's actuators or joints.
-    The time step becomes 1 ms, the first keyframe keeps the arm's joints.
+    Other joints, as of a gripper, are fixed at their initial position; sensors are removed. The
+    torque limits are those of the model's actuators or joints. The time step becomes 1 ms, and the
+    first keyframe keeps the joints of the arm.
 
     :param tool: name of a site
-    :raises DataError: for a joint of another kind, or without a limit of its torque
+    :raises DataError: for a joint that is neither hinge nor slide, or has no torque limit
     """
-    if _motors_alone(spec):
+    if _has_motors_only(spec):
         return
     body, moving = spec.site(tool).parent, []
     while body is not None and body.name != 'world':
@@ -118,8 +118,8 @@ def torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
-def _motors_alone(spec: mujoco.MjSpec) -> bool:
-    """Whether there is one plain motor with limits for each joint, in the order of the joints."""
+def _has_motors_only(spec: mujoco.MjSpec) -> bool:
+    """Whether each joint has exactly one torque motor with limits, in the order of the joints."""
     driven = [one.target for one in spec.actuators
               if one.trntype == mujoco.mjtTrn.mjTRN_JOINT and one.gear[0] == 1.0
               and one.gaintype == mujoco.mjtGain.mjGAIN_FIXED and one.gainprm[0] == 1.0
@@ -136,8 +136,8 @@ def _torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
         if one.target != joint or one.trntype != mujoco.mjtTrn.mjTRN_JOINT:
             continue
         plain = (one.gainprm[0] == 1.0 and one.biastype == mujoco.mjtBias.mjBIAS_NONE)
-        for limits, said in ((one.forcerange, True), (one.ctrlrange, plain)):
-            if said and limits[1] > limits[0]:
+        for limits, valid in ((one.forcerange, True), (one.ctrlrange, plain)):
+            if valid and limits[1] > limits[0]:
                 return float(abs(one.gear[0]) * np.abs(limits).min())
     limits = spec.joint(joint).actfrcrange
     if limits[1] > limits[0]:
@@ -147,7 +147,7 @@ def _torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
 
 
 def _first_posture(spec: mujoco.MjSpec, moving: list[str]) -> np.ndarray | None:
-    """Positions of the moving joints in the first keyframe, None without one."""
+    """Positions of the joints in the first keyframe; None without one."""
     if not spec.keys:
         return None
     model = spec.copy().compile()

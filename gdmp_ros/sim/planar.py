@@ -1,4 +1,4 @@
-"""Arms in a horizontal plane, and a mass on two slides, with torque and force motors."""
+"""Planar arms with torque motors, and a point mass on two slides with force motors."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ def _blank() -> mujoco.MjSpec:
 
 def planar_arm(lengths: Sequence[float]) -> Arm:
     """
-    Make an arm of revolute joints about z, based at the origin, in a plane without gravity.
+    Make an arm with revolute joints about z and its base at the origin, without gravity.
 
     :param lengths: of its links [m]
     """
@@ -45,7 +45,7 @@ def planar_arm(lengths: Sequence[float]) -> Arm:
 
 def point_mass(mass: float) -> Arm:
     """
-    Make a mass that slides along x and y, drawn by forces.
+    Make a mass that slides along x and y, moved by forces.
 
     :param mass: [kg]
     """

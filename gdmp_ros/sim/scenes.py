@@ -1,4 +1,4 @@
-"""The Panda among things: a watering can and a tray of water, three boxes to enter."""
+"""Scenes with the Panda: a watering can and a tray of water, open boxes, a table."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ _BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CY
 _SOLID = {'contype': 2, 'conaffinity': 1}
 _GREEN, _WOOD, _WATER = [0.25, 0.55, 0.4, 1.0], [0.72, 0.58, 0.42, 1.0], [0.3, 0.55, 0.85, 0.45]
 
-#: Can: radius, half height, mass [m, kg]; its middle hangs this far below the tool [m].
+#: Can: radius [m], half height [m], mass [kg], distance of its centre below the tool [m].
 CAN_RADIUS, CAN_HALF, CAN_MASS, CAN_BELOW = 0.055, 0.065, 0.6, 0.11
-#: Tray: middle and half size [m], height of its walls and of the water above the floor [m].
+#: Tray: centre and half size [m], height of its walls and of the water above the floor [m].
 TRAY, TRAY_HALF, TRAY_WALL, WATER_LINE = (0.52, 0.0), (0.22, 0.2), 0.19, 0.16
 _THIN = 0.006
 
 
 def watering() -> mujoco.MjSpec:
     """
-    Give the Panda a watering can in its hand, before a tray of water.
+    Panda with a watering can in its hand, in front of a tray of water.
 
-    Sites: ``tcp`` as ever, ``lip`` at the rim that dips first, ``wrist`` with a force sensor
-    ``wrist_force`` between hand and can (in its own frame).
+    Sites: ``tcp``, ``lip`` at the rim that dips first, and ``wrist`` with a force sensor
+    ``wrist_force`` between hand and can (in the frame of the site).
     """
     spec = mujoco.MjSpec.from_file(str(PANDA))
     can = spec.body('hand').add_body(name='can', pos=[0.0, 0.0, 0.1034 + CAN_BELOW],
@@ -68,30 +68,31 @@ def _walls(body: mujoco.MjsBody, half: tuple[float, float], height: float, colou
     for axis in (0, 1):
         for side in (-1.0, 1.0):
             size = [half[0] + _THIN, half[1] + _THIN, 0.5 * height]
-            place = [0.0, 0.0, 0.5 * height]
-            size[axis], place[axis] = _THIN, side * (half[axis] + _THIN)
+            position = [0.0, 0.0, 0.5 * height]
+            size[axis], position[axis] = _THIN, side * (half[axis] + _THIN)
             body.add_geom(name=f'{name}_wall_{axis}{"-+"[side > 0]}', type=_BOX, size=size,
-                          pos=place, rgba=colour, **_SOLID)
+                          pos=position, rgba=colour, **_SOLID)
 
 
 @dataclass(frozen=True)
 class Box:
-    """An open box on the floor: middle, half size of its opening and height [m]."""
+    """An open box on the floor: centre, half size of its opening, height [m]."""
 
-    middle: tuple[float, float]
+    centre: tuple[float, float]
     half: tuple[float, float]
     height: float
 
 
 def boxes(where: list[Box]) -> mujoco.MjSpec:
     """
-    Put open boxes before the Panda.
+    Panda with open boxes in front of it.
 
-    Walls are geoms named ``box1_wall_0-`` and so on, floors ``box1_floor``; they collide with it.
+    Walls are geoms named ``box1_wall_0-`` and so on, floors ``box1_floor``; both collide with the
+    Panda.
     """
     spec = mujoco.MjSpec.from_file(str(PANDA))
     for number, box in enumerate(where, 1):
-        body = spec.worldbody.add_body(name=f'box{number}', pos=[*box.middle, 0.0])
+        body = spec.worldbody.add_body(name=f'box{number}', pos=[*box.centre, 0.0])
         shade = [0.55 + 0.12 * number, 0.62, 0.75 - 0.1 * number, 0.55]
         body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
                       pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
@@ -101,20 +102,20 @@ def boxes(where: list[Box]) -> mujoco.MjSpec:
 
 def hard_table(below: float) -> mujoco.MjSpec:
     """
-    Put a table under the Panda's tool, hard, and losing little energy in a contact.
+    Panda with a table under its tool, hard and with little damping in contact.
 
-    :param below: from the tool of the first keyframe down to the top [m]
+    :param below: distance from the tool in the first keyframe down to the table top [m]
     """
     spec, half = mujoco.MjSpec.from_file(str(PANDA)), 0.2
     tool = Arm().measure().pose[:3]
-    # Negative numbers are stiffness and damping themselves, per unit of mass.
+    # Negative numbers give stiffness and damping directly, per unit of mass.
     spec.worldbody.add_geom(name='table', type=_BOX, size=[half] * 3, rgba=_WOOD,
                             pos=[tool[0], tool[1], tool[2] - below - half],
                             solref=[-2e4, -5.0], **_SOLID)
     return spec
 
 
-def touching(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> int:
+def contact_count(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> int:
     """Count contacts of geoms whose name begins with ``prefix``."""
     ids = np.array([i for i in range(model.ngeom) if model.geom(i).name.startswith(prefix)])
     pairs = data.contact.geom[:data.ncon]

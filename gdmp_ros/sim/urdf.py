@@ -1,4 +1,4 @@
-"""What an arm looks like: its shapes, and its description as URDF for those who read no MJCF."""
+"""Shapes of an arm for visualization, and its description as URDF."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -14,17 +14,17 @@ from gdmp_ros.sim.arm import Arm
 _GEOM = mujoco.mjtGeom
 _KINDS = {int(_GEOM.mjGEOM_SPHERE): 'sphere', int(_GEOM.mjGEOM_BOX): 'box',
           int(_GEOM.mjGEOM_CYLINDER): 'cylinder', int(_GEOM.mjGEOM_CAPSULE): 'capsule'}
-#: Geoms of the groups that MuJoCo's window shows at first.
+#: MuJoCo's viewer shows the geom groups below this number by default.
 _SHOWN_GROUPS = 3
 
 
 class Shape(NamedTuple):
     """
-    One simple shape.
+    A simple shape.
 
     :ivar kind: ``sphere``, ``box`` or ``cylinder`` (along its z)
     :ivar size: extents along its axes [m], shape ``(3,)``
-    :ivar body: number of the body that it is fixed to
+    :ivar body: id of the body that it is fixed to
     :ivar pose: in the body's frame, (x, y, z, qw, qx, qy, qz)
     :ivar colour: red, green, blue, opacity, 0 to 1
     """
@@ -38,9 +38,9 @@ class Shape(NamedTuple):
 
 def shapes(arm: Arm) -> list[Shape]:
     """
-    Shapes of all bodies: capsules in three parts, meshes as the boxes around them.
+    Shapes of all bodies; a capsule becomes three shapes, a mesh its bounding box.
 
-    Of a body whose geoms are all hidden, the hidden ones.
+    Hidden geoms are used only for a body whose geoms are all hidden.
     """
     model, result = arm.model, []
     visible = {int(model.geom_bodyid[i]) for i in range(model.ngeom)
@@ -55,15 +55,16 @@ def shapes(arm: Arm) -> list[Shape]:
         material = int(model.geom_matid[i])
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[i]
         colour = colour.astype(float).round(4)
-        size, place, turn = model.geom_size[i], model.geom_pos[i], model.geom_quat[i]
+        size, position, rotation = model.geom_size[i], model.geom_pos[i], model.geom_quat[i]
         if mesh:
             kind, size = 'box', model.geom_aabb[i, 3:]
-            place = place + _rotation(turn).apply(model.geom_aabb[i, :3])
+            position = position + _rotation(rotation).apply(model.geom_aabb[i, :3])
 
-        def add(kind: str, extents: list[float], along: float = 0.0, turn: np.ndarray = turn,
-                place: np.ndarray = place, body: int = body, colour: np.ndarray = colour) -> None:
-            middle = place + along * _rotation(turn).as_matrix()[:, 2]
-            result.append(Shape(kind, np.array(extents), body, np.concatenate([middle, turn]),
+        def add(kind: str, extents: list[float], along: float = 0.0, rotation: np.ndarray = rotation,
+                position: np.ndarray = position, body: int = body, colour: np.ndarray = colour
+                ) -> None:
+            centre = position + along * _rotation(rotation).as_matrix()[:, 2]
+            result.append(Shape(kind, np.array(extents), body, np.concatenate([centre, rotation]),
                                 colour))
 
         wide = 2.0 * size[0]
@@ -79,8 +80,8 @@ def shapes(arm: Arm) -> list[Shape]:
     return result
 
 
-def placed(arm: Arm, shape: Shape) -> np.ndarray:
-    """Pose of a shape in the base frame, where the arm is now."""
+def shape_pose(arm: Arm, shape: Shape) -> np.ndarray:
+    """Pose of a shape in the base frame, in the present posture."""
     return _compose(np.concatenate([arm.data.xpos[shape.body], arm.data.xquat[shape.body]]),
                     shape.pose)
 
@@ -89,14 +90,13 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
     """
     Describe an arm as URDF.
 
-    Links are the model's bodies and sites; joints keep the names that ``joint_states`` has.
-    Frames, inertial parameters, limits and simple shapes are the model's.
+    Links are the model's bodies and sites; joints have the names of ``joint_states``. Frames,
+    inertial parameters, limits and simple shapes are those of the model.
 
-    :param frame: name of the link where the model's origin is, in which poses are; what it has
-        before the first body's own name, as ``panda_`` before ``link0``, goes before the names of
-        the other links too
-    :param joint_speed: limit of every joint, which MJCF does not know [rad/s]
-    :raises DataError: for joints that URDF cannot describe, or if the frame is elsewhere
+    :param frame: name of the link at the model's origin, the frame of poses. Its prefix before the
+        name of the first body, such as ``panda_`` before ``link0``, is used for all links
+    :param joint_speed: speed limit of every joint, which MJCF does not contain [rad/s]
+    :raises DataError: for joints that URDF cannot describe, or if the frame is not at the origin
     """
     model, drawn = arm.model, shapes(arm)
     links = _links(arm, frame)
@@ -128,7 +128,7 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
 
 
 class _Links(NamedTuple):
-    """Names of the links: of bodies (0 is the world, where it is a link) and sites by number."""
+    """Names of the links by id of their body (0: the world, if it is a link) or site."""
 
     prefix: str
     bodies: dict[int, str]
@@ -141,7 +141,7 @@ def _links(arm: Arm, frame: str) -> _Links:
     bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
     own = model.body(root).name
     prefix = frame.removesuffix(own) if own and frame.endswith(own) else ''
-    # A body that stands at the origin for good is the frame itself.
+    # A body that is fixed at the origin is the frame itself.
     base = next((i for i in bodies if f'{prefix}{model.body(i).name}' == frame), 0)
     if base and not _at_origin(model, base):
         raise DataError(f'the body {model.body(base).name!r} is not at the origin of the model: '
@@ -162,7 +162,7 @@ def _links(arm: Arm, frame: str) -> _Links:
 
 
 def _at_origin(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body is where the model's origin is, whatever the joints do."""
+    """Whether a body is at the model's origin for all joint positions."""
     while body != 0:
         if (model.body_jntnum[body] or np.abs(model.body_pos[body]).max() > 1e-9
                 or abs(model.body_quat[body, 0]) < 1.0 - 1e-12):
@@ -230,7 +230,7 @@ def _visual(element: ET.Element, shape: Shape) -> None:
 
 
 def _origin(element: ET.Element, pose: np.ndarray) -> None:
-    # At a pitch of 90° one of the other two is free: SciPy warns, and sets it to 0.
+    # At a pitch of 90° roll and yaw are not unique: SciPy warns, and sets one to 0.
     angles = _rotation(pose[3:]).as_euler('xyz', suppress_warnings=True)
     ET.SubElement(element, 'origin', xyz=_words(pose[:3]), rpy=_words(angles))
 
@@ -244,8 +244,8 @@ def _rotation(quaternion: np.ndarray) -> Rotation:
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    turn = np.zeros(4)
-    mujoco.mju_mulQuat(turn, outer[3:], inner[3:])
-    moved = np.zeros(3)
-    mujoco.mju_rotVecQuat(moved, inner[:3], outer[3:])
-    return np.concatenate([outer[:3] + moved, turn])
+    rotation = np.zeros(4)
+    mujoco.mju_mulQuat(rotation, outer[3:], inner[3:])
+    position = np.zeros(3)
+    mujoco.mju_rotVecQuat(position, inner[:3], outer[3:])
+    return np.concatenate([outer[:3] + position, rotation])

@@ -1,4 +1,4 @@
-"""Looking at a simulated arm: a window, or a picture without a screen."""
+"""A window with a simulated arm, and off-screen pictures of it."""
 from __future__ import annotations
 
 from typing import Any
@@ -11,11 +11,11 @@ from gdmp_ros.sim.arm import Arm
 
 
 class NoScreenError(DataError):
-    """There is no way to draw where no screen is."""
+    """Off-screen rendering is not possible on this machine."""
 
 
 class Viewer:
-    """MuJoCo's own window beside a running simulation."""
+    """MuJoCo's window beside a running simulation."""
 
     def __init__(self, arm: Arm):
         """:raises DataError: without a display"""
@@ -35,20 +35,21 @@ class Viewer:
         self._handle.close()
 
 
-class Pictures:
-    """Takes pictures of an arm without a screen; use it in a ``with`` block."""
+class Camera:
+    """Takes off-screen pictures of an arm; use it in a ``with`` block."""
 
     def __init__(self, arm: Arm, size: tuple[int, int] = (960, 720)):
         """
         Open.
 
         :param size: width and height [pixels]
-        :raises NoScreenError: without a way to render off screen; names the package to install
+        :raises NoScreenError: if off-screen rendering is not possible; names the package to
+            install
         """
         self._arm = arm
-        # -1 looks at the middle of a model that has no such camera.
+        # -1, for a model without this camera, is the default view.
         self._camera = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
-        _offscreen(arm.model, size)
+        _enlarge_buffer(arm.model, size)
         try:
             self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
         except Exception as error:
@@ -56,7 +57,7 @@ class Pictures:
                                 f'libosmesa6 (MUJOCO_GL=osmesa) [{type(error).__name__}]'
                                 ) from None
 
-    def __enter__(self) -> Pictures:
+    def __enter__(self) -> Camera:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -64,23 +65,24 @@ class Pictures:
 
     def take(self, path: np.ndarray | None = None) -> np.ndarray:
         """
-        Picture of the present state, shape ``(height, width, 3)`` uint8.
+        Take a picture of the present state, shape ``(height, width, 3)`` uint8.
 
-        :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
+        :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
         """
         self._renderer.update_scene(self._arm.data, camera=self._camera)
         for position in path if path is not None else ():
-            _bead(self._renderer.scene, position)
+            _add_sphere(self._renderer.scene, position)
         return np.array(self._renderer.render())
 
 
-def _offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> None:
-    """Let a model be drawn as large as is asked for."""
-    frame = model.vis.global_
-    frame.offwidth, frame.offheight = max(frame.offwidth, size[0]), max(frame.offheight, size[1])
+def _enlarge_buffer(model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    """Make the off-screen buffer of a model large enough."""
+    buffer = model.vis.global_
+    buffer.offwidth = max(buffer.offwidth, size[0])
+    buffer.offheight = max(buffer.offheight, size[1])
 
 
-def _bead(scene: Any, position: np.ndarray) -> None:
+def _add_sphere(scene: Any, position: np.ndarray) -> None:
     if scene.ngeom >= scene.maxgeom:
         return
     mujoco.mjv_initGeom(scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE,

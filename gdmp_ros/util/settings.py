@@ -1,8 +1,10 @@
 """Settings as dataclass fields that carry their description, unit and range."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field, Field, fields
+from dataclasses import astuple, dataclass, field, Field, fields
 from typing import Any
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -13,18 +15,21 @@ class About:
     :ivar unit: empty if there is none
     :ivar low: smallest value, None without bound
     :ivar high: largest value
+    :ivar choices: the strings allowed
     """
 
     description: str
     unit: str = ''
     low: float | None = None
     high: float | None = None
+    choices: tuple[str, ...] = ()
 
 
 def setting(default: Any, description: str, unit: str = '', low: float | None = None,
-            high: float | None = None) -> Any:
+            high: float | None = None, choices: tuple[str, ...] = ()) -> Any:
     """Field of a settings dataclass; parameters of nodes are declared from it."""
-    return field(default=default, metadata={'about': About(description, unit, low, high)})
+    return field(default=default,
+                 metadata={'about': About(description, unit, low, high, choices)})
 
 
 def about(settings_class: Any) -> dict[str, tuple[Any, About]]:
@@ -32,3 +37,15 @@ def about(settings_class: Any) -> dict[str, tuple[Any, About]]:
     found: tuple[Field[Any], ...] = fields(settings_class)
     return {one.name: (one.default, one.metadata['about'])
             for one in found if 'about' in one.metadata}
+
+
+def numbers_type(settings_class: Any) -> np.dtype:
+    """Record type of the numbers and tuples of a settings dataclass, for kernels."""
+    shapes = [(one.name, np.shape(one.default)) for one in fields(settings_class)]
+    return np.dtype([(name, np.float64, shape) if shape else (name, np.float64)
+                     for name, shape in shapes])
+
+
+def numbers(settings: Any) -> np.ndarray:
+    """The same numbers as a flat array, in the order of `numbers_type`."""
+    return np.hstack([np.ravel(value) for value in astuple(settings)]).astype(float)

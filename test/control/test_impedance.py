@@ -4,16 +4,13 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from gdmp_ros.control.impedance import (
-    damping_design,
-    impedance_torque,
-    ImpedanceGains,
-    left_jacobian_inverse,
-    rotation_error,
-    TARGET_SIZE,
-)
+from gdmp_ros.control.impedance import damping_design, impedance_torque, left_jacobian_inverse
+from gdmp_ros.control.settings import ImpedanceGains
+from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.sim.arm import Arm, READY
+from gdmp_ros.util.settings import numbers as numbers_of
 
 
 def wxyz(rotation):
@@ -38,7 +35,7 @@ def torque_of(arm, numbers, velocity=None, gains=None):
     settings = gains or ImpedanceGains(posture_stiffness=0.0, posture_damping=0.0,
                                        singularity=1e-4)
     impedance_torque(measured.position, dq, measured.pose, measured.jacobian, measured.inertia,
-                     measured.bias, arm.friction, numbers, READY, settings.array(),
+                     measured.bias, arm.friction, numbers, READY, numbers_of(settings),
                      measured.external, torque, wrench)
     return torque - measured.bias
 
@@ -59,7 +56,7 @@ def test_rotation_error_takes_the_short_way_round(rng):
         expected = (b * a.inv()).as_rotvec()
         for sign in (1.0, -1.0):
             out = np.empty(3)
-            rotation_error(sign * wxyz(a), wxyz(b), out)
+            rotation_between(sign * wxyz(a), wxyz(b), out)
             np.testing.assert_allclose(out, expected, atol=1e-9)
 
 
@@ -88,7 +85,7 @@ def test_elastic_torque_is_the_gradient_of_the_energy_for_a_coupled_stiffness(rn
         arm.reset(q)
         pose, e = arm.measure().pose, np.empty(6)
         e[:3] = numbers[:3] - pose[:3]
-        rotation_error(pose[3:].copy(), numbers[3:7].copy(), e[3:])
+        rotation_between(pose[3:].copy(), numbers[3:7].copy(), e[3:])
         return 0.5 * e @ stiffness @ e
 
     q = READY + 0.05 * rng.standard_normal(7)

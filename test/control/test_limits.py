@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
-from gdmp_ros.control.controller import ControllerSettings, HOLD_STIFFNESS
-from gdmp_ros.control.governor import SINGULAR_LENGTH, singular_rate, singular_value
-from gdmp_ros.control.impedance import STIFFNESS, TARGET_SIZE
-from gdmp_ros.control.limits import LimitSettings, TorqueLimiter
 from gdmp_ros.control.measurement import JointLimits
-from gdmp_ros.control.tank import bound_stiffness, stiffness_bounds, TankSettings
-from gdmp_ros.control.guard import GuardSettings
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    GuardSettings,
+    LimitSettings,
+    TankSettings,
+)
+from gdmp_ros.control.singularity import ROTATION_LENGTH, singular_rate, singular_value
+from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
+from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
+from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
 
 DT = 1e-3
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, jump_stiffness=100.0)
@@ -44,12 +48,12 @@ def run(loop, targets):
     for target in targets:
         assert loop.follow(target), loop.controller.guard.last_refusal
         ticks.append(loop.tick())
-        followed.append(loop.controller._followed[:13].copy())
+        followed.append(loop.controller.reference[:13])
     return ticks, np.array(followed)
 
 
 def most(ticks, which):
-    return max(tick.excess[which] for tick in ticks)
+    return max(tick.violation[which] for tick in ticks)
 
 
 def test_a_reference_inside_the_limits_is_followed_to_rounding_and_no_limit_bites():
@@ -60,8 +64,8 @@ def test_a_reference_inside_the_limits_is_followed_to_rounding_and_no_limit_bite
         given[-1][14] = 3.0 * u * (1 - u) * (1 - 2 * u)
     ticks, followed = run(loop, given)
     np.testing.assert_allclose(followed[:, :3], [g[:3] for g in given], atol=1e-6)
-    assert not np.any([tick.excess for tick in ticks])
-    assert loop.controller.bites.recent() == ''
+    assert not np.any([tick.violation for tick in ticks])
+    assert loop.controller.counters.recent() == ''
 
 
 def test_a_distant_reference_is_caught_up_with_inside_speed_and_acceleration():
@@ -94,11 +98,11 @@ def test_a_fast_reference_is_slowed_down(index, name, limit, factor):
 
 
 def test_turns_are_slowed_down():
-    loop = loop_with(turn_speed=0.3, turn_acceleration=2.0)
+    loop = loop_with(angular_speed=0.3, angular_acceleration=2.0)
     ticks, followed = run(loop, [reference(loop, turn=(0.5, 0, 0))] * 1500)
     rate = np.linalg.norm(followed[:, 10:13], axis=1)
     assert rate.max() <= 0.3 + 1e-9 and np.abs(np.diff(rate)).max() <= 2.0 * DT + 1e-9
-    assert most(ticks, limits.TURN_SPEED) > 0.0 and most(ticks, limits.TURN_ACCELERATION) > 0.0
+    assert most(ticks, limits.ANGULAR_SPEED) > 0.0 and most(ticks, limits.ANGULAR_ACCELERATION) > 0.0
 
 
 def test_references_outside_the_workspace_are_held_at_its_wall():
@@ -111,8 +115,7 @@ def test_references_outside_the_workspace_are_held_at_its_wall():
 
 
 def test_stiffness_stays_between_its_bounds_in_every_direction(rng):
-    bounds = stiffness_bounds(LimitSettings(stiffness_min=(100.0, 10.0),
-                                            stiffness_max=(800.0, 60.0)))
+    bounds = diagonal_bounds((100.0, 10.0), (800.0, 60.0))
     for _ in range(50):
         factor = rng.standard_normal((3, 3)) * np.exp(rng.uniform(0, 3.5))
         wanted = np.zeros((6, 6))
@@ -130,7 +133,7 @@ def test_stiffness_stays_between_its_bounds_in_every_direction(rng):
 
 def test_coupled_stiffness_is_never_above_the_upper_bound(rng):
     settings = LimitSettings(stiffness_min=(100.0, 1.0), stiffness_max=(800.0, 60.0))
-    bounds = stiffness_bounds(settings)
+    bounds = diagonal_bounds(settings.stiffness_min, settings.stiffness_max)
     for _ in range(50):
         factor = 40.0 * rng.standard_normal((6, 6))
         bounded = (factor @ factor.T + np.eye(6)).reshape(-1)
@@ -192,7 +195,7 @@ def test_singular_value_and_its_rate(rng):
 
         def value(position):
             jacobian = measured(position)
-            jacobian[3:] *= SINGULAR_LENGTH
+            jacobian[3:] *= ROTATION_LENGTH
             return np.linalg.svd(jacobian, compute_uv=False)[-1]
 
         jacobian, direction = measured(q), np.empty(6)
@@ -209,7 +212,7 @@ def test_a_motion_into_a_singularity_slows_down_and_out_of_it_does_not():
     outward = np.array([1.0, 0.0, 0.35]) / np.linalg.norm([1.0, 0.0, 0.35])
 
     def go(way, count):
-        values, ticks, at = [], [], loop.controller._followed[:7].copy()
+        values, ticks, at = [], [], loop.controller.reference[:7].copy()
         for k in range(count):
             target = reference(loop)
             target[:7] = at
@@ -224,8 +227,8 @@ def test_a_motion_into_a_singularity_slows_down_and_out_of_it_does_not():
     assert most(ticks, limits.SINGULARITY) > 0.5
     # It began inside the zone, and swings a little before it settles at its edge.
     assert values[-1000:].min() > 0.9 * settings.singularity_stop
-    travelled = np.linalg.norm(loop.controller._followed[:3] - start[:3])
-    assert travelled < 0.03 and np.linalg.norm(loop.controller._followed[7:10]) < 0.01
+    travelled = np.linalg.norm(loop.controller.reference[:3] - start[:3])
+    assert travelled < 0.03 and np.linalg.norm(loop.controller.reference[7:10]) < 0.01
     for _ in range(200):
         loop.tick()
     ticks, values = go(-1.0, 1500)
@@ -267,15 +270,15 @@ def test_gravity_is_never_taken_from_a_fast_joint():
 def test_what_has_bitten_is_told_with_amount_and_unit_once():
     loop = loop_with(torque_rate=0.05)
     run(loop, [reference(loop, (0.02, 0, 0))] * 50)
-    said = loop.controller.bites.recent()
+    said = loop.controller.counters.recent()
     assert 'torque_rate by ' in said and said.count('Nm') == 1
-    assert loop.controller.bites.ticks[limits.TORQUE_RATE] > 0
+    assert loop.controller.counters.ticks[limits.TORQUE_RATE] > 0
     for _ in range(3000):
         loop.follow(reference(loop, (0.02, 0, 0)))
         loop.tick()
-    loop.controller.bites.recent()
+    loop.controller.counters.recent()
     loop.tick()
-    assert loop.controller.bites.recent() == ''
+    assert loop.controller.counters.recent() == ''
 
 
 @pytest.mark.parametrize('changes', [
@@ -303,7 +306,7 @@ def test_an_arm_beyond_a_joint_limit_is_pushed_back():
     loop.reset(at_limit)
     mujoco.mj_forward(arm.model, arm.data)
     tick = loop.tick()
-    assert tick.excess[limits.JOINT_POSITION] == pytest.approx(2.85 - (2.8973 - 0.3), abs=1e-6)
+    assert tick.violation[limits.JOINT_POSITION] == pytest.approx(2.85 - (2.8973 - 0.3), abs=1e-6)
     for _ in range(1500):
         tick = loop.tick()
     assert tick.measurement.position[6] < 2.84

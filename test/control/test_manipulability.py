@@ -59,7 +59,7 @@ def test_the_null_space_term_does_not_accelerate_the_tool(rng):
     assert np.abs(acceleration).max() < 1e-9 * np.abs(pushed - plain).max()
 
 
-def test_drift_is_what_velocity_alone_does_to_the_tool(rng):
+def test_jdot_qdot_is_the_acceleration_at_constant_joint_velocity(rng):
     arm = Arm()
     arm.data.qvel[:] = rng.uniform(-1.0, 1.0, 7)
     import mujoco
@@ -68,7 +68,7 @@ def test_drift_is_what_velocity_alone_does_to_the_tool(rng):
     q, dq, h = now.position, now.velocity, 1e-6
     arm.reset(q + h * dq)
     rate = (arm.measure().jacobian - now.jacobian) / h
-    assert now.drift == pytest.approx(rate @ dq, abs=1e-4)
+    assert now.jdot_qdot == pytest.approx(rate @ dq, abs=1e-4)
 
 
 def test_a_planar_arm_follows_a_path_and_agrees_with_the_simulated_one(rng):

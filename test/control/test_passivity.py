@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
-from gdmp_ros.control.controller import ControllerSettings, HOLD_STIFFNESS
-from gdmp_ros.control.impedance import damping_design, STIFFNESS, TARGET_SIZE
-from gdmp_ros.control.limits import LimitSettings
-from gdmp_ros.control.tank import compose_modes, growth_margin, relative_modes, TankSettings
-from gdmp_ros.control.guard import GuardSettings
+from gdmp_ros.control.impedance import damping_design
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    GuardSettings,
+    LimitSettings,
+    TankSettings,
+)
+from gdmp_ros.control.stability import growth_margin
+from gdmp_ros.control.stiffness import compose_modes, relative_modes
+from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.util.profiles import minimum_jerk
-from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.util.profiles import minimum_jerk
 
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, jump_stiffness=100.0)
 SPD6 = SymmetricPositiveDefinite(6)
@@ -68,7 +73,7 @@ def test_energy_never_grows_under_random_stiffness_and_references(seed):
         tick = loop.tick()
         totals.append(total(loop, tick))
         tanks.append(tick.tank)
-        fed.append(tick.excess[limits.ENERGY])
+        fed.append(tick.violation[limits.ENERGY])
     # One tick of a residual that the damping cannot take away at once is all that may be missing.
     assert min(tanks) > -0.03
     assert max(totals) < 0.3 + 0.03
@@ -128,7 +133,7 @@ def test_growth_waits_for_energy_and_a_decrease_is_always_allowed():
     for _ in range(80):
         tick = loop.tick()
         loop.follow(stiff)
-    assert tick.excess[limits.ENERGY] > 0.0
+    assert tick.violation[limits.ENERGY] > 0.0
     assert tick.stiffness[14] < 1.05 * 400.0 and tick.requested[14] == 1600.0
     # Directions in which nothing is stored may grow freely.
     assert tick.stiffness[7] > 1500.0
@@ -145,19 +150,19 @@ def test_growth_waits_for_energy_and_a_decrease_is_always_allowed():
 def test_an_empty_tank_holds_the_reference_and_lets_it_return():
     loop, home = on_table(0.8)
     loop.controller.tank.energy = 0.0
-    held = loop.controller._followed[2]
+    held = loop.controller.reference[2]
     deeper = target_at(home, HOLD_STIFFNESS)
     deeper[2] -= 0.09
     for _ in range(300):
         loop.follow(deeper)
         tick = loop.tick()
-    assert abs(loop.controller._followed[2] - held) < 2e-3
-    assert tick.excess[limits.ENERGY] > 0.0
+    assert abs(loop.controller.reference[2] - held) < 2e-3
+    assert tick.violation[limits.ENERGY] > 0.0
     back = target_at(home, HOLD_STIFFNESS)
     for _ in range(1500):
         loop.follow(back)
         tick = loop.tick()
-    assert loop.controller._followed[2] == pytest.approx(home[2], abs=1e-6)
+    assert loop.controller.reference[2] == pytest.approx(home[2], abs=1e-6)
     assert tick.tank > 0.3
 
 

@@ -15,7 +15,7 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.dmp.development import distances
+from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.data import lasa
 from gdmp_ros.util.profiles import minimum_jerk

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros import DataError
+from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.model_sources import load
-from gdmp_ros.sim.arm import Arm, PANDA
 
 
 def position_controlled():

@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Rollout, Skill
-from gdmp_ros.control.impedance import rotation_error
-from gdmp_ros.errors import DataError
 from gdmp_ros.data import lasa
+from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.tool_skill import PlayerSettings
-from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.arm import Arm, READY
+from gdmp_ros.sim.closed_loop import ClosedLoop
 
 
 def test_forward_kinematics_of_the_ready_pose():
@@ -106,7 +106,7 @@ def test_a_learned_letter_is_tracked_through_a_goal_switch():
         assert loop.follow(target)
         tick = loop.tick()
         position.append(np.linalg.norm(tick.measurement.pose[:3] - target[:3]))
-        rotation_error(tick.measurement.pose[3:].copy(), target[3:7].copy(), error)
+        rotation_between(tick.measurement.pose[3:].copy(), target[3:7].copy(), error)
         rotation.append(np.linalg.norm(error))
         torques.append(tick.torque)
     assert player.rollout.finished

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.scenes import Box, boxes, CAN_MASS, contact_count, watering
+from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
 from gdmp_ros.view.films import render_to
-from gdmp_ros.sim.scenes import Box, boxes, CAN_MASS, touching, watering
-from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
 
 DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 
@@ -15,7 +15,7 @@ def hand(stiffness=400.0, **options):
     def intends(progress):
         return np.concatenate([[0.40 + 0.08 * progress, 0.05 * progress, 0.42],
                                [1.0, 0.0, 0.0, 0.0]])
-    return Hand(intends, lambda _: stiffness * np.eye(3), 40.0, **options)
+    return GuidingHand(intends, lambda _: stiffness * np.eye(3), 40.0, **options)
 
 
 @pytest.fixture(scope='module')
@@ -57,10 +57,10 @@ def test_velocities_are_those_of_the_middle_of_mass(body, rng):
 
 def test_contacts_with_a_box_are_counted_and_others_are_not():
     arm = Arm(boxes([Box((0.31, 0.0), (0.15, 0.15), 0.45)]))
-    assert touching(arm.model, arm.data, 'box') == 0
+    assert contact_count(arm.model, arm.data, 'box') == 0
     arm = Arm(boxes([Box((0.31, 0.15), (0.15, 0.15), 0.6)]))
-    assert touching(arm.model, arm.data, 'box') > 0
-    assert touching(arm.model, arm.data, 'tray') == 0
+    assert contact_count(arm.model, arm.data, 'box') > 0
+    assert contact_count(arm.model, arm.data, 'tray') == 0
 
 
 def test_films_and_pictures_are_written(tmp_path):

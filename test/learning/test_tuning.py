@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from gdmp_ros import DataError, Demonstration, Skill
-from gdmp_ros.learning import tuning
 from gdmp_ros.data import lasa
 from gdmp_ros.data.recordings import tool_manifold
+from gdmp_ros.learning import tuning
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 

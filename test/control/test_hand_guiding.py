@@ -2,15 +2,15 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.hand import Grip, GripSettings
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.hand import Hand, HandSettings
 
 
 @pytest.fixture
 def loop():
     made = ClosedLoop(Arm())
-    made.led = True
+    made.hand_guided = True
     return made
 
 
@@ -35,7 +35,7 @@ def test_it_carries_itself_and_nothing_holds_it(loop):
 
 def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
     place = loop.arm.measure().pose.copy()
-    loop.hand = Grip(place.copy())
+    loop.hand = Hand(place.copy())
     target = place.copy()
     for k in range(1500):
         target[:3] = place[:3] + min(k / 1000.0, 1.0) * np.array([0.05, 0.1, -0.05])
@@ -45,7 +45,7 @@ def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
     assert np.linalg.norm(loop.arm.measure().pose[:3] - target[:3]) < 0.003
     loop.hand = None
     loop.arm.push(np.zeros(6))
-    loop.led = False
+    loop.hand_guided = False
     left = loop.arm.measure().pose.copy()
     tick = ticks(loop, 1500)
     assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.005
@@ -63,7 +63,7 @@ def test_the_wrench_that_is_felt_is_the_one_that_pushes(loop):
 def test_a_hand_is_no_stronger_than_it_is(loop):
     far = loop.arm.measure().pose.copy()
     far[:3] += 1.0
-    hand = Grip(far, GripSettings(force=20.0))
+    hand = Hand(far, HandSettings(force=20.0))
     assert np.linalg.norm(hand.wrench(loop.arm.measure())[:3]) == pytest.approx(20.0)
 
 
@@ -71,7 +71,7 @@ def test_joint_limits_push_back_while_it_is_led(loop):
     position = loop.arm.data.qpos.copy()
     position[3] = loop.arm.limits.upper[3] - 0.05
     loop.reset(position)
-    loop.led = True
+    loop.hand_guided = True
     tick = ticks(loop, 1)
     pushed = tick.torque - tick.measurement.bias
     assert pushed[3] == pytest.approx(-1.0)  # as fast as torques may change

@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.learning import force_stiffness
+from gdmp_ros.learning.force_stiffness import ForceRecords
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.learning import force_stiffness, ForceRecords
 
 MASS, DAMPING = 1.5, 20.0
 TIMES = np.linspace(0.0, 4.0, 401)

@@ -2,8 +2,9 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.control.impedance import TARGET_SIZE
-from gdmp_ros.control.guard import GuardSettings, Origin, ReferenceGuard
+from gdmp_ros.control.guard import Origin, ReferenceGuard
+from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.target import TARGET_SIZE
 
 HOME = np.array([0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
 STIFFNESS = np.diag([400.0, 400, 400, 30, 30, 30])
@@ -20,7 +21,7 @@ def reference(position=(0.3, 0.0, 0.5), velocity=(0.0, 0.0, 0.0)):
 
 @pytest.fixture
 def guard():
-    return ReferenceGuard(GuardSettings(frame='base'), HOME, STIFFNESS, 0.7)
+    return ReferenceGuard(GuardSettings(frame='base'), HOME, 0.7)
 
 
 def spoil(change):

@@ -1,0 +1,226 @@
+"""What a trajectory server does, without ROS: skills, the robot's pose, ticks, refusals."""
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.refusals import Refusals
+from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.realtime.shared_loop import Member
+from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.util.settings import setting
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """Where motions may start, and where goals may be."""
+
+    start_from: str = setting(
+        'measured', "where motions start: at the measured pose, or at the skill's own start",
+        choices=('measured', 'skill'))
+    measured_pose_age: float = setting(
+        0.5, 'oldest measured pose from which a motion may start', 's', 0.01, 10.0)
+    workspace_min: tuple[float, float, float] = setting(
+        (-0.2, -0.8, 0.02), 'lowest goal position accepted', 'm', -10.0, 10.0)
+    workspace_max: tuple[float, float, float] = setting(
+        (0.8, 0.8, 1.1), 'highest goal position accepted', 'm', -10.0, 10.0)
+
+    def __post_init__(self) -> None:
+        """:raises ParameterError: if the workspace is empty"""
+        for axis, low, high in zip('xyz', self.workspace_min, self.workspace_max):
+            if low >= high:
+                raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
+                                     f'workspace_max {axis}, {high:g} m')
+
+
+class Streamer:
+    """
+    Streams a skill as references.
+
+    One thread calls `tick`; the other methods may be called from any thread.
+
+    :ivar player: None before there is a skill
+    :ivar active: whether ticks are made
+    :ivar member: the task in the real-time loop; None with simulated time
+    :ivar time_jumps: [s], not reported yet
+    """
+
+    def __init__(self, period_ns: int, measured_from: str, settings: StreamSettings,
+                 player_settings: PlayerSettings):
+        """:param measured_from: source of the measured pose, for messages"""
+        self.settings = settings
+        self.player: Player | None = None
+        self.skill_name = ''
+        self.refusals = Refusals()
+        self.lateness = LatenessRecorder(period_ns)
+        self.member: Member | None = None
+        self.active = False
+        self.time_jumps: deque[float] = deque(maxlen=10)
+        self._player_settings = player_settings
+        self._measured_from = measured_from
+        self._measured: tuple[np.ndarray, float] | None = None
+        self._last_tick = 0
+
+    def configure(self, settings: StreamSettings, player_settings: PlayerSettings) -> None:
+        """Use other settings from now on; those of the player from the next motion on."""
+        self.settings, self._player_settings = settings, player_settings
+        if self.player is not None:
+            self.player.configure(player_settings)
+
+    def use(self, skill: Skill, name: str) -> None:
+        """
+        Use a skill for the next start.
+
+        :raises DataError: if it is not one of pose and stiffness; the present skill stays
+        """
+        skill.reproduce(skill.duration)  # compiles the kernels, or loads them from the cache
+        if self.player is None:
+            self.player = Player(skill, self._player_settings, self.refusals)
+        else:
+            self.player.load(skill)
+        self.skill_name = name
+
+    def load(self, path: str) -> None:
+        """
+        Use a skill file for the next start.
+
+        :raises DataError: if it cannot be loaded; the present skill stays
+        """
+        self.use(Skill.load(path), path)
+
+    def loaded(self) -> Player:
+        """
+        Return the player.
+
+        :raises ParameterError: if there is no skill
+        """
+        if self.player is None:
+            raise ParameterError('no skill is loaded: set the parameter skill or demonstrations, '
+                                 'or call ~/load_skill or ~/learn_skill')
+        return self.player
+
+    def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
+              duration: float | None = None,
+              tolerances: tuple[float, float] | None = None) -> int:
+        """
+        Start the loaded skill.
+
+        :param goal_stiffness: 9 or 36 numbers; None or empty for that of the skill
+        :returns: number of the motion (`Player.start`)
+        :raises GdmpError: if it cannot start; what is streamed does not change
+        """
+        player = self.loaded()
+        if not self.active:
+            raise ParameterError('the node is not active')
+        factor = None
+        if goal_stiffness is not None and len(goal_stiffness):
+            factor = player.tool.stiffness_factor(goal_stiffness)
+        return player.start(self._start_pose(), goal_pose, factor, duration, tolerances)
+
+    def switch_goal_pose(self, pose: np.ndarray) -> None:
+        """
+        Switch the pose goal.
+
+        :raises GdmpError: if it lies outside the workspace, or no skill is being executed
+        """
+        player = self._executing()
+        self.check_goal(pose)
+        player.goal_pose(pose)
+
+    def switch_goal_stiffness(self, numbers: Sequence[float]) -> None:
+        """
+        Switch the stiffness goal.
+
+        :raises GdmpError: if it does not fit the skill, or no skill is being executed
+        """
+        player = self._executing()
+        player.goal_stiffness(player.tool.stiffness_factor(numbers))
+
+    def check_goal(self, pose: np.ndarray) -> None:
+        """:raises ManifoldError: if a goal position lies outside the workspace"""
+        for axis, value, least, most in zip('xyz', pose, self.settings.workspace_min,
+                                            self.settings.workspace_max):
+            if not least <= value <= most:
+                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
+                                    f'{least:g} to {most:g} m')
+
+    def observe(self, measured: np.ndarray) -> None:
+        """Take the measured pose (x, y, z, qw, qx, qy, qz) of the robot."""
+        self._measured = (measured, time.monotonic())
+        if self.player is not None:
+            self.player.observe(measured)
+
+    def robot_is_known(self) -> bool:
+        """Whether a motion could start, as far as the robot's pose is concerned."""
+        try:
+            self._start_pose()
+        except ParameterError:
+            return not self.active
+        return True
+
+    def activate(self, period_ns: int) -> None:
+        """Begin to tick."""
+        self.lateness = LatenessRecorder(period_ns)
+        self._last_tick = 0
+        self.active = True
+
+    def stop(self) -> None:
+        """Stop a motion smoothly, and wait until it has stopped."""
+        player = self.player
+        if player is None or player.status in (Status.IDLE, Status.HOLDING):
+            return
+        player.stop()
+        latest = time.monotonic() + 2.0 / player.speed_rate + 1.0
+        while player.status is Status.STOPPING and time.monotonic() < latest:
+            time.sleep(0.005)
+
+    def tick(self, now_ns: int, longest_s: float) -> np.ndarray | None:
+        """
+        Advance the motion to the present time.
+
+        :param longest_s: a longer step is a jump of the time: the motion does not advance then [s]
+        :returns: see `Player.tick`; None without a skill
+        """
+        dt = (now_ns - self._last_tick) / NS if self._last_tick else 0.0
+        self._last_tick = now_ns
+        if not 0.0 <= dt <= longest_s:
+            self.time_jumps.append(dt)
+            dt = 0.0
+        player = self.player
+        if player is None:
+            return None
+        if self._measured is not None and player.status is Status.IDLE:
+            player.hold(self._measured[0])
+        return player.tick(dt)
+
+    def _executing(self) -> Player:
+        player = self.loaded()
+        status = player.status
+        if status is Status.IDLE or (player.rollout is None and status is Status.HOLDING):
+            raise ParameterError('no skill is being executed; start one first')
+        return player
+
+    def _start_pose(self) -> np.ndarray | None:
+        if self.settings.start_from == 'skill':
+            return None
+        if self._measured is None:
+            raise ParameterError(f'no measured pose has arrived on {self._measured_from}: the '
+                                 "robot's pose is not known (with start_from: skill a motion "
+                                 "starts at the skill's own start)")
+        pose, arrived = self._measured
+        age = time.monotonic() - arrived
+        if age > self.settings.measured_pose_age:
+            raise ParameterError(f'the last measured pose on {self._measured_from} is {age:.2f} s '
+                                 f'old, expected at most {self.settings.measured_pose_age:g} s')
+        return pose
