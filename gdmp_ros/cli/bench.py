@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.terminal import table
 from gdmp_ros.util.atomic_write import write_json
+from gdmp_ros.util.terminal import table
 
 HELP = 'measure speed, accuracy and calm beside the peers'
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
@@ -63,9 +63,9 @@ def add_parallel_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, print a table, write the files."""
-    from gdmp_ros.experiments.timing import environment, Settings
     from gdmp_ros.data import lasa
-    from gdmp_ros.util.parallel import chosen
+    from gdmp_ros.experiments.timing import environment, Settings
+    from gdmp_ros.util.parallel import scheduler_address
     classes = tuple(options.classes or lasa.CLASSES)
     for name in classes:
         if name not in lasa.CLASSES:
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
     if not 0.0 < options.seconds <= 86400.0:
         raise DataError(f'--seconds is {options.seconds:g}, expected more than 0 to 86400')
     settings = Settings(options.repetitions, options.seconds, options.jobs,
-                        chosen(options.backend), options.resume, classes, options.n_basis)
+                        scheduler_address(options.backend), options.resume, classes, options.n_basis)
     if options.what != 'all':
         document = _measure(options.what, settings)
         if options.json:

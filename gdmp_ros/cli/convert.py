@@ -18,12 +18,11 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.cli.record import EPOCH_NS
+from gdmp_ros.data import exchange, recordings
+from gdmp_ros.data.bags import STORAGES
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.data import exchange
-from gdmp_ros.data import recordings
-from gdmp_ros.data.bags import STORAGES
-from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 HELP = 'convert demonstrations and skills from and to other formats'
 KINDS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives')
@@ -52,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
         options.output.suffix, 'bag')
     try:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        with needs(extra('bench')):
+        with optional_import(extra('bench')):
             _convert(options, kind)
     except OSError as error:
         raise DataError(f'{options.output}: cannot write: {error.strerror}') from None

@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.util.optional_imports import extra, needs
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 HELP = 'describe an arm as URDF'
 
@@ -32,9 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Load the model and write it."""
-    with needs(extra('sim')):
-        from gdmp_ros.sim.urdf import urdf
+    with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
+        from gdmp_ros.sim.urdf import urdf
     text = urdf(Arm(options.model, options.tool_site), options.frame)
     if options.output is None:
         print(text, end='')

@@ -16,7 +16,7 @@ import os
 from pathlib import Path
 
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.util.optional_imports import needs, ROS
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 HELP = "execute a running server's skill, switch its goal"
 
@@ -42,9 +42,9 @@ def run(options: argparse.Namespace) -> int:
     for name, value in (('--after', options.after), ('--wait', options.wait)):
         if not (math.isfinite(value) and value >= 0.0):
             raise ParameterError(f'{name} is {value:g} s, expected 0 or more')
-    from gdmp_ros.util.dds_network import network
-    os.environ.update(network())
-    with needs(ROS):
+    from gdmp_ros.util.dds_network import default_environment
+    os.environ.update(default_environment())
+    with optional_import(ROS):
         from gdmp_ros.ros.clients import execute_client as executing
     wish = executing.Wish(options.server,
                           str(options.load.absolute()) if options.load else '',

@@ -19,7 +19,7 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.optional_imports import needs, ROS
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 HELP = 'try what can go wrong on the nodes'
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Try the faults; 0 if all that could be tried hold."""
-    with needs(ROS):
+    with optional_import(ROS):
         from gdmp_ros.experiments.reliability import report
         from gdmp_ros.experiments.reliability.faults import FAULTS
         if options.list:

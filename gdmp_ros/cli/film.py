@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gdmp_ros.data import runs
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.data import runs
-from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 HELP = 'make a film of a run, or of a skill'
 SUFFIXES = ('.mp4', '.webp')
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
                         '.png')
     if not options.output.absolute().parent.is_dir():
         raise DataError(f'{options.output.parent}: there is no such folder')
-    with needs(extra('sim')):
+    with optional_import(extra('sim')):
         from gdmp_ros.view.films import render_to
         times, joints, path = (_recorded(options) if options.source.is_dir()
                                or options.source.suffix == '.mcap' else _played(options))
@@ -78,7 +78,7 @@ def _played(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.nda
     """Times [s], joints [rad] and positions [m] of a skill that an arm executes."""
     skill = Skill.load(options.source)
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.execution import play
+    from gdmp_ros.sim.execution import execute
     arm = Arm(options.model)
-    played = play(skill, arm)
+    played = execute(skill, arm)
     return arm.period * np.arange(len(played.joints)), played.joints, played.measured[:, :3]

@@ -13,12 +13,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.view import plots
+from gdmp_ros.data import gallery
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.data import gallery
-from gdmp_ros.util.terminal import progress
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.terminal import progress
+from gdmp_ros.view import plots
 
 HELP = 'make a gallery of skills with pictures'
 

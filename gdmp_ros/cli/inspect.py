@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gdmp_ros.data import bags, recordings
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.data import bags
-from gdmp_ros.data import recordings
 from gdmp_ros.util.terminal import table
 
 HELP = 'say what is in a bag or a skill file'

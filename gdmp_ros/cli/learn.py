@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from gdmp_ros.cli.bench import add_parallel_arguments
-from gdmp_ros.dmp import Fit, fit_report, Skill
-from gdmp_ros.dmp.skill import CONNECTIONS
+from gdmp_ros.data import recordings, takes
+from gdmp_ros.dmp import Skill
+from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.data import recordings
-from gdmp_ros.data import takes
+from gdmp_ros.learning.report import Fit, fit_report
 from gdmp_ros.util.terminal import progress, table
 
 HELP = 'learn a skill from rosbag2 demonstrations'
@@ -142,7 +142,7 @@ def bags_in(given: Path) -> list[Path]:
 
 
 def _learn_each(bags: list[Path], recipe: Recipe, options: argparse.Namespace) -> None:
-    from gdmp_ros.util.parallel import chosen, Journal, mapped
+    from gdmp_ros.util.parallel import Journal, map_tasks, scheduler_address
     if len({bag.name for bag in bags}) < len(bags):
         raise DataError('--each names the skills after the bags: two have the same name')
     options.output.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def _learn_each(bags: list[Path], recipe: Recipe, options: argparse.Namespace) -
     for key, (_, _, output) in tasks.items():
         if not output.exists():
             journal.results.pop(key, None)
-    done = mapped('learning', learn_one, tasks, options.jobs, chosen(options.backend), journal)
+    done = map_tasks('learning', learn_one, tasks, options.jobs, scheduler_address(options.backend), journal)
     results = [done[key] for key in tasks]
     if options.json:
         print(json.dumps(results))

@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.view import plots
 from gdmp_ros.dmp import Skill
+from gdmp_ros.view import plots
 
 HELP = 'draw a skill'
 

@@ -18,11 +18,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.errors import DataError
-from gdmp_ros.data import archives
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
+from gdmp_ros.data import archives, lasa, recordings
 from gdmp_ros.data.bags import NS, STORAGES
+from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import progress
 
 HELP = 'write demonstrations from a data set: rosbag2, or on a manifold'

@@ -1,7 +1,7 @@
 """Make one HTML page about a bag: a run of the nodes, or a demonstration.
 
 The page holds the path in space with stiffness ellipsoids, errors, stiffness, energy and lateness
-over time, and what happened when. It is one file, and needs no network.
+over time, and what happened when. It is one file, and optional_import no network.
 
 examples:
   gdmp report out/demo/run -o run.html
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 HELP = 'make one HTML page about a bag'
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
-    with needs(extra('report')):
+    with optional_import(extra('report')):
         from gdmp_ros.view import report_page as page
     what = page.write(options.bag, options.output, options.robot)
     print(f'wrote {options.output}, about {what}')

@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.optional_imports import needs, ROS
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 HELP = 'work the nodes for a long time and watch them'
 
@@ -32,6 +32,6 @@ def run(options: argparse.Namespace) -> int:
     """Run the soak; 0 if everything holds."""
     if not 0.2 <= options.minutes <= 10_000:
         raise DataError(f'--minutes is {options.minutes:g}, expected 0.2 to 10000')
-    with needs(ROS):
+    with optional_import(ROS):
         from gdmp_ros.experiments.reliability import soak
     return 0 if soak.run(options.minutes, options.out, options.seed) else 1

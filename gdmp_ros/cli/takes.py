@@ -13,8 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.data import recordings
-from gdmp_ros.data import takes
+from gdmp_ros.data import recordings, takes
 from gdmp_ros.util.terminal import progress, table
 
 HELP = 'list, compare and drop takes of a demonstration'

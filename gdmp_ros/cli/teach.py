@@ -17,10 +17,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.errors import DataError
 from gdmp_ros.data import lasa
 from gdmp_ros.data.bags import STORAGES
-from gdmp_ros.util.optional_imports import needs, ROS
+from gdmp_ros.errors import DataError
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 HELP = 'lead a simulated arm by hand and record takes'
 
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
     if not 1 <= options.takes <= 7:
         raise DataError(f'--takes is {options.takes}, expected 1 to 7: there are seven strokes')
     shown = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.takes]
-    with needs(ROS):
+    with optional_import(ROS):
         from gdmp_ros.ros.clients import teaching
     teaching.run(teaching.Setting(options.output, options.storage, options.frame,
                                   options.by_hand and not options.no_window), shown)

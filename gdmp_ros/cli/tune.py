@@ -19,13 +19,13 @@ import shlex
 
 import numpy as np
 
-from gdmp_ros.learning import tuning
 from gdmp_ros.cli.learn import bags_in
+from gdmp_ros.data import recordings
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.data import recordings
-from gdmp_ros.util.terminal import progress, table
+from gdmp_ros.learning import tuning
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.terminal import progress, table
 
 HELP = 'suggest basis functions, gains, stiffness and limits from demonstrations'
 #: A limit lets through so many times what was demonstrated.

@@ -13,7 +13,7 @@ import argparse
 import os
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.optional_imports import needs, ROS
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 HELP = 'watch server and arm live in the terminal'
 
@@ -31,8 +31,8 @@ def run(options: argparse.Namespace) -> None:
     """Watch."""
     if options.seconds is not None and not options.seconds > 0.0:
         raise DataError(f'--seconds is {options.seconds:g}, expected more than 0')
-    from gdmp_ros.util.dds_network import network
-    os.environ.update(network())
-    with needs(ROS):
+    from gdmp_ros.util.dds_network import default_environment
+    os.environ.update(default_environment())
+    with optional_import(ROS):
         from gdmp_ros.ros.clients import dashboard as watching
     watching.watch(options.server, options.arm, options.seconds)

@@ -9,7 +9,7 @@ from gdmp_ros.control.energy_budget import apply_energy_budget, stored_energy
 from gdmp_ros.control.governor import govern
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.impedance import external_wrench, impedance_torque
-from gdmp_ros.control.limits import ENERGY, LIMITS, LimitCounters, TORQUE
+from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.stiffness import diagonal_bounds

@@ -1,8 +1,8 @@
 """
 Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed.
 
-What is read is checked sample by sample; `DataError` names the bag, the topic, the sample and the
-reason. Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere else.
+Every sample is checked; a `DataError` names the bag, the topic, the sample and the reason.
+Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere else.
 """
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Series(NamedTuple):
     """
     One topic of a bag as numbers.
 
-    :ivar stamps: header stamps, else bag times [ns], int64, shape ``(T,)``
+    :ivar stamps: header stamps, or bag times [ns] without them, int64, shape ``(T,)``
     :ivar values: shape ``(T, k)``; a pose is (x, y, z, qw, qx, qy, qz)
-    :ivar frame: ``frame_id`` of the first message, empty where the type has none
+    :ivar frame: ``frame_id`` of the first message, empty if the type has none
     """
 
     bag: str
@@ -78,7 +78,7 @@ _DECODERS: dict[str, Callable[[Any], list[float]]] = {
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever is wrong with the file becomes a `DataError` that names it."""
+    """Open a bag; every problem with the file becomes a `DataError` that names it."""
     path = Path(path)
     if not path.exists():
         raise DataError(f'{path}: no such bag')
@@ -87,7 +87,7 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
             yield reader
     except GdmpError:
         raise
-    except Exception as error:  # rosbags lets errors of sqlite3, struct, zstd, yaml … through
+    except Exception as error:  # rosbags passes on errors of sqlite3, struct, zstd, yaml …
         raise DataError(f'{path}: damaged or not a rosbag2 recording '
                         f'({type(error).__name__}: {error})') from None
 
@@ -103,17 +103,11 @@ def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
     return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
 
 
-def read_series(path: str | Path, topic: str, *wanted: str) -> Series:
-    """Read a topic of a bag as numbers; see `series_in`."""
-    with opened(path) as reader:
-        return series_in(reader, path, topic, *wanted)
-
-
 def series_in(reader: AnyReader, path: str | Path, topic: str, *wanted: str) -> Series:
     """
     Read a topic of an open bag as numbers.
 
-    :param wanted: message types that will do; any known type by default
+    :param wanted: message types that are accepted; by default any known type
     :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
     """
     connections = [c for c in reader.connections if c.topic == topic]
@@ -167,7 +161,7 @@ def _check_series(series: Series) -> None:
 
 
 def checked_poses(series: Series) -> np.ndarray:
-    """Poses (x, y, z, qw, qx, qy, qz), normalised; refuses the first that is far from unit."""
+    """Poses (x, y, z, qw, qx, qy, qz), normalised; a quaternion far from unit norm is an error."""
     poses = series.values[:, :7].copy()
     norms = np.linalg.norm(poses[:, 3:], axis=1)
     off = np.abs(norms - 1.0) > QUATERNION_TOLERANCE
@@ -181,9 +175,9 @@ def checked_poses(series: Series) -> np.ndarray:
 
 class BagWriter:
     """
-    Write a rosbag2 folder; it appears under its name only once it is complete.
+    Write a rosbag2 folder; it gets its name when it is complete.
 
-    Use as a context manager; leaving it with an exception leaves nothing behind.
+    Use it as a context manager: after an exception no file is left.
     """
 
     def __init__(self, path: str | Path, storage: str = 'mcap'):
@@ -206,13 +200,13 @@ class BagWriter:
         self.close(keep=kind is None)
 
     def open(self) -> BagWriter:
-        """Begin; for those who cannot use it as a context manager."""
+        """Begin to write, without a context manager."""
         self._writer = Writer(self._partial, version=9, storage_plugin=STORAGES[self._storage])
         self._writer.open()
         return self
 
     def close(self, keep: bool = True) -> None:
-        """Give the bag its name, or drop it."""
+        """Give the bag its name, or delete it."""
         try:
             self._writer.close()
             if keep:
@@ -251,7 +245,7 @@ class BagWriter:
         """
         Write a PoseStamped from (x, y, z, qw, qx, qy, qz).
 
-        :param bag_ns: when it arrived; at its stamp by default
+        :param bag_ns: time of arrival; by default its stamp
         """
         x, y, z, qw, qx, qy, qz = (float(v) for v in pose)
         types = self._store.types

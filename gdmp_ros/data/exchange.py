@@ -1,4 +1,4 @@
-"""Demonstrations as CSV and NumPy archives, and skills of movement_primitives."""
+"""Demonstrations as CSV and NumPy archives; skills of the package movement_primitives."""
 from __future__ import annotations
 
 import csv
@@ -9,17 +9,19 @@ from typing import cast
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.data import archives
 from gdmp_ros.data.recordings import tool_manifold
-from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
-from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.util.atomic_write import write_archive, write_text
 
 POSE = ('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
 #: Largest text file that is read [bytes].
 LARGEST = 500_000_000
-#: A skill of movement_primitives is sampled so often for a skill of ours, and the other way [s].
+#: Sampling interval when a skill is converted from or to movement_primitives [s].
 STEP_S = 0.005
 _DMP = {'module': 'movement_primitives.dmp._cartesian_dmp', 'class': 'CartesianDMP'}
 
@@ -36,11 +38,11 @@ def _stiffness_size(demonstration: Demonstration, path: Path) -> int:
     if (not isinstance(manifold, Product)
             or manifold.factors[:2] != (Euclidean(3), UnitQuaternion())):
         raise DataError(f'{path}: only poses with stiffness can be written, got {manifold!r}')
-    return manifold.factors[2].m if len(manifold.factors) > 2 else 0
+    return manifold.factors[2].size if len(manifold.factors) > 2 else 0
 
 
 def write_csv(path: Path, demonstration: Demonstration) -> None:
-    """Write a demonstration of a tool as CSV; numbers read back exactly as they were."""
+    """Write a demonstration of a tool as CSV; the numbers are exact."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
     writer.writerow(columns(_stiffness_size(demonstration, path)))
@@ -75,7 +77,7 @@ def read_csv(path: Path) -> Demonstration:
 def write_npz(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as an archive of ``times`` and ``points``."""
     _stiffness_size(demonstration, path)
-    archives.write(path, {'times': demonstration.times, 'points': demonstration.points})
+    write_archive(path, {'times': demonstration.times, 'points': demonstration.points})
 
 
 def read_npz(path: Path) -> Demonstration:
@@ -124,9 +126,9 @@ def is_foreign(path: Path) -> bool:
 
 def from_movement_primitives(path: Path) -> Demonstration:
     """
-    Motion of a ``CartesianDMP`` that movement_primitives has written as JSON.
+    Motion of a ``CartesianDMP`` from a JSON file of movement_primitives.
 
-    Nothing that the file names is imported: its numbers are given to a primitive made here.
+    No module named in the file is imported; only its numbers are used.
 
     :raises DataError: if it is another kind, or damaged
     """
@@ -152,7 +154,7 @@ def from_movement_primitives(path: Path) -> Demonstration:
 
 def to_movement_primitives(path: Path, skill: Skill) -> float:
     """
-    Write the pose of a skill as a ``CartesianDMP`` in movement_primitives' JSON.
+    Write the pose of a skill as a ``CartesianDMP`` in the JSON format of movement_primitives.
 
     :returns: largest distance between its motion and the skill's [m]
     """
@@ -175,7 +177,7 @@ def to_movement_primitives(path: Path, skill: Skill) -> float:
 
 
 def motion(skill: Skill, step: float) -> Demonstration:
-    """What a skill does, as a demonstration, a sample every ``step`` seconds."""
+    """Motion of a skill as a demonstration with a sample every ``step`` seconds."""
     made = skill.reproduce(step)
     points = made.points.reshape(len(made.times), -1)
     return Demonstration(made.times, points, cast(Product, skill.manifold))

@@ -1,4 +1,4 @@
-"""Skills to look at and to begin with: handwriting, and motions that are made up."""
+"""Example skills: handwriting and constructed motions."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -6,21 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.data import lasa
 from gdmp_ros.data.recordings import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.util.profiles import minimum_jerk
 
 _SAMPLES = 400
 
 
-class Piece(NamedTuple):
+class Example(NamedTuple):
     """
     One skill of the gallery.
 
-    :ivar title: what it is
-    :ivar shows: what it is good for
-    :ivar make: gives what it is learned from
+    :ivar shows: purpose of the example
+    :ivar make: makes its demonstrations
     """
 
     title: str
@@ -32,15 +32,15 @@ def _smooth() -> np.ndarray:
     return np.asarray(minimum_jerk(np.linspace(0.0, 1.0, _SAMPLES)))
 
 
-def _down(turn: np.ndarray) -> np.ndarray:
-    """Orientations of a tool that points down, turned about the vertical [rad]."""
-    zero = np.zeros_like(turn)
-    return np.column_stack([zero, np.cos(0.5 * turn), np.sin(0.5 * turn), zero])
+def _down(angle: np.ndarray) -> np.ndarray:
+    """Orientations of a tool that points down, rotated about the vertical [rad]."""
+    zero = np.zeros_like(angle)
+    return np.column_stack([zero, np.cos(0.5 * angle), np.sin(0.5 * angle), zero])
 
 
-def _pose(seconds: float, positions: np.ndarray, turns: np.ndarray,
+def _pose(seconds: float, positions: np.ndarray, angles: np.ndarray,
           stiffness: np.ndarray | None = None) -> Sequence[Demonstration]:
-    points = [positions, _down(turns)]
+    points = [positions, _down(angles)]
     if stiffness is not None:
         points.append(stiffness.reshape(len(positions), 9))
     return [Demonstration(np.linspace(0.0, seconds, len(positions)), np.hstack(points),
@@ -55,7 +55,7 @@ def _pick_and_place() -> Sequence[Demonstration]:
 
 
 def _polish() -> Sequence[Demonstration]:
-    """Circles over a table: stiff along it, soft across."""
+    """Circles over a table: stiff along it, compliant normal to it."""
     s = _smooth()
     angle = 6.0 * np.pi * s
     positions = np.column_stack([0.45 + 0.06 * np.sin(angle), 0.06 * (1.0 - np.cos(angle)),
@@ -68,34 +68,33 @@ def _polish() -> Sequence[Demonstration]:
 
 
 def _screw() -> Sequence[Demonstration]:
-    """A turn and a half while going down: further than half a turn."""
+    """One and a half turns while moving down: more than half a turn."""
     s = _smooth()
     positions = np.column_stack([np.full(len(s), 0.45), np.zeros(len(s)), 0.35 - 0.08 * s])
     return _pose(4.0, positions, 3.0 * np.pi * s)
 
 
-PIECES: dict[str, Piece] = {
-    'letter-G': Piece('A letter, with stiffness', "seven people's strokes become one skill of "
-                      'pose and stiffness: stiff where they agree',
+EXAMPLES: dict[str, Example] = {
+    'letter-G': Example('A letter, with stiffness', 'seven strokes become one skill of pose and '
+                      'stiffness: stiff where they agree',
                       lambda: lasa.robot_demonstrations('GShape')),
-    'letter-S': Piece('Another letter', 'the same from another class of strokes',
+    'letter-S': Example('Another letter', 'the same from another class of strokes',
                       lambda: lasa.robot_demonstrations('Sshape')),
-    'pick-and-place': Piece('Pick and place', 'one demonstration of a pose, without stiffness; '
-                            'switch the goal while it moves', _pick_and_place),
-    'polish': Piece('Polishing', 'stiff along the table, soft across it, and softer in the '
-                    'middle', _polish),
-    'screw': Piece('Turning a screw', 'a turn and a half: the orientation passes its cut locus, '
-                   'and is cut into segments by itself', _screw),
-    'sphere': Piece('A worm on a sphere', 'a direction in space: S²',
+    'pick-and-place': Example('Pick and place', 'one demonstration of a pose, without stiffness; '
+                            'the goal can be switched during the motion', _pick_and_place),
+    'polish': Example('Polishing', 'stiff along the table, compliant normal to it', _polish),
+    'screw': Example('Turning a screw', 'one and a half turns: the orientation passes its cut locus, '
+                   'and is split into segments automatically', _screw),
+    'sphere': Example('A curve on a sphere', 'a direction in space: S²',
                     lambda: lasa.data_set('Worm', 'S2')),
-    'rotation': Piece('A leaf of rotations', 'rotation matrices: SO(3)',
+    'rotation': Example('Rotation matrices', 'a curve on SO(3)',
                       lambda: lasa.data_set('Leaf_1', 'SO3')),
-    'covariance': Piece('A profile of covariances', 'symmetric positive definite matrices over '
+    'covariance': Example('A covariance profile', 'symmetric positive definite matrices over '
                         'time: SPD(2)', lambda: lasa.data_set('Angle', lasa.COVARIANCES)),
 }
 
 
 def learned(name: str) -> Skill:
-    """Learn a skill of the gallery (`PIECES`)."""
-    piece = PIECES[name]
+    """Learn a skill of the gallery (`EXAMPLES`)."""
+    piece = EXAMPLES[name]
     return Skill.learn(piece.make(), provenance={'gallery': name, 'title': piece.title})

@@ -1,4 +1,4 @@
-"""The LASA human handwriting data set, as it is, on manifolds, and as robot demonstrations."""
+"""The LASA handwriting data set: in the plane, on manifolds, and as robot demonstrations."""
 from __future__ import annotations
 
 from contextlib import redirect_stdout
@@ -8,18 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
-from gdmp_ros.manifolds import (
-    Euclidean,
-    Manifold,
-    Product,
-    SpecialOrthogonal,
-    Sphere,
-    SymmetricPositiveDefinite,
-    UnitQuaternion,
-)
-from gdmp_ros.learning.variance_stiffness import Mixture, stiffness_along
+from gdmp_ros.learning.mixture import Mixture
+from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.rotation import SpecialOrthogonal
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+from gdmp_ros.manifolds.sphere import Sphere
 
 CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
            'JShape_2', 'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape',
@@ -30,7 +29,7 @@ CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee'
 SCALE_MM = 50.0
 #: Manifolds of the Riemannian LASA data set.
 MAPPINGS = ('R2', 'S2', 'S3', 'SO3', 'SPD2')
-#: SPD(2) once more: covariances of a class over time.
+#: Another mapping to SPD(2): the covariances of a class over time.
 COVARIANCES = 'covariances'
 
 
@@ -62,9 +61,9 @@ def strokes(name: str) -> list[Stroke]:
 
 def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonstration:
     """
-    A stroke on a manifold, [GDMP] section 5.1.
+    Map a stroke to a manifold, [GDMP] section 5.1.
 
-    R² as it is; S² as Exp at the pole; S³ and SO(3) as Exp at the identity of (x, y, mean of
+    R²: unchanged; S² as Exp at the pole; S³ and SO(3) as Exp at the identity of (x, y, mean of
     both); SPD(2) as Exp at diag(1, 2) of the symmetric matrix [x z; z y] with the same z.
 
     :param mapping: one of `MAPPINGS`
@@ -106,7 +105,7 @@ def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) ->
 
 def data_set(name: str, mapping: str) -> list[Demonstration]:
     """
-    Give the Riemannian LASA data of a class: every demonstration on one manifold.
+    Demonstrations of a class on one manifold.
 
     :param mapping: one of `MAPPINGS`, or `COVARIANCES` (one profile of the whole class)
     """
@@ -118,46 +117,46 @@ def data_set(name: str, mapping: str) -> list[Demonstration]:
 #: Pose and translational stiffness of a robot's tool.
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
                names=('position', 'orientation', 'stiffness'))
-#: Size of the letter in the robot's workspace, and where its centre lies in the base frame [m].
+#: Size of the letter in the workspace, and its centre in the base frame [m].
 EXTENT_M, CENTRE_M = 0.25, (0.47, 0.0, 0.38)
-#: How far the tool leans into the stroke at high speed [rad].
+#: Inclination of the tool into the stroke at high speed [rad].
 LEAN_RAD = 0.3
 
 
 def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
                          extent: float = EXTENT_M) -> list[Demonstration]:
     """
-    The strokes of a class as motions of a tool in a Panda's workspace, on `TOOL`.
+    The strokes of a class as motions of a tool in the workspace of a Panda, on `TOOL`.
 
-    The letter (``extent`` wide [m]) lies on a gently curved surface, the tool points down and
-    leans into the stroke, and the stiffness comes from the variance over the strokes.
+    The letter (``extent`` wide [m]) lies on a slightly curved surface. The tool points down and is
+    inclined into the stroke. The stiffness comes from the variance over the strokes.
     """
     shown = strokes(name)
     everything = np.vstack([stroke.positions for stroke in shown])
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale, middle = extent / (high - low).max(), 0.5 * (low + high)
     paths = [_lift((stroke.positions - middle) * scale, extent) for stroke in shown]
-    profiles = stiffness_along(paths, [stroke.times for stroke in shown], k_min, k_max)
+    profiles = stiffness_at_samples(paths, [stroke.times for stroke in shown], k_min, k_max)
     result = []
     for stroke, path, matrices in zip(shown, paths, profiles):
         times = stroke.times - stroke.times[0]
-        points = [TOOL.join(p, q, k) for p, q, k in zip(path, _lean(times, path), matrices)]
+        points = [TOOL.join(p, q, k) for p, q, k in zip(path, _inclined(times, path), matrices)]
         result.append(Demonstration(times, np.array(points), TOOL))
     return result
 
 
 def _lift(plane: np.ndarray, extent: float) -> np.ndarray:
-    """Paper coordinates [m] to the base frame: up is away from the robot, on a shallow bowl."""
+    """Planar coordinates [m] to the base frame: up is away from the robot, on a shallow bowl."""
     right, up = plane[:, 0], plane[:, 1]
     height = 0.15 * up + 0.6 * (right ** 2 + up ** 2) / extent
     return np.column_stack([up, -right, height]) + CENTRE_M
 
 
-def _lean(times: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Quaternions (wxyz) of a tool pointing down and leaning into the direction of motion."""
+def _inclined(times: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Quaternions (wxyz) of a tool that points down, inclined into the direction of motion."""
     manifold, down = UnitQuaternion(), np.array([0.0, 1.0, 0.0, 0.0])
     window = max(5, len(path) // 20 * 2 + 1)
     velocity = savgol_filter(path, window, 3, deriv=1, delta=times[1] - times[0], axis=0)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    lean = LEAN_RAD * np.cross([0.0, 0.0, 1.0], velocity) / (speed + 0.5 * speed.mean())
-    return np.array([manifold.exp(down, 0.5 * turn) for turn in lean])
+    rotations = LEAN_RAD * np.cross([0.0, 0.0, 1.0], velocity) / (speed + 0.5 * speed.mean())
+    return np.array([manifold.exp(down, 0.5 * rotation) for rotation in rotations])

@@ -8,10 +8,10 @@ from scipy.io import loadmat
 
 from gdmp_ros.control.manipulability import manipulability as jacobian_ellipsoid
 from gdmp_ros.control.planar import PlanarArm
-from gdmp_ros.dmp import Demonstration
-from gdmp_ros.errors import DataError
 from gdmp_ros.data.lasa import riemannian, Stroke
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 #: Where the data set is public.
 ADDRESS = ('https://gitlab.idiap.ch/rli/pbdlib-matlab (folder data/2Dletters: A.mat to Z.mat), or '
@@ -20,10 +20,10 @@ ADDRESS = ('https://gitlab.idiap.ch/rli/pbdlib-matlab (folder data/2Dletters: A.
 DT_S = 0.01
 #: Positions are divided by this before they are mapped to a manifold.
 SCALE = 8.0
-#: The arm whose manipulability a letter becomes, and its posture to begin with [m, rad].
+#: The arm whose manipulability is computed, and its initial posture [m, rad].
 ARM = PlanarArm([1.0 / 3.0] * 3)
 POSTURE = np.array([-0.6, 1.1, 0.7])
-#: Nearest and furthest a letter comes to the arm's base, as parts of its reach.
+#: Smallest and largest distance of a letter from the base, relative to the reach.
 NEAREST, FURTHEST = 0.3, 0.9
 
 
@@ -67,7 +67,7 @@ def strokes(path: Path) -> list[Stroke]:
 
 def on_manifold(stroke: Stroke, mapping: str) -> Demonstration:
     """
-    A stroke on a manifold: as LASA's are; on SPD(2) the manipulability of an arm that writes it.
+    Map a stroke to a manifold as LASA strokes are; on SPD(2) to the manipulability of an arm.
 
     :param mapping: one of `gdmp_ros.data.lasa.MAPPINGS`
     """
@@ -80,8 +80,8 @@ def manipulability(stroke: Stroke) -> Demonstration:
     """
     ``J Jᵀ`` of `ARM` while its tip follows the stroke, [GDMP] section 5.
 
-    The arm's base, where the letters have their middle, is singular: the letter is written in
-    front of it instead, between `NEAREST` and `FURTHEST` of its reach.
+    At its base the arm is singular: the letter is moved in front of it, between `NEAREST` and
+    `FURTHEST` of its reach.
     """
     low, high = stroke.positions.min(axis=0), stroke.positions.max(axis=0)
     centred = stroke.positions - 0.5 * (low + high)

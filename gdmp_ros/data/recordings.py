@@ -1,33 +1,32 @@
-"""From a bag to a demonstration of pose and stiffness, and back."""
+"""Demonstrations of pose and stiffness in bags: reading and writing."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
-from typing import cast
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration
-from gdmp_ros.errors import DataError, GdmpError, ManifoldError
 from gdmp_ros.data import bags
-from gdmp_ros.manifolds import (
-    Euclidean,
-    Manifold,
-    Product,
-    SymmetricPositiveDefinite,
-    UnitQuaternion,
-)
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import DataError, GdmpError, ManifoldError
+from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
-#: A tool at rest stays within this of where it stood [m, rad of half-angle, 1] …
-REST = {'position': 0.0005, 'orientation': 0.00125, 'stiffness': 0.0025}
-#: … and only a rest longer than this is cut off [s].
+#: Stamp of the first sample of recordings that have no stamps of their own [ns].
+EPOCH_NS = 1_700_000_000 * bags.NS
+#: Rest at the ends of a demonstration is cut off if it is longer than this [s]. At rest every
+#: factor stays within its goal tolerance.
 REST_S = 0.1
-#: A 6×6 matrix counts as uncoupled, a rotational block as constant, up to this relative size.
+#: Relative tolerance for the coupling of a 6×6 matrix, and for changes of its rotational block.
 UNCOUPLED = 1e-6
-#: Where the stiffness of a skill may come from: `stiffened`.
+#: Origins of the stiffness of a skill: `with_stiffness`.
 STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 
 
@@ -36,9 +35,9 @@ class Recording:
     """
     A demonstration read from a bag.
 
-    :ivar frame: the poses' ``frame_id``
-    :ivar rotational_stiffness: constant 3×3 block that came with an SPD(3) profile [Nm/rad], None
-        where the bag has none
+    :ivar frame: ``frame_id`` of the poses
+    :ivar rotational_stiffness: constant 3×3 block recorded with an SPD(3) profile [Nm/rad]; None
+        if the bag has none
     """
 
     demonstration: Demonstration
@@ -47,17 +46,16 @@ class Recording:
     rotational_stiffness: np.ndarray | None
 
 
-def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
-              k_max: float = 800.0) -> tuple[list[Demonstration], str]:
+def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
+                   k_max: float = 800.0) -> tuple[list[Demonstration], str]:
     """
-    Demonstrations with a stiffness as it is asked for, and where it comes from.
+    Demonstrations with the stiffness from a source, and the name of the source.
 
     :param source: one of `STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
-        low where they vary; ``none``; ``auto``: recorded where there is one, else from variance
-        where there are two takes or more
+        low where they vary; ``none``; ``auto``: the first of these that is possible
     :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
-    :param k_max: largest
-    :raises DataError: if it cannot be had from these takes
+    :param k_max: largest eigenvalue
+    :raises DataError: if these takes do not have this source
     """
     stiff = [len(one.demonstration.points[0]) > 7 for one in shown]
     if source == 'auto':
@@ -65,7 +63,7 @@ def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 2
     if source == 'recorded':
         if not all(stiff):
             raise DataError(f'{shown[stiff.index(False)].bag}: no stiffness was recorded; '
-                            'from variance or without (none) the poses of all can be learned')
+                            'choose variance or none')
         return [one.demonstration for one in shown], source
     poses = [Demonstration(one.demonstration.times, one.demonstration.points[:, :7],
                            tool_manifold(None)) for one in shown]
@@ -73,15 +71,14 @@ def stiffened(shown: Sequence[Recording], source: str = 'auto', k_min: float = 2
         return poses, source
     if len(shown) < 2:
         raise DataError(f'{shown[0].bag}: stiffness from variance needs two takes or more')
-    from gdmp_ros.learning.variance_stiffness import stiffness_along
-    profiles = stiffness_along([one.points[:, :3] for one in poses],
-                               [one.times for one in poses], k_min, k_max)
+    profiles = stiffness_at_samples([one.points[:, :3] for one in poses],
+                                    [one.times for one in poses], k_min, k_max)
     return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
             for one, k in zip(poses, profiles)], source
 
 
 def tool_manifold(stiffness_size: int | None) -> Product:
-    """R³ × S³, with SPD(3) or SPD(6) where there is stiffness."""
+    """R³ × S³, with SPD(3) or SPD(6) if there is a stiffness."""
     factors: list[Manifold] = [Euclidean(3), UnitQuaternion()]
     if stiffness_size is not None:
         factors.append(SymmetricPositiveDefinite(stiffness_size))
@@ -90,11 +87,11 @@ def tool_manifold(stiffness_size: int | None) -> Product:
 
 def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Recording:
     """
-    Read pose and, where the bag has it, stiffness; rest at both ends is cut off.
+    Read pose and stiffness, if the bag has one; rest at both ends is cut off.
 
-    :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; the only one by default
-    :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); the only one by
-        default; a Reference brings its own
+    :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; by default the only such topic
+    :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); by default the
+        only such topic. A Reference contains its stiffness
     :raises DataError: naming bag, topic, sample and reason
     """
     with bags.opened(bag) as reader:
@@ -143,7 +140,7 @@ def _only(bag: str | Path, found: Sequence[tuple[str, str, int]], what: str, *ty
 
 
 def _matrices(series: bags.Series, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Stiffness matrices, cut to SPD(3) where the 6×6 ones are uncoupled with a constant block."""
+    """Stiffness matrices; 6×6 ones become 3×3 if uncoupled with a constant rotational block."""
     size = {9: 3, 36: 6}.get(rows.shape[1])
     if size is None:
         raise DataError(f'{series.bag}: topic {series.topic} has {rows.shape[1]} numbers a '
@@ -175,7 +172,7 @@ def _at_stamps(matrices: np.ndarray, series: bags.Series, poses: bags.Series) ->
     if overlap < 0.5 * (poses.stamps[-1] - poses.stamps[0]):
         raise DataError(f'{series.bag}: topics {series.topic} and {poses.topic} overlap for '
                         f'{overlap / bags.NS:.3f} s of {np.ptp(poses.stamps) / bags.NS:.3f} s: '
-                        'are their clocks the same?')
+                        'check the clocks')
     index = np.clip(np.searchsorted(series.stamps, poses.stamps, side='right') - 1, 0,
                     max(len(series.stamps) - 2, 0))
     if len(series.stamps) == 1:
@@ -203,9 +200,8 @@ def _trim(demonstration: Demonstration, where: str) -> Demonstration:
     first = _resting(demonstration)
     last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
     if last - first < 2:
-        raise DataError(f'{where}: nothing moves: every sample is within '
-                        f'{REST["position"] * 1e3:g} mm and {2 * REST["orientation"]:g} rad of '
-                        'the first')
+        raise DataError(f'{where}: nothing moves: every sample is within the goal '
+                        'tolerance of the first')
     if first == 0 and last == len(demonstration.times) - 1:
         return demonstration
     times = demonstration.times[first:last + 1]
@@ -219,25 +215,23 @@ def _reversed(demonstration: Demonstration) -> Demonstration:
 
 
 def _resting(demonstration: Demonstration) -> int:
-    """Index of the last sample of the rest at the beginning, 0 where there is none."""
-    manifold = cast(Product, demonstration.manifold)
-    origin, last = manifold.split(demonstration.points[0]), 0
-    for i, point in enumerate(demonstration.points):
-        parts = zip(manifold.names, manifold.factors, origin, manifold.split(point))
-        if any(factor.distance(a, b) > REST[name] for name, factor, a, b in parts):
-            break
-        last = i
+    """Index of the last sample of the rest at the beginning; 0 without rest."""
+    points = demonstration.flat_points
+    tolerances = [factor.goal_tolerance for factor in demonstration.manifold.factors]
+    origin = np.broadcast_to(points[0], points.shape)
+    moved = (demonstration.manifold.factor_distances(origin, points) > tolerances).any(axis=1)
+    last = int(np.argmax(moved)) - 1 if moved.any() else len(points) - 1
     return last if demonstration.times[last] - demonstration.times[0] > REST_S else 0
 
 
-def replace(bag: Path, demonstration: Demonstration, frame: str, start_ns: int,
-            storage: str = 'mcap') -> None:
-    """`write`, taking the place of a bag of that name only once the new one is complete."""
+def overwrite(bag: Path, demonstration: Demonstration, frame: str, start_ns: int,
+              storage: str = 'mcap') -> None:
+    """`write`, but replace a bag of this name as soon as the new one is complete."""
     if not bag.exists():
         write(bag, demonstration, frame, start_ns, storage)
         return
     if not (bag / 'metadata.yaml').exists():
-        raise DataError(f'{bag}: exists and is not a rosbag2 folder; it is left alone')
+        raise DataError(f'{bag}: exists and is not a rosbag2 folder; it is not overwritten')
     fresh = bag.with_name(f'{bag.name}.new')
     shutil.rmtree(fresh, ignore_errors=True)
     write(fresh, demonstration, frame, start_ns, storage)

@@ -1,4 +1,4 @@
-"""The two 1 kHz topics of a recorded run as arrays."""
+"""A recorded run: references and states of an arm at 1 kHz, as arrays."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.errors import DataError
 from gdmp_ros.data.bags import opened, REFERENCE, topics_in
+from gdmp_ros.errors import DataError
 
-#: Sequence numbers of one publisher lie within this many of each other.
+#: Sequence numbers of different publishers differ by more than this.
 ONE_STREAM = 1 << 20
 REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
 STATE = 'gdmp_msgs/msg/RobotState'
@@ -22,9 +22,11 @@ STATE = 'gdmp_msgs/msg/RobotState'
 @dataclass(frozen=True)
 class Run:
     """
-    The two 1 kHz topics of a bag as arrays; stamps in ns, poses (x, y, z, qw, qx, qy, qz).
+    References and states of an arm; stamps in ns, poses (x, y, z, qw, qx, qy, qz).
 
-    :ivar published: when the references were recorded to have been published [ns]
+    :ivar published: times at which the references were published [ns]
+    :ivar moving: whether a reference has a velocity
+    :ivar applied: sequence number of the reference that the arm followed at each state
     """
 
     reference_stamps: np.ndarray
@@ -47,9 +49,9 @@ class Run:
 
 def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
     """
-    Topics of references and of states among those of a bag (`gdmp_ros.data.bags.topics`).
+    Topics with references and with states in a bag (`gdmp_ros.data.bags.topics`).
 
-    :param robot: namespace; any by default
+    :param robot: namespace; by default any
     """
     within = f'/{robot.strip("/")}/' if robot else '/'
     references, states = (sorted({topic for topic, kind, _ in found
@@ -62,13 +64,13 @@ def read(bag: Path, robot: str = '') -> Run:
     """
     Read a recorded run.
 
-    :param robot: namespace of the robot, where the bag has several
-    :raises DataError: if a topic is missing or empty, or it is not clear which of several
+    :param robot: namespace of the robot, if the bag has several
+    :raises DataError: if a topic is missing, empty or not unique
     """
     references: list[Any] = []
     states: list[Any] = []
     published: list[int] = []
-    with opened(bag) as reader, _uncollected():
+    with opened(bag) as reader, _without_garbage_collection():
         found = streams(topics_in(reader), robot)
         for what, topics in zip(('references', 'states of an arm'), found):
             if len(topics) != 1:
@@ -102,15 +104,14 @@ def read(bag: Path, robot: str = '') -> Run:
 
 def lost(run: Run) -> int:
     """References missing between the first and the last of each publisher."""
-    # Wall time may have jumped: the order of the bag is not that of the numbers. Numbers of
-    # different publishers are far apart.
+    # Sorted, because the order in the bag differs after a jump of wall time.
     steps = np.diff(np.unique(run.sequences.astype(np.int64)))
     return int((steps[steps < ONE_STREAM] - 1).sum())
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
-    """Leave the garbage collector out: it would walk all of tens of thousands of messages."""
+def _without_garbage_collection() -> Iterator[None]:
+    """The collector would visit tens of thousands of messages again and again."""
     was = gc.isenabled()
     gc.disable()
     try:

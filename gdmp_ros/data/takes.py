@@ -1,4 +1,4 @@
-"""Several takes of one demonstration: how alike they are, which one is not, and dropping it."""
+"""Several takes of one demonstration: comparing them, finding outliers, putting one aside."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -7,96 +7,98 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration
-from gdmp_ros.errors import DataError
 from gdmp_ros.data.recordings import Recording
-from gdmp_ros.manifolds import UnitQuaternion
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
 
-#: Takes are compared at so many equal parts of their paths.
-PLACES = 100
-#: A take this many times further from the others than is usual among them differs …
-DIFFERS = 2.5
-#: … if that is also more than this [m, rad].
+#: Takes are compared at this many points, equally spaced along their paths.
+SAMPLES = 100
+#: A take is an outlier if its distance to the others is this many times the usual distance …
+OUTLIER = 2.5
+#: … and larger than this [m, rad].
 LEAST_M, LEAST_RAD = 0.01, 0.1
-#: A take so many times longer or shorter than usual differs, too.
+#: A take is also an outlier if it is this many times longer or shorter than usual.
 TEMPO = 2.0
+#: Folder for takes that are not learned from.
 DROPPED = 'dropped'
 
 
 class Take(NamedTuple):
     """
-    One take beside the others.
+    One take compared with the others.
 
     :ivar duration: [s]
     :ivar length: of its path [m]
-    :ivar away: RMS distance from the mean of the other takes, along the path [m]
-    :ivar turned: the same for the rotation [rad]
-    :ivar differs: how it differs from the others, empty where it does not
+    :ivar distance: RMS distance from the mean of the other takes, along the path [m]
+    :ivar angle: RMS angle to the mean orientation of the other takes [rad]
+    :ivar outlier: why it is an outlier; empty if it is not
     """
 
     name: str
     duration: float
     length: float
-    away: float
-    turned: float
-    differs: str
+    distance: float
+    angle: float
+    outlier: str
 
 
 def compare(recordings: Sequence[Recording]) -> list[Take]:
-    """Compare takes place by place along their paths: their timing may differ."""
-    paths = [_places(one.demonstration) for one in recordings]
-    away, turned = (np.array(column) for column in zip(*(
-        _apart(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths))))
+    """Compare takes point by point along their paths: their timing may differ."""
+    paths = [_sampled(one.demonstration) for one in recordings]
+    distances, angles = (np.array(column) for column in zip(*(
+        _distance(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths))))
     usual = [_usual(paths[:i] + paths[i + 1:]) for i in range(len(paths))]
     durations = np.array([one.demonstration.duration for one in recordings])
     result = []
     for i, one in enumerate(recordings):
-        words = [word for word in (
-            _unlike('path', away[i], usual[i][0], LEAST_M, 'm'),
-            _unlike('rotation', turned[i], usual[i][1], LEAST_RAD, 'rad'),
-            _tempo(durations, i)) if word]
+        reasons = [reason for reason in (
+            _outlier('path', distances[i], usual[i][0], LEAST_M, 'm'),
+            _outlier('rotation', angles[i], usual[i][1], LEAST_RAD, 'rad'),
+            _tempo(durations, i)) if reason]
         positions = one.demonstration.points[:, :3]
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
         result.append(Take(Path(one.bag).name, one.demonstration.duration, length,
-                           float(away[i]), float(turned[i]), '; '.join(words)))
+                           float(distances[i]), float(angles[i]), '; '.join(reasons)))
     return result
 
 
-def _places(demonstration: Demonstration) -> np.ndarray:
-    """Poses at equal parts of the path, shape ``(PLACES, 7)``."""
+def _sampled(demonstration: Demonstration) -> np.ndarray:
+    """Poses equally spaced along the path, shape ``(SAMPLES, 7)``."""
     steps = np.linalg.norm(np.diff(demonstration.points[:, :3], axis=0), axis=1)
     passed = np.concatenate([[0.0], np.cumsum(steps)])
-    # Where it stands still the path has no parts: time tells them apart.
+    # The small term makes it increase at rest too.
     passed += 1e-9 * demonstration.times
-    at = np.interp(np.linspace(0.0, passed[-1], PLACES), passed, demonstration.times)
+    at = np.interp(np.linspace(0.0, passed[-1], SAMPLES), passed, demonstration.times)
     return demonstration.at(at)[:, :7]
 
 
 def _usual(paths: list[np.ndarray]) -> tuple[float, float]:
-    """How far apart paths are among themselves [m, rad]; infinite if there are not two."""
+    """Median distance of a path to the others [m, rad]; infinite with fewer than two."""
     if len(paths) < 2:
         return np.inf, np.inf
-    figures = [_apart(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths)]
-    away, turned = np.median(figures, axis=0)
-    return float(away), float(turned)
+    figures = [_distance(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths)]
+    distance, angle = np.median(figures, axis=0)
+    return float(distance), float(angle)
 
 
-def _apart(own: np.ndarray, others: list[np.ndarray]) -> tuple[float, float]:
-    """RMS distance of a path from the mean of others [m, rad]; 0 where there are none."""
+def _distance(own: np.ndarray, others: list[np.ndarray]) -> tuple[float, float]:
+    """RMS distance of a path from the mean of others [m, rad]; 0 if there are none."""
     if not others:
         return 0.0, 0.0
     manifold = UnitQuaternion()
-    away = own[:, :3] - np.mean([path[:, :3] for path in others], axis=0)
-    turns = [2.0 * manifold.distance(own[k, 3:], manifold.mean([
-        manifold.align(path[k, 3:], own[k, 3:]) for path in others])) for k in range(PLACES)]
-    return (float(np.sqrt((away ** 2).sum(axis=1).mean())),
-            float(np.sqrt(np.mean(np.square(turns)))))
+    offset = own[:, :3] - np.mean([path[:, :3] for path in others], axis=0)
+    means = np.array([manifold.mean([manifold.align(path[k, 3:], own[k, 3:]) for path in others])
+                      for k in range(SAMPLES)])
+    angles = rotation_angles(own[:, 3:], means)
+    return (float(np.sqrt((offset ** 2).sum(axis=1).mean())),
+            float(np.sqrt(np.mean(np.square(angles)))))
 
 
-def _unlike(what: str, value: float, usual: float, least: float, unit: str) -> str:
-    if value <= max(least, DIFFERS * usual):
+def _outlier(what: str, value: float, usual: float, least: float, unit: str) -> str:
+    if value <= max(least, OUTLIER * usual):
         return ''
-    return f'{what} is {value:.3g} {unit} from the others, which are {usual:.3g} {unit} apart'
+    return f'{what} is {value:.3g} {unit} from the others, usual is {usual:.3g} {unit}'
 
 
 def _tempo(durations: np.ndarray, which: int) -> str:
@@ -105,12 +107,12 @@ def _tempo(durations: np.ndarray, which: int) -> str:
     usual = float(np.median(np.delete(durations, which)))
     if usual / TEMPO <= durations[which] <= usual * TEMPO:
         return ''
-    return f'takes {durations[which]:.1f} s, the others {usual:.1f} s'
+    return f'lasts {durations[which]:.1f} s, the others {usual:.1f} s'
 
 
-def folder_of(takes: Path) -> list[Path]:
+def takes_in(takes: Path) -> list[Path]:
     """
-    All takes in a folder, in order.
+    Bags of all takes in a folder, in order.
 
     :raises DataError: if there are none
     """
@@ -122,14 +124,14 @@ def folder_of(takes: Path) -> list[Path]:
 
 def drop(takes: Path, name: str) -> Path:
     """
-    Put a take aside: to the folder ``dropped`` beside the others, where it is not learned from.
+    Move a take to the folder ``dropped`` beside the others, from which nothing is learned.
 
-    :returns: where it is now
+    :returns: its new path
     :raises DataError: if there is no such take
     """
     bag, aside = takes / name, takes / DROPPED
     if not (bag / 'metadata.yaml').exists():
-        have = ', '.join(path.name for path in folder_of(takes))
+        have = ', '.join(path.name for path in takes_in(takes))
         raise DataError(f'{bag}: no such take; there are {have}')
     target, number = aside / name, 1
     while target.exists():
@@ -139,5 +141,5 @@ def drop(takes: Path, name: str) -> Path:
         aside.mkdir(exist_ok=True)
         bag.rename(target)
     except OSError as error:
-        raise DataError(f'{bag}: cannot be put aside: {error.strerror}') from None
+        raise DataError(f'{bag}: cannot be moved: {error.strerror}') from None
     return target

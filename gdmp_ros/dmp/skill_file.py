@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.primitive import Gains, Primitive
+from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
 from gdmp_ros.manifolds.registry import KINDS

@@ -14,8 +14,8 @@ import time
 import numpy as np
 
 from gdmp_ros import __version__
-from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.data import lasa
+from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.manifolds import (
     Euclidean,
     Manifold,

@@ -24,7 +24,7 @@ _GAP = 5.0
 MAX_LISTED = 20
 
 
-class Suspect(NamedTuple):
+class Suspicion(NamedTuple):
     """A sample that may be wrong, at ``time`` [s] after the first, and the reason."""
 
     sample: int
@@ -46,7 +46,7 @@ class DemonstrationFit(NamedTuple):
     mean_error: tuple[float, ...]
     largest_error: tuple[float, ...]
     relative_error: float
-    suspects: tuple[Suspect, ...]
+    suspicions: tuple[Suspicion, ...]
 
 
 class Fit(NamedTuple):
@@ -87,12 +87,12 @@ def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:
                             tuple(suspect_samples(demonstration)))
 
 
-def suspect_samples(demonstration: Demonstration) -> list[Suspect]:
+def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
     """Gaps in the stamps, jumps and repeated samples; at most `MAX_LISTED`."""
     times = demonstration.times - demonstration.times[0]
     spacing = np.diff(times)
     usual = float(np.median(spacing))
-    found = [Suspect(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
+    found = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
                        f'{spacing[i] / usual:.0f} times the usual spacing')
              for i in np.flatnonzero(spacing > _GAP * usual)]
     manifold, points = demonstration.manifold, demonstration.flat_points
@@ -103,7 +103,7 @@ def suspect_samples(demonstration: Demonstration) -> list[Suspect]:
     return sorted(first.values())[:MAX_LISTED]
 
 
-def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> list[Suspect]:
+def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> list[Suspicion]:
     """Samples far off the line between their neighbours, compared with those around them."""
     spacing = np.diff(times)
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
@@ -112,15 +112,15 @@ def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> li
     off[(spacing[1:] > gap) | (spacing[:-1] > gap)] = 0.0
     ratio = off / np.maximum(usual, 1e-6 * scale)
     peak = (off >= np.roll(off, 1)) & (off > np.roll(off, -1))
-    return [Suspect(int(i) + 1, float(times[i + 1]),
+    return [Suspicion(int(i) + 1, float(times[i + 1]),
                       f'jumps: {ratio[i]:.0f} times further from its neighbours than nearby samples')
             for i in np.flatnonzero(peak & (ratio > _OUTLIER))]
 
 
-def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspect]:
+def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspicion]:
     """Samples equal to the one before although the motion is under way."""
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     around = median_filter(steps, size=min(_WINDOW, len(steps)), mode='nearest')
     frozen = np.flatnonzero((steps < 1e-3 * around) & (around > 1e-5 * scale))
-    return [Suspect(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
+    return [Suspicion(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
             for i in frozen]

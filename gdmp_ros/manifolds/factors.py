@@ -19,7 +19,6 @@ import numpy as np
 from gdmp_ros.kernels import (
     always_inline,
     call_kernel,
-
     kernel,
     measure_with_kernel,
     numbers_at,

@@ -4,8 +4,8 @@ from __future__ import annotations
 import sys
 
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
-from gdmp_ros.util.processes import ended_by_signal
 from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.util.processes import stop_event
 
 PERIOD_NS = 1_000_000
 
@@ -13,7 +13,7 @@ PERIOD_NS = 1_000_000
 def main(path: str, capacity: str = '131072') -> int:
     """Run until SIGTERM or SIGINT, then write deadline and lateness of the ticks to ``path``."""
     recorder = LatenessRecorder(PERIOD_NS, int(capacity))
-    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), ended_by_signal().is_set)
+    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), stop_event().is_set)
     recorder.save(path)
     return 0
 

@@ -15,9 +15,9 @@ import time
 from typing import NamedTuple
 
 from gdmp_ros import compilation
-from gdmp_ros.util.dds_network import CHOSEN, network, RANGE
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.util.dds_network import CHOSEN, default_environment, RANGE
 
 GOOD, FAIR, BAD = 'good', 'could be better', 'bad'
 PERIOD_NS = 1_000_000
@@ -143,7 +143,7 @@ def _middleware() -> Finding:
 
 def _reach() -> Finding:
     chosen = [name for name in CHOSEN if os.environ.get(name)]
-    given = network()
+    given = default_environment()
     if RANGE in given:
         return Finding('DDS', GOOD, 'this machine only, over UDP')
     words = ', '.join(f'{name}={os.environ[name]}' for name in chosen)

@@ -19,9 +19,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros import compilation
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.util.dds_network import network
-from gdmp_ros.util.processes import ended_by_signal
 from gdmp_ros.realtime.statistics import Punctuality
+from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.processes import stop_event
 
 #: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
 DEEP = 2000
@@ -247,9 +247,9 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
 
     :returns: exit code
     """
-    os.environ.update(network())
+    os.environ.update(default_environment())
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    stop = ended_by_signal()
+    stop = stop_event()
     try:
         nodes = [make() for make in makes]
     except (GdmpError, ValueError) as error:

@@ -19,9 +19,9 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from gdmp_ros.control.controller import Tick
-from gdmp_ros.control.impedance import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
-from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.guard import QUATERNION_TOLERANCE
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
 from gdmp_ros.errors import ManifoldError
 
 NS = 1_000_000_000

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
-from gdmp_ros.util.processes import Children
+from gdmp_ros.util.processes import ChildProcesses
 
 
 @contextmanager
 def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, object],
-            server: Mapping[str, object]) -> Iterator[tuple[Any, Children]]:
+            server: Mapping[str, object]) -> Iterator[tuple[Any, ChildProcesses]]:
     """
     Start both nodes and record ``folder/run`` until the block ends.
 
@@ -26,7 +26,7 @@ def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, obje
     os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
     from gdmp_ros.ros.clients.server_client import Operator
     print(f'starting simulation and server on DDS domain {environment["ROS_DOMAIN_ID"]}')
-    with Children(environment, folder / 'logs') as children:
+    with ChildProcesses(environment, folder / 'logs') as children:
         children.start_node('panda_sim', 'gdmp_ros.ros.arm.node', sim)
         children.start_node('trajectory_server', 'gdmp_ros.ros.server.node', {
             'measured_pose_topic': '/panda_sim/measured_pose', **server})

@@ -1,7 +1,7 @@
 """Settings as dataclass fields that carry their description, unit and range."""
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, field, Field, fields
+from dataclasses import astuple, dataclass, Field, field, fields
 from typing import Any
 
 import numpy as np

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.optional_imports import extra, needs
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 #: Ways to render without a screen, tried in this order, and the Debian packages they need.
 BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
@@ -60,7 +60,7 @@ def main(numbers: str, target: str) -> int:
     from PIL import Image
 
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.viewer import NoScreenError, Pictures
+    from gdmp_ros.sim.viewer import Camera, NoScreenError
     partial = Path(target).with_name(f'.{Path(target).stem}.partial{Path(target).suffix}')
     try:
         with np.load(numbers) as given:
@@ -72,7 +72,7 @@ def main(numbers: str, target: str) -> int:
             raise DataError(f'postures have {postures.shape[1]} joints, the model has '
                             f'{arm.model.nq}: name the model of the arm')
         encode = _h264 if partial.suffix == '.mp4' else _pillow
-        with Pictures(arm, (640, 480) if film else (960, 720)) as pictures:
+        with Camera(arm, (640, 480) if film else (960, 720)) as pictures:
             def images() -> Iterator[Any]:
                 for posture in postures:
                     arm.reset(posture)
@@ -94,7 +94,7 @@ def main(numbers: str, target: str) -> int:
 
 
 def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
-    """Write a picture, or an animated one; it looks at each image as it needs it."""
+    """Write a picture, or an animated one; it looks at each image as it optional_import it."""
     first = next(images)
     if target.suffix == '.webp':
         first.save(target, save_all=True, append_images=images, duration=round(1e3 * frame_s),
@@ -105,7 +105,7 @@ def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
 
 def _h264(target: Path, images: Iterator[Any], frame_s: float) -> None:
     """Write a film that every browser plays."""
-    with needs(extra('film')):
+    with optional_import(extra('film')):
         import av
     rate = Fraction(1.0 / frame_s).limit_denominator(1000)
     with av.open(str(target), 'w') as out:

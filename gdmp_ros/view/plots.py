@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.manifolds import Manifold, Product
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
+from gdmp_ros.manifolds import Manifold, Product
 
 matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
                             'grid.alpha': 0.3, 'axes.spines.top': False,

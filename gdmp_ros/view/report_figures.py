@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
+from gdmp_ros.data import run_analysis as findings
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.runs import Run
-from gdmp_ros.data import run_analysis as findings
 
 #: Curves are drawn with at most so many points.
 MOST = 3000

@@ -7,13 +7,11 @@ from jinja2 import Environment, PackageLoader
 import numpy as np
 
 from gdmp_ros import __version__
-from gdmp_ros.errors import DataError
-from gdmp_ros.data import bags
-from gdmp_ros.data import recordings
-from gdmp_ros.data import runs
-from gdmp_ros.view import report_figures as drawing
+from gdmp_ros.data import bags, recordings, runs
 from gdmp_ros.data import run_analysis as findings
+from gdmp_ros.errors import DataError
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.view import report_figures as drawing
 
 #: More events than this are counted, not marked in the figures.
 MOST_MARKS = 40

@@ -112,7 +112,7 @@ def test_the_goals_speed_is_bounded_and_it_arrives(rng):
         rollout.retarget(new)
     for _ in range(6000):
         bounded.advance(1e-3)
-        goals.append(bounded._points[5].copy())
+        goals.append(bounded.motion.points.goal.copy())
     goals = np.array(goals)
     speed = np.linalg.norm(np.diff(goals[:, :3], axis=0), axis=1) / 1e-3
     assert speed.max() == pytest.approx(0.5, rel=1e-6)
@@ -214,7 +214,7 @@ def test_a_batch_steps_each_roll_out_as_if_it_were_alone(rng):
 
 
 def test_unknown_options_are_named(rng):
-    with pytest.raises(ParameterError, match='unknown option sped; there are speed'):
+    with pytest.raises(ParameterError, match='unknown option sped; expected one of speed'):
         Rollout(Skill.learn(motion(Euclidean(1), rng)), sped=1.0)
 
 

@@ -151,7 +151,7 @@ def isometries(manifold, rng):
     """Isometries of a manifold, the inversions among them."""
     other = manifold.random_point(rng)
     if manifold.kind == 'spd':
-        a = rng.standard_normal((manifold.size, manifold.size)) + 2.0 * np.eye(manifold.m)
+        a = rng.standard_normal((manifold.size, manifold.size)) + 2.0 * np.eye(manifold.size)
         return [lambda y: a @ y @ a.T, np.linalg.inv]
     if manifold.kind == 'rotation':
         return [lambda y: other @ y, lambda y: y @ other, lambda y: y.T]
@@ -278,7 +278,7 @@ def test_the_moving_goal_follows_the_closed_form(rng):
     # The same goal and the same path, however the time was cut.
     assert manifold.distance(one.state.point, two.state.point) < 1e-9
     elapsed = 8.0 * (0.75 - 0.25 - 1.0 / skill.steps)
-    assert manifold.distance(one._goal_at(0.75), goal) == pytest.approx(
+    assert manifold.distance(one.motion.points.goal, goal) == pytest.approx(
         manifold.distance(skill.goal, goal) * math.exp(-elapsed), rel=1e-2)
 
 

@@ -29,10 +29,10 @@ def test_finer_motions_need_more_basis_functions():
     plain = tuning.basis_errors([pose(0.3 * smooth(), 0.0, 0.0)])
     wavy = tuning.basis_errors([pose(0.3 * smooth(),
                                      0.02 * np.sin(12.0 * np.pi * smooth()), 0.0)])
-    assert tuning.enough(plain) < tuning.enough(wavy)
+    assert tuning.sufficient_basis(plain) < tuning.sufficient_basis(wavy)
     assert [one.functions for one in plain] == list(tuning.COUNTS)
     assert all(np.isnan(one.unseen) for one in plain)
-    assert wavy[0].shown > 10.0 * wavy[-1].shown
+    assert wavy[0].training > 10.0 * wavy[-1].training
 
 
 def test_details_below_what_takes_differ_by_do_not_count():
@@ -41,8 +41,8 @@ def test_details_below_what_takes_differ_by_do_not_count():
     apart = [pose(0.3 * smooth(), 0.5 * wave + 0.3 * i * np.sin(np.pi * smooth()), 0.0)
              for i in range(3)]
     errors = tuning.basis_errors(apart)
-    assert tuning.enough(errors) < tuning.enough(tuning.basis_errors(alike))
-    assert all(one.unseen > one.shown for one in errors)
+    assert tuning.sufficient_basis(errors) < tuning.sufficient_basis(tuning.basis_errors(alike))
+    assert all(one.unseen > one.training for one in errors)
 
 
 def test_a_larger_goal_gain_is_faster_and_adds_more():
@@ -50,9 +50,9 @@ def test_a_larger_goal_gain_is_faster_and_adds_more():
     switches = tuning.goal_switches(skill, 0.32)
     assert (np.diff([one.acceleration for one in switches]) > 0.0).all()
     assert (np.diff([one.reached for one in switches]) < 0.0).all()
-    calm = tuning.calm_gain(switches)
-    assert switches[0].gain < calm < switches[-1].gain
-    assert all((one.acceleration <= tuning.CALM) == (one.gain <= calm) for one in switches)
+    gain = tuning.smooth_gain(switches)
+    assert switches[0].gain < gain < switches[-1].gain
+    assert all((one.acceleration <= tuning.SMOOTH_SWITCH) == (one.gain <= gain) for one in switches)
 
 
 def test_speeds_are_those_of_the_fastest_demonstration():
@@ -61,7 +61,7 @@ def test_speeds_are_those_of_the_fastest_demonstration():
     skill = Skill.learn([slow, fast])
     found = tuning.speeds([slow, fast], skill)
     assert found.speed == pytest.approx(0.3 * 1.875 / 1.0, rel=0.02)
-    assert found.turn_speed == pytest.approx(0.0, abs=1e-6)
+    assert found.angular_speed == pytest.approx(0.0, abs=1e-6)
 
 
 def test_stiffness_costs_the_same_force_at_two_standard_deviations(rng):
@@ -72,7 +72,7 @@ def test_stiffness_costs_the_same_force_at_two_standard_deviations(rng):
         shown.append(pose(0.3 * TIMES / 2.0 + dx, dy * (TIMES < 1.0) + 0.1 * dy, dz))
     low, high = tuning.stiffness_bounds(shown, 10.0)
     assert low == pytest.approx(10.0 / (2.0 * 0.011), rel=0.3)
-    assert high == tuning.STIFFEST  # 5000 N/m at 1 mm is more than any suggestion
+    assert high == tuning.LARGEST_STIFFNESS  # 5000 N/m at 1 mm is more than any suggestion
     softer = tuning.stiffness_bounds(shown, 1.0)
     assert softer[1] == pytest.approx(1.0 / (2.0 * 0.001), rel=0.3)
     with pytest.raises(DataError, match='at least 2'):
@@ -106,4 +106,4 @@ def test_nonsense_is_refused(tmp_path):
 def test_letters_are_suggested_a_sensible_number():
     shown = [Demonstration(d.times, d.points[:, :7], tool_manifold(None))
              for d in lasa.robot_demonstrations('GShape')[:3]]
-    assert 16 <= tuning.enough(tuning.basis_errors(shown)) <= 48
+    assert 16 <= tuning.sufficient_basis(tuning.basis_errors(shown)) <= 48

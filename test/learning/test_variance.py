@@ -3,9 +3,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.learning import variance_stiffness
 from gdmp_ros.learning.mixture import Mixture
-from gdmp_ros.learning.variance_stiffness import bounded_stiffness
+from gdmp_ros.learning.variance_stiffness import bounded_stiffness, variance_stiffness
 
 
 def fan(rng, count=7, samples=150):

@@ -3,7 +3,7 @@ What the compared primitives share: phase, basis functions, regression and goal 
 
 Each is stepped by Euler's method at the spacing of its demonstration, the velocity first, as their
 authors do. Derivatives are by default those that this scheme would reproduce exactly, so that the
-methods are compared and not the differencing. One cycle is one compiled function, as ours is, so
+methods are compared and not the differencing. One cycle is one kernel function, as ours is, so
 that the methods are compared and not the languages.
 """
 from __future__ import annotations
@@ -13,17 +13,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
 from gdmp_ros.dmp import Demonstration
-from gdmp_ros.dmp.forcing import basis, forcing, regress
+from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds.operations import work_size
+from gdmp_ros.kernels.compile import kernel
+from gdmp_ros.learning.regression import regress
+from gdmp_ros.manifolds.factors import work_size
 
 #: Where a cycle's numbers lie: s = t/τ, h = dt/τ and the gains.
 S, H, ALPHA_Z, ALPHA_X, ALPHA_G = range(5)
 
 
-@compiled
+@kernel
 def shape(functions, weights, numbers, offset, scale, out):
     """``scale F - e_0 x``: what makes the motion another than a spring's."""
     x = math.exp(-numbers[ALPHA_X] * numbers[S])
@@ -32,7 +33,7 @@ def shape(functions, weights, numbers, offset, scale, out):
         out[i] = scale[i] * out[i] - offset[i] * x
 
 
-@compiled
+@kernel
 def pull(numbers, error, force, velocity):
     """``τ ż = α_z (β_z (e + force) - z)`` over one cycle; time goes on."""
     h, alpha_z = numbers[H], numbers[ALPHA_Z]
@@ -42,7 +43,7 @@ def pull(numbers, error, force, velocity):
     numbers[S] += h
 
 
-@compiled
+@kernel
 def accelerate(functions, weights, numbers, error, offset, scale, velocity, force):
     """
     Let τ times the velocity change over one cycle.

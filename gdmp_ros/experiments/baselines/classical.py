@@ -3,11 +3,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
 from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
+from gdmp_ros.kernels.compile import kernel
 
 
-@compiled
+@kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted):
     h = numbers[H]
     for i in range(point.size):

@@ -3,15 +3,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.experiments.baselines.baseline import accelerate, Baseline, H
+from gdmp_ros.kernels.compile import kernel
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds import quaternion, UnitQuaternion
-from gdmp_ros.experiments.baselines.baseline import accelerate, Baseline, H
 
 S3 = UnitQuaternion()
 
 
-@compiled
+@kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, work):
     """``e = 2 Log(Q_g * conj(Q))`` goes to 0 as a Euclidean vector; the velocity is -τ ė."""
     quaternion.apply(ops.LOG, 3, point, goal, error, work)

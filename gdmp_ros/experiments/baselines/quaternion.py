@@ -3,15 +3,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
+from gdmp_ros.kernels.compile import kernel
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds import quaternion, UnitQuaternion
-from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 
 S3 = UnitQuaternion()
 
 
-@compiled
+@kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted,
           work):
     """``τ η̇ = α_z (β_z 2 Log(g * q̄) - η) + f``, ``τ q̇ = ½ η * q``."""

@@ -3,17 +3,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
 from gdmp_ros.dmp import Demonstration
+from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
+from gdmp_ros.kernels.compile import kernel
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds import rotation, SpecialOrthogonal
 from gdmp_ros.manifolds.linalg import copy_into
-from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 
 SO3 = SpecialOrthogonal(3)
 
 
-@compiled
+@kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted,
           work):
     """``τ η̇ = α_z (β_z log(R_g Rᵀ) - η) + f``, ``τ Ṙ = [η] R``."""

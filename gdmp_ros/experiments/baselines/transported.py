@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from gdmp_ros.compilation import compiled
+from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H, pull, shape
+from gdmp_ros.kernels.compile import kernel
 from gdmp_ros.manifolds import operations as ops
 from gdmp_ros.manifolds import spd
 from gdmp_ros.manifolds.linalg import (
@@ -22,10 +23,9 @@ from gdmp_ros.manifolds.linalg import (
     to_mandel,
 )
 from gdmp_ros.manifolds.spectral import compose_pair, symmetric_eigen
-from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H, pull, shape
 
 
-@compiled
+@kernel
 def _root(m, a, root, inverse, work):
     """Symmetric square root of ``a`` and its inverse."""
     vectors, values, left = scratch(work, 0, m), work[m * m:m * m + m], work[m * m + m:]
@@ -36,7 +36,7 @@ def _root(m, a, root, inverse, work):
     compose_pair(m, values, vectors, root, inverse)
 
 
-@compiled
+@kernel
 def _transporter(m, source, target, out, work):
     """``E = (T S⁻¹)^½`` with ``v ↦ E v Eᵀ``, through the square roots of S and of S^-½ T S^-½."""
     root, inverse, white, half = (scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m),
@@ -49,7 +49,7 @@ def _transporter(m, source, target, out, work):
     multiply(m, white, inverse, out)
 
 
-@compiled
+@kernel
 def carry(m, source, target, vector, work):
     """Carry a tangent (Mandel coordinates) from one point to another."""
     way, matrix, moved, half = (scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m),
@@ -60,7 +60,7 @@ def carry(m, source, target, vector, work):
     to_mandel(m, moved, vector)
 
 
-@compiled
+@kernel
 def _move(m, point, vector, fraction, work):
     """``point ← Exp(fraction vector)``."""
     step, rest = work[:vector.size], work[vector.size:]
@@ -69,13 +69,13 @@ def _move(m, point, vector, fraction, work):
     spd.apply(ops.EXP, m, point, step, point, rest)
 
 
-@compiled
+@kernel
 def _filter_goal(m, numbers, goal, wanted, vector, work):
     spd.apply(ops.LOG, m, goal, wanted, vector, work)
     _move(m, goal, vector, numbers[H] * numbers[ALPHA_G], work)
 
 
-@compiled
+@kernel
 def _step_at_start(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
                    goal, wanted, start, work):
     """What is left to the goal comes to the start; the velocity goes back to the point."""
@@ -88,7 +88,7 @@ def _step_at_start(m, functions, weights, numbers, error, offset, scale, velocit
     _filter_goal(m, numbers, goal, wanted, force, work)
 
 
-@compiled
+@kernel
 def _step_along(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
                 goal, wanted, start, work):
     """The velocity goes along with the point; forcing and start term come to it from the start."""

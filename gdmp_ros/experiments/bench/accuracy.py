@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.data import lasa
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.dmp.skill import CONNECTIONS
-from gdmp_ros.data import lasa
-from gdmp_ros.util.parallel import Journal, mapped
+from gdmp_ros.dmp.primitive import CONNECTIONS
+from gdmp_ros.experiments import timing as measure
+from gdmp_ros.util.parallel import Journal, map_tasks
 
 TITLE = 'mean error / span over LASA classes'
 STEPS_MS = (1, 2, 5, 10)
@@ -41,7 +41,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
     tasks = {f'{name} {mapping} {connection}': (name, mapping, connection, settings.n_basis)
              for mapping, connection in cells for name in settings.classes}
     journal = Journal(settings.resume, f'accuracy with {settings.n_basis} basis functions')
-    done = mapped('accuracy', one_class, tasks, settings.jobs, settings.dask, journal)
+    done = map_tasks('accuracy', one_class, tasks, settings.jobs, settings.dask, journal)
     result = []
     for mapping, connection in cells:
         errors = np.array([done[f'{name} {mapping} {connection}'] for name in settings.classes])

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.bench.peers import CartesianPeer
-from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.manifolds import UnitQuaternion
 
 TITLE = 'goal switched by 0.37 m and 0.8 rad at mid-run of a 1 s motion'

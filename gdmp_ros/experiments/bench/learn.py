@@ -3,9 +3,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from gdmp_ros.dmp import Skill
 from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.bench.peers import CartesianPeer
-from gdmp_ros.dmp import Skill
 
 TITLE = 'learning a pose skill: 1000 samples, 50 basis functions'
 

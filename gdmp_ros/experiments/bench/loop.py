@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.experiments import timing as measure
-from gdmp_ros.dmp import Skill
 from gdmp_ros.data import lasa
+from gdmp_ros.dmp import Skill
+from gdmp_ros.experiments import timing as measure
 
 TITLE = 'closed-loop simulation of a Panda, one core, without ROS'
 
 
 def run(settings: measure.Settings) -> dict[str, Any]:
     """Simulated time over real time: median over the repetitions of one skill from end to end."""
-    from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.arm import Arm
+    from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.execution import ticks
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     loop = ClosedLoop(Arm())

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments.baselines import Baseline, TransportedAlong, TransportedToStart
 from gdmp_ros.experiments.bench.peers import spd_manifold
 from gdmp_ros.experiments.bench.step import measure_step
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.experiments.baselines import Baseline, TransportedAlong, TransportedToStart
 
 TITLE = 'one step on SPD(m), 50 basis functions'
 SIZES = tuple(range(2, 21))

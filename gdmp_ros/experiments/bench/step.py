@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp import Batch, Rollout, Skill
 from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.bench.peers import CartesianPeer
-from gdmp_ros.dmp import Batch, Rollout, Skill
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 TITLE = 'one step of a 5 s skill, 50 basis functions, dt 1 ms'

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import psutil
 
-from gdmp_ros.experiments import timing as measure
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
+from gdmp_ros.data import lasa, recordings
 from gdmp_ros.data.bags import NS
-from gdmp_ros.util.optional_imports import needs, ROS
-from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import Children
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.realtime.statistics import punctuality_of
+from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.util.optional_imports import optional_import, ROS
+from gdmp_ros.util.processes import ChildProcesses
 
 TITLE = '1 kHz over DDS: lateness beside a bare sleeping loop, CPU'
 PERIOD_NS = 1_000_000
@@ -36,12 +35,12 @@ def run(settings: measure.Settings) -> dict[str, Any]:
 
 def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[str, Any]:
     os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
-    with needs(ROS):
+    with optional_import(ROS):
         from gdmp_ros.ros.clients.server_client import Operator
     bag = folder / 'demonstration'
     recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', 10 ** 9 * NS)
     files = {name: folder / f'{name}.npy' for name in (*NODES, 'bare')}
-    with Children(environment, folder / 'logs') as children:
+    with ChildProcesses(environment, folder / 'logs') as children:
         children.start_node('panda_sim', 'gdmp_ros.ros.arm.node', {
             'lateness_file': str(files['panda_sim'])})
         children.start_node('trajectory_server', 'gdmp_ros.ros.server.node', {
@@ -72,7 +71,7 @@ def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[s
     return document
 
 
-def _used(children: Children) -> dict[str, float]:
+def _used(children: ChildProcesses) -> dict[str, float]:
     return {name: sum(psutil.Process(children.processes[name].pid).cpu_times()[:2])
             for name in NODES}
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.bench.peers import CartesianPeer
-from gdmp_ros.dmp import Demonstration, Rollout, Skill
 
 TITLE = 'duration changed from 1 s to 2 s at mid-run'
 DT, DURATION = 1e-3, 1.0

@@ -7,9 +7,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.experiments.demo.report import tracking_errors
 from gdmp_ros.data.runs import Run
+from gdmp_ros.experiments.demo.report import tracking_errors
+from gdmp_ros.view import plots
 
 
 def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,

@@ -14,22 +14,20 @@ import psutil
 
 from gdmp_ros import __version__
 from gdmp_ros.cli.record import EPOCH_NS
-from gdmp_ros.experiments.demo import pictures, report
+from gdmp_ros.data import lasa, recordings, runs
+from gdmp_ros.data.bags import NS
 from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
-from gdmp_ros.data import runs
-from gdmp_ros.data.bags import NS
+from gdmp_ros.experiments.demo import pictures, report
 from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternion
-from gdmp_ros.ros.testbed import session
-from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import Children, interrupt_on_sigterm
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
-from gdmp_ros.view.films import render_to
-from gdmp_ros.util.terminal import table
+from gdmp_ros.ros.testbed import session
 from gdmp_ros.util.atomic_write import write_json
+from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
+from gdmp_ros.util.terminal import table
+from gdmp_ros.view.films import render_to
 
 FRAME = 'panda_link0'
 PERIOD_NS = 1_000_000
@@ -138,7 +136,7 @@ def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
     return timeline, cpu
 
 
-def _perform(operator: Any, switch: Switch, children: Children
+def _perform(operator: Any, switch: Switch, children: ChildProcesses
              ) -> tuple[Timeline, dict[str, float]]:
     processes = {'server': psutil.Process(children.processes['trajectory_server'].pid),
                  'sim': psutil.Process(children.processes['panda_sim'].pid)}

@@ -6,21 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.experiments import timing as measure
-from gdmp_ros.dmp import Demonstration
-from gdmp_ros.dmp.development import distances
-from gdmp_ros.dmp.evaluation import mean_distance
-from gdmp_ros.data import lasa
-from gdmp_ros.data import letters
+from gdmp_ros.data import lasa, letters
 from gdmp_ros.data.lasa import COVARIANCES
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.evaluation import mean_distance
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.baselines import Baseline, METHODS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
 from gdmp_ros.experiments.paper.fig5 import step_time
+from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.experiments.paper.table1 import off_the_space
-from gdmp_ros.util.parallel import mapped
+from gdmp_ros.util.parallel import map_tasks
 from gdmp_ros.util.terminal import table
+from gdmp_ros.view import plots
 
 CLAIM = ('G-DMP handles every data set without leaving its space; it starts as calmly as the '
          'others, reaches a switched goal, and its error is of the size that 60 basis functions '
@@ -100,7 +99,7 @@ def _jump(points: np.ndarray, shown: Demonstration) -> float:
 def run(settings: Settings) -> Data:
     """Mean of `FIGURES`, and step time, for each data set and method."""
     everything = data_sets(settings.letters)
-    done = mapped('methods on data sets', examine,
+    done = map_tasks('methods on data sets', examine,
                   {f'{s} {name}': (s, name) for s, name in everything}, settings.jobs)
     sets = list(dict.fromkeys(s for s, _ in everything))
     labels, values, spread, lost = [], [], [], []

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.experiments.paper import fig9
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.view import plots
 
 CLAIM = ('The error between the stiffness and its new goal converges to zero; without a switch, '
          'that to the demonstrated goal does.')

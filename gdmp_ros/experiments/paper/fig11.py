@@ -7,13 +7,14 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import savgol_filter
 
-from gdmp_ros.view import plots
-from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.data.lasa import TOOL
-from gdmp_ros.manifolds import UnitQuaternion
+from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.experiments.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.learning import force_stiffness
+from gdmp_ros.learning.force_stiffness import ForceRecords
+from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
-from gdmp_ros.learning import force_stiffness, ForceRecords
+from gdmp_ros.view import plots
 
 CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstrations with forces '
          'let a Panda dip a watering can into a tray and lift it out.')
@@ -57,8 +58,8 @@ def teach() -> Data:
     """Five demonstrations, on the same normalised time."""
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.scenes import watering
-    from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
-    arm, hand = Arm(watering()), Hand(intention, holding, HAND_DAMPING)
+    from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
+    arm, hand = Arm(watering()), GuidingHand(intention, holding, HAND_DAMPING)
     rng, beginning = np.random.default_rng(11), _beginning(arm)
     columns: dict[str, list[np.ndarray]] = {}
     for _ in range(TAKES):
@@ -84,9 +85,9 @@ def _on_normalised_time(taught: Any, period: float) -> Data:
 
 def _beginning(arm: Any) -> np.ndarray:
     """Joint positions with the can where the hand takes it: led there without disturbance."""
-    from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
+    from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
     arm.reset()
-    still = Hand(lambda _: intention(0.0), lambda _: np.diag([400.0] * 3), 60.0, tremor=0.0)
+    still = GuidingHand(lambda _: intention(0.0), lambda _: np.diag([400.0] * 3), 60.0, tremor=0.0)
     taught = demonstrate(arm, 'can', still, Timing(4.0, disturbance=0.0),
                          np.random.default_rng(0))
     return np.asarray(taught.joints[-1])
@@ -113,9 +114,9 @@ def execute(skill: Skill, beginning: np.ndarray) -> Data:
     """Run the impedance loop without ROS; reference and arm at every tick."""
     from gdmp_ros.playback.player import Player
     from gdmp_ros.playback.tool_skill import PlayerSettings
-    from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.scenes import touching, watering
+    from gdmp_ros.sim.closed_loop import ClosedLoop
+    from gdmp_ros.sim.scenes import contact_count, watering
     arm = Arm(watering())
     loop = ClosedLoop(arm)
     player = Player(skill, PlayerSettings(np.diag([400.0] * 3 + [ROTATIONAL] * 3)))
@@ -130,15 +131,15 @@ def execute(skill: Skill, beginning: np.ndarray) -> Data:
         tick = loop.tick()
         rows.append((target[:7].copy(), tick.measurement.pose.copy(),
                      tick.stiffness.reshape(6, 6)[:3, :3].copy(), tick.measurement.position,
-                     arm.site_pose('lip')[2], touching(arm.model, arm.data, 'tray')))
+                     arm.site_pose('lip')[2], contact_count(arm.model, arm.data, 'tray')))
     names = ('reference', 'pose', 'stiffness', 'joints', 'lip', 'contacts')
     return {name: np.array(column) for name, column in zip(names, zip(*rows))}
 
 
 def run(settings: Settings) -> Data:
     """Teach, learn, refill; with ``--ros`` through the nodes."""
-    from gdmp_ros.view.films import render_to
     from gdmp_ros.sim.scenes import watering
+    from gdmp_ros.view.films import render_to
     data = teach()
     skill, mean = learn(data)
     scene, spec = settings.folder / 'fig11-scene.xml', watering()

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from gdmp_ros.view import plots
 from gdmp_ros.control.manipulability import (
     manipulability,
     PositionGains,
@@ -14,10 +13,11 @@ from gdmp_ros.control.manipulability import (
     PositionTarget,
 )
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
-from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.experiments.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.util.terminal import progress
+from gdmp_ros.view import plots
 
 CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 is enough to enter boxes 2 and 3 by '
          'switching the goal (position and manipulability of an arm placed there), without '
@@ -57,7 +57,7 @@ def _aside(progress: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 def lead(box: int, seed: int) -> Any:
     """Lead the arm into a box by hand, the elbow aside; what was recorded."""
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.teaching import demonstrate, Hand, Timing
+    from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
     down = np.array([0.0, 0.92387953, -0.38268343, 0.0])
     shift = np.array([*np.subtract(MIDDLES[box], MIDDLES[0]), 0.0])
 
@@ -67,7 +67,7 @@ def lead(box: int, seed: int) -> Any:
         wanted = _COURSE(u) + [0.0, 0.0, 0.0734] + shift * minimum_jerk(min(1.0, u / 0.6))
         return np.concatenate([wanted, down])
     arm = Arm(scene())
-    hand = Hand(intends, lambda _: np.diag([600.0] * 3), 60.0, (30.0, 3.0), 0.3, _aside)
+    hand = GuidingHand(intends, lambda _: np.diag([600.0] * 3), 60.0, (30.0, 3.0), 0.3, _aside)
     return demonstrate(arm, 'hand', hand, Timing(DURATION, 0.0, 0.5), np.random.default_rng(seed))
 
 
@@ -101,9 +101,9 @@ def learn(taught: Any) -> Demonstration:
 
 def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
     """Go into a box; reference and arm at every tick, and contacts with walls."""
-    from gdmp_ros.sim.closed_loop import PositionLoop
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.scenes import touching
+    from gdmp_ros.sim.closed_loop import PositionLoop
+    from gdmp_ros.sim.scenes import contact_count
     arm = Arm(scene())
     rollout = Rollout(skill, start=where(arm.linear_state()), speed=0.0)
     rollout.set_speed(1.0)
@@ -117,7 +117,7 @@ def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
         seen = loop.tick(PositionTarget(position, state.velocity[:3], state.acceleration[:3],
                                         np.ascontiguousarray(matrix)))
         rows.append((state.point.copy(), where(seen), arm.data.qpos.copy(),
-                     touching(arm.model, arm.data, 'box')))
+                     contact_count(arm.model, arm.data, 'box')))
     names = ('wanted', 'measured', 'joints', 'contacts')
     return {name: np.array(column) for name, column in zip(names, zip(*rows))}
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
+from gdmp_ros.data import lasa
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.data import lasa
-from gdmp_ros.manifolds import Sphere
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.manifolds import Sphere
 from gdmp_ros.util.profiles import minimum_jerk
+from gdmp_ros.view import plots
 
 CLAIM = ('On S², an “N” over both hemispheres is reproduced. A “C” through the antipode of its '
          'goal turns back there; split into segments, it is followed through.')

@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.dmp.development import Development, distances
-from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.dmp.skill import CONNECTIONS
 from gdmp_ros.data import lasa
+from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.evaluation import reproduction_error
+from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
-from gdmp_ros.util.parallel import mapped
+from gdmp_ros.experiments.paper.fig8 import distances
+from gdmp_ros.util.parallel import map_tasks
 from gdmp_ros.util.terminal import table
+from gdmp_ros.view import plots
 
 CLAIM = ('Every demonstration of the 30 LASA classes is reproduced on R², S², S³, SO(3) and '
          'SPD(2) by one formulation.')
@@ -41,7 +42,7 @@ def errors_of(shown: list[Demonstration]) -> list[list[float]]:
 
 def run(settings: Settings) -> Data:
     """Errors of all; curves of one demonstration on each manifold."""
-    done = mapped('Riemannian LASA', errors, {f'{name} {mapping}': (name, mapping)
+    done = map_tasks('Riemannian LASA', errors, {f'{name} {mapping}': (name, mapping)
                                               for mapping in SETS for name in lasa.CLASSES},
                   settings.jobs)
     counts = {m: sum(len(lasa.strokes(name)) for name in lasa.CLASSES) if m in lasa.MAPPINGS

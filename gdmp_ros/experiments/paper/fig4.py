@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
-from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
+from gdmp_ros.view import plots
 
 CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the '
          'error to the new goal vanishes.')

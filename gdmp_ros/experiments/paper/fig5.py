@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.experiments import timing as measure
 from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.manifolds import Euclidean
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.baselines import Baseline, Classical, LogError, LogErrorShorter, Ours
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import DT, DURATION, S3, shown
+from gdmp_ros.manifolds import Euclidean
+from gdmp_ros.view import plots
 
 CLAIM = ('G-DMP starts without a jump and is as accurate as the primitive of [9] with the same '
          'differencing; both fit into a control cycle of 1 ms.')

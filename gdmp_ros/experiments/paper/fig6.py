@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.experiments import timing as measure
-from gdmp_ros.dmp import Demonstration
 from gdmp_ros.data import lasa
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.dmp import Demonstration
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.baselines import (
     Baseline,
     Ours,
@@ -20,7 +18,9 @@ from gdmp_ros.experiments.baselines import (
 )
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig5 import step_time
+from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.util.terminal import progress
+from gdmp_ros.view import plots
 
 CLAIM = ('On SPD(2), parallel frames are at least as accurate as explicit transport [18], and '
          'cheaper per control cycle than it and than transport along the path.')

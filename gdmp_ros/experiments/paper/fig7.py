@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.experiments.bench.spd import SIZES, step_times
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.util.terminal import progress
+from gdmp_ros.view import plots
 
 CLAIM = ('From SPD(2) to SPD(20), explicit parallel transport costs more and more; G-DMP, '
          'with parallel frames at every size and as published from SPD(3) on, is cheaper.')

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.control.manipulability import manipulability, PositionGains, PositionTarget
+from gdmp_ros.data import lasa
 from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.data import lasa
-from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.experiments.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
+from gdmp_ros.view import plots
 
 CLAIM = ('On R² × SPD(2), a “C” and its manipulability, shown by a planar arm with three joints, '
          'are reproduced; an arm with five joints follows both, the second in its null space.')

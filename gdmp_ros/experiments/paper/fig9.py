@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.control.manipulability import PositionGains, PositionTarget
-from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.data import lasa
-from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
+from gdmp_ros.dmp import Demonstration, Rollout, Skill
 from gdmp_ros.experiments.paper.experiment import Data, Settings, spd_distances, Verdict
+from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.util.profiles import minimum_jerk
+from gdmp_ros.view import plots
 
 CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the '
          'stiffness goal is switched at mid-run, the profile bends to it and the spring force '

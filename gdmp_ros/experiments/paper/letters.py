@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.skill import CONNECTIONS
-from gdmp_ros.data import lasa
-from gdmp_ros.data import letters
+from gdmp_ros.data import lasa, letters
+from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig3 import curves, errors_of, judged, profiles, spread
-from gdmp_ros.util.parallel import mapped
+from gdmp_ros.util.parallel import map_tasks
 
 CLAIM = ('Every demonstration of the 2D-Letters data set is reproduced on R², S², S³, SO(3) and, '
          'as manipulability, on SPD(2).')
@@ -32,7 +31,7 @@ def run(settings: Settings) -> Data:
     if settings.letters is None:
         return {}
     found = letters.files(settings.letters)
-    done = mapped('2D-Letters', errors, {f'{path.stem} {mapping}': (str(path), mapping)
+    done = map_tasks('2D-Letters', errors, {f'{path.stem} {mapping}': (str(path), mapping)
                                          for mapping in lasa.MAPPINGS for path in found},
                   settings.jobs)
     most = max(len(result[0]) for result in done.values())

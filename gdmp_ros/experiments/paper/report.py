@@ -16,12 +16,12 @@ import jinja2
 import numpy as np
 
 from gdmp_ros import __version__, compilation
-from gdmp_ros.view import plots
-from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.data import archives
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.experiments.paper.experiment import Data, IDS, Settings, Verdict
-from gdmp_ros.util.terminal import table
 from gdmp_ros.util.atomic_write import write_json, write_text
+from gdmp_ros.util.terminal import table
+from gdmp_ros.view import plots
 
 #: Experiments whose module has another name: ``baselines`` are the methods themselves.
 _MODULES = {'baselines': 'comparison'}

@@ -5,20 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.experiments import timing as measure
 from gdmp_ros.dmp import Demonstration
-from gdmp_ros.dmp.development import distances
 from gdmp_ros.dmp.evaluation import mean_distance
-from gdmp_ros.manifolds import (
-    Euclidean,
-    Manifold,
-    Product,
-    SpecialOrthogonal,
-    Sphere,
-    SymmetricPositiveDefinite,
-    UnitQuaternion,
-)
+from gdmp_ros.experiments import timing as measure
 from gdmp_ros.experiments.baselines import (
     AbuDakkaQuaternion,
     Baseline,
@@ -31,7 +20,18 @@ from gdmp_ros.experiments.baselines import (
     UdeRotation,
 )
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.experiments.paper.fig8 import distances
+from gdmp_ros.manifolds import (
+    Euclidean,
+    Manifold,
+    Product,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 from gdmp_ros.util.terminal import table
+from gdmp_ros.view import plots
 
 CLAIM = 'G-DMP handles every space of Table 1; each of the others handles those marked for it.'
 SOURCE = '[GDMP] Table 1'

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.view import plots
 from gdmp_ros.dmp import Rollout, Skill
-from gdmp_ros.dmp.development import distances
-from gdmp_ros.dmp.skill import CONNECTIONS, Gains, LEAST_STEPS
+from gdmp_ros.dmp.primitive import CONNECTIONS, Gains
+from gdmp_ros.dmp.skill import LEAST_STEPS
+from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
+from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.manifolds import (
     Euclidean,
     Manifold,
@@ -19,8 +20,8 @@ from gdmp_ros.manifolds import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
-from gdmp_ros.util.parallel import mapped
+from gdmp_ros.util.parallel import map_tasks
+from gdmp_ros.view import plots
 
 CLAIM = ('Without forcing, V = dist²(Y, G) + ⟨Z, Z⟩ / (α_z β_z) never grows where the logarithm '
          'is unique, and the goal is reached, from random starts, velocities, goals and gains.')
@@ -96,7 +97,7 @@ def run(settings: Settings) -> Data:
     """All spaces and connections, and the far goal that drives `published` out of the cone."""
     tasks = {f'{name} {connection}': (name, connection) for name in SPACES
              for connection in CONNECTIONS}
-    done = mapped('Theorem 1', trial, tasks, settings.jobs)
+    done = map_tasks('Theorem 1', trial, tasks, settings.jobs)
     data: Data = {'space': np.array([name for name, _ in tasks.values()]),
                   'connection': np.array([c for _, c in tasks.values()])}
     for key in ('decreasing', 'reached', 'held', 'excess', 'curve'):

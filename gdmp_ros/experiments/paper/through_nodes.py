@@ -6,9 +6,9 @@ import shutil
 
 import numpy as np
 
+from gdmp_ros.data import runs
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.data import runs
 from gdmp_ros.experiments.paper.experiment import Data
 
 #: Recorded after the motion has ended [s].
@@ -57,10 +57,10 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
 def _seen(scene: Path, joints: np.ndarray) -> Data:
     """Height of the lip and contacts with the tray, from the joints."""
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.scenes import touching
+    from gdmp_ros.sim.scenes import contact_count
     arm, lip, contacts = Arm(scene), [], []
     for q in joints:
         arm.reset(q)
         lip.append(arm.site_pose('lip')[2])
-        contacts.append(touching(arm.model, arm.data, 'tray'))
+        contacts.append(contact_count(arm.model, arm.data, 'tray'))
     return {'lip': np.array(lip), 'contacts': np.array(contacts)}

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import reliable
-from gdmp_ros.util.processes import ended_by_signal
+from gdmp_ros.util.processes import stop_event
 
 FRAME = 'panda_link0'
 CENTRE = np.array([0.5, 0.0, 0.42, 0.0, 1.0, 0.0, 0.0])
@@ -52,7 +52,7 @@ def garbage(rng: np.random.Generator) -> tuple[Any, Any, Any]:
 def main(what: str) -> int:
     """Flood; print how many messages were sent at the end."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended = ended_by_signal()
+    ended = stop_event()
     node = Node('flood')
     publishers = [node.create_publisher(kind, f'trajectory_server/{name}', reliable(1))
                   for kind, name in ((PoseStamped, 'goal_pose'),

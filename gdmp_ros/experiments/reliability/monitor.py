@@ -11,14 +11,14 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from gdmp_ros.control.impedance import TARGET_SIZE
+from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
+from gdmp_ros.experiments.reliability.motion import GAP_NS
 from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable, take
 from gdmp_ros.ros.recorder.record import DRAIN_S
-from gdmp_ros.util.processes import ended_by_signal
-from gdmp_ros.experiments.reliability.motion import GAP_NS
 from gdmp_ros.util.atomic_write import write_json
+from gdmp_ros.util.processes import stop_event
 
 JOINTS = 7
 #: Extremes are kept for windows of this length [s].
@@ -101,7 +101,7 @@ class Monitor(Node):
 def main(path: str, frame: str) -> int:
     """Watch until SIGTERM or SIGINT, then write what was seen to ``path``."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended = ended_by_signal()
+    ended = stop_event()
     monitor, said = Monitor(frame), False
     while not ended.is_set():
         monitor.drain()

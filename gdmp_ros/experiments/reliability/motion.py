@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.control.limits import LimitSettings
+from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data.runs import Run
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.sim.arm import Arm

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import psutil
 
-from gdmp_ros.view import plots
-from gdmp_ros.control.limits import LimitSettings
+from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import interrupt_on_sigterm
-from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.experiments.reliability.monitor import WINDOW_S
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import FRAME, goal_of, SERVER, short_skill, SIM, Trial
+from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.util.terminal import progress, table
 from gdmp_ros.util.atomic_write import write_json
+from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.util.processes import interrupt_on_sigterm
+from gdmp_ros.util.terminal import progress, table
+from gdmp_ros.view import plots
 
 CLASSES = ('GShape', 'Angle', 'CShape', 'Sine', 'WShape', 'Leaf_1')
 SAMPLE_S = 5.0

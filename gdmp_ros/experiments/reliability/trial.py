@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.data import lasa, runs
+from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.data import lasa
-from gdmp_ros.data import runs
-from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
-from gdmp_ros.util.processes import Children
 from gdmp_ros.experiments.reliability import motion
 from gdmp_ros.experiments.reliability.outcome import Outcome
+from gdmp_ros.util.processes import ChildProcesses
 
 SIM, SERVER, RECORDER = 'panda_sim', 'trajectory_server', 'recorder'
 START_UP_S = 120.0
@@ -41,7 +40,7 @@ class Trial:
         from gdmp_ros.ros.clients.server_client import Operator
         self.folder, self.skill = folder, skill
         self.environment = dict(environment)
-        self.children = Children(environment, folder / 'logs')
+        self.children = ChildProcesses(environment, folder / 'logs')
         # The recorder may end: it does so when the disk is full.
         self.operator = Operator(check=lambda: self.children.check(but=RECORDER))
 

@@ -13,14 +13,15 @@ from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Float64MultiArray
 
+from gdmp_ros.control.guard import Origin, refusal
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.tank import bound_stiffness
-from gdmp_ros.control.guard import GuardSettings, Origin, refusal
+from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.stiffness import bound_stiffness
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import ManagedNode, run, take_latest
 from gdmp_ros.ros.parameters import Parameters, Spec
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 
 PERIOD_NS = 1_000_000
 #: A reply that has not come after so long does not come [s].

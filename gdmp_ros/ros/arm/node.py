@@ -15,10 +15,13 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.controller import Tick
-from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.guard import Origin
+from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.arm.parameters import controller_settings, grip_settings, SPECS
 from gdmp_ros.ros.lifecycle import (
     CLOCK_DEPTH,
     DEEP,
@@ -29,14 +32,11 @@ from gdmp_ros.ros.lifecycle import (
     take_latest,
 )
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.arm.parameters import controller_settings, grip_settings, SPECS
 from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
-from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.urdf import urdf
-from gdmp_ros.sim.hand import Grip
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.hand import Hand
+from gdmp_ros.sim.urdf import urdf
 from gdmp_ros.sim.viewer import Viewer
 
 NS = 1_000_000_000
@@ -211,7 +211,7 @@ class PandaSim(ManagedNode):
         except GdmpError as error:
             self._hand_problem = f'hand_pose refused: {error}'
             return
-        self._loop.hand = Grip(pose, self._grip)
+        self._loop.hand = Hand(pose, self._grip)
         self._hand_ticks = 0
 
     def _let_go(self) -> None:

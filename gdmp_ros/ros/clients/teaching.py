@@ -13,8 +13,8 @@ import tempfile
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.teacher import RECORDER, SIM, Teacher
-from gdmp_ros.util.dds_network import Domain, network
-from gdmp_ros.util.processes import Children, interrupt_on_sigterm
+from gdmp_ros.util.dds_network import default_environment, Domain
+from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress
 
 KEYS = ('Enter begins a take and ends it; d and Enter drops it; q and Enter ends the session')
@@ -45,7 +45,7 @@ def run(setting: Setting, shown: Sequence[Demonstration]) -> None:
     interrupt_on_sigterm()
     # Somebody who looks on, or leads by a marker, is on the user's own domain.
     domain = Domain() if shown else None
-    environment = domain.environment() if domain else {**os.environ, **network()}
+    environment = domain.environment() if domain else {**os.environ, **default_environment()}
     os.environ.update(environment)
     try:
         with _session(setting, environment) as teacher:
@@ -65,7 +65,7 @@ def run(setting: Setting, shown: Sequence[Demonstration]) -> None:
 
 @contextmanager
 def _session(setting: Setting, environment: dict[str, str]) -> Iterator[Teacher]:
-    with tempfile.TemporaryDirectory(prefix='gdmp-teach-') as logs, Children(
+    with tempfile.TemporaryDirectory(prefix='gdmp-teach-') as logs, ChildProcesses(
             environment, Path(logs)) as children:
         print('starting the simulation and the recorder', flush=True)
         children.start_node(SIM, 'gdmp_ros.ros.arm.node', {

@@ -10,9 +10,9 @@ from typing import Any
 from gdmp_msgs.msg import RecorderState
 from std_srvs.srv import Trigger
 
-from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.data import takes
 from gdmp_ros.data.bags import BagWriter, STORAGES
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode, run
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap

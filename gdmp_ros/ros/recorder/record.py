@@ -16,11 +16,11 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.data.bags import BagWriter
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable
-from gdmp_ros.util.dds_network import network
-from gdmp_ros.util.processes import ended_by_signal
+from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.processes import stop_event
 
 #: Recording ends while the disk still has so much room: bags need some to be closed [MB].
 KEEP_FREE_MB = 64.0
@@ -120,9 +120,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
-    os.environ.update(network())
+    os.environ.update(default_environment())
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    ended = ended_by_signal()
+    ended = stop_event()
     try:
         with BagWriter(options.bag) as writer:
             tap = Tap(Node('recorder'), topics, options.best_effort)

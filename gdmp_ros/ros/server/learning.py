@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from gdmp_msgs.srv import LearnSkill
 from rclpy.task import Future
 
-from gdmp_ros.dmp.skill import CONNECTIONS
+from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util import child_process as child
 

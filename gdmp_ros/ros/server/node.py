@@ -18,12 +18,13 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
+from gdmp_ros.data import recordings
 from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.data import recordings
+from gdmp_ros.playback.player import Player
+from gdmp_ros.realtime import shared_loop as shared
+from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.server.execute_action import ExecuteAction
-from gdmp_ros.ros.server.learning import LearningProcess
 from gdmp_ros.ros.lifecycle import (
     CLOCK_DEPTH,
     ManagedNode,
@@ -32,12 +33,11 @@ from gdmp_ros.ros.lifecycle import (
     take_latest,
 )
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
+from gdmp_ros.ros.server.execute_action import ExecuteAction
+from gdmp_ros.ros.server.learning import LearningProcess
 from gdmp_ros.ros.server.parameters import player_settings, SPECS
+from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
-from gdmp_ros.realtime import shared_loop as shared
-from gdmp_ros.playback.player import Player
-from gdmp_ros.realtime.statistics import LatenessRecorder
 
 NS = 1_000_000_000
 #: A longer step of the time, of /clock or of the machine's own after the process stood still,

@@ -6,7 +6,7 @@ import secrets
 from gdmp_msgs.msg import Reference
 import numpy as np
 
-from gdmp_ros.control.impedance import POSE, STIFFNESS, TARGET_SIZE
+from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
 from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream

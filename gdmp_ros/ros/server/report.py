@@ -10,9 +10,9 @@ from geometry_msgs.msg import Pose
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 
+from gdmp_ros.realtime.statistics import Punctuality
 from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import lateness_diagnostics
-from gdmp_ros.realtime.statistics import Punctuality
 
 if TYPE_CHECKING:
     from gdmp_ros.ros.server.node import TrajectoryServer

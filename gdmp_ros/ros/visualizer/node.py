@@ -18,13 +18,13 @@ from visualization_msgs.msg import (
 )
 
 from gdmp_ros.control.manipulability import manipulability
-from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.visualizer.interactive import handle, InteractiveMarkers
 from gdmp_ros.ros.lifecycle import ManagedNode, run, take_latest
 from gdmp_ros.ros.parameters import Parameters, Spec
-from gdmp_ros.sim.urdf import placed, shapes
+from gdmp_ros.ros.visualizer import markers
+from gdmp_ros.ros.visualizer.interactive import handle, InteractiveMarkers
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.urdf import shape_pose, shapes
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
@@ -196,7 +196,7 @@ class Visualizer(ManagedNode):
         result += markers.frame('base', np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), 0.1)
         if p.draw_arm:
             result += markers.body('arm', self._shapes,
-                                   [placed(self._arm, shape) for shape in self._shapes])
+                                   [shape_pose(self._arm, shape) for shape in self._shapes])
         return result
 
     # Handles

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from rosgraph_msgs.msg import Clock
 
-from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import SERVER, SIM, Trial
+from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.util.atomic_write import write_text
 
 NS = 1_000_000_000

@@ -6,17 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.view import plots
-from gdmp_ros.control.controller import ControllerSettings, Tick
-from gdmp_ros.control.impedance import damping_design, DAMPING_RATIO, STIFFNESS, TARGET_SIZE
-from gdmp_ros.control.limits import LimitSettings
-from gdmp_ros.control.tank import growth_margin, TankSettings
-from gdmp_ros.control.guard import GuardSettings
+from gdmp_ros.control.controller import Tick
+from gdmp_ros.control.impedance import damping_design
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    GuardSettings,
+    LimitSettings,
+    TankSettings,
+)
+from gdmp_ros.control.stability import growth_margin
+from gdmp_ros.control.target import DAMPING_RATIO, STIFFNESS, TARGET_SIZE
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import Trial
-from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import hard_table
+from gdmp_ros.view import plots
 
 #: Stiffness across the table when the adversary wants little, and much [N/m].
 LOW, HIGH = 150.0, 3000.0

@@ -5,9 +5,7 @@ from pathlib import Path
 import shutil
 import subprocess
 
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
-from gdmp_ros.data import runs
+from gdmp_ros.data import lasa, recordings, runs
 from gdmp_ros.experiments.reliability import motion
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import FRAME, RECORDER, SERVER, Trial

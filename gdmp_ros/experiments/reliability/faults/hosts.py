@@ -8,15 +8,15 @@ import time
 
 import numpy as np
 
-from gdmp_ros.errors import GdmpError
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, Run, STATE_TOPIC
-from gdmp_ros.util.dds_network import any_machine
-from gdmp_ros.util.processes import Children
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.experiments.reliability import motion
 from gdmp_ros.experiments.reliability.network import Quality, TwoHosts
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import goal_of, START_UP_S, Trial
+from gdmp_ros.util.dds_network import reaching_other_machines
+from gdmp_ros.util.processes import ChildProcesses
 
 RELIABILITIES = ('reliable', 'best_effort')
 
@@ -68,18 +68,18 @@ def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: fl
          ) -> tuple[Run, str]:
     """Execute the skill across the network; the recorded run and what the operator said."""
     folder.mkdir(parents=True)
-    environment = any_machine(trial.environment)
+    environment = reaching_other_machines(trial.environment)
     with ExitStack() as stack:
         try:
             hosts = stack.enter_context(TwoHosts(Quality()))
         except (GdmpError, OSError) as error:
             raise NotPossible(str(error)) from None
-        children = stack.enter_context(Children(environment, folder / 'logs'))
+        children = stack.enter_context(ChildProcesses(environment, folder / 'logs'))
         return _execute(trial, folder, reliability, quality, cut, hosts, children)
 
 
 def _execute(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float,
-             hosts: TwoHosts, children: Children) -> tuple[Run, str]:
+             hosts: TwoHosts, children: ChildProcesses) -> tuple[Run, str]:
     server, robot = hosts.on('server'), hosts.on('robot')
     children.start_node('panda_sim', 'gdmp_ros.ros.arm.node', {
         f'qos_overrides.{REFERENCE_TOPIC}.subscription.reliability': reliability}, prefix=robot)
@@ -106,7 +106,7 @@ def _execute(trial: Trial, folder: Path, reliability: str, quality: Quality, cut
     return runs.read(folder / 'run'), children.log('operator').read_text()
 
 
-def _wait(trial: Trial, children: Children, what: str, name: str, word: str,
+def _wait(trial: Trial, children: ChildProcesses, what: str, name: str, word: str,
           timeout: float) -> None:
     def look() -> bool:
         children.check(but=name)

@@ -1,0 +1,1 @@
+"""Files: bags, recordings, recorded runs, exchange formats, data sets."""
