@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
             for name in names:
                 made[name] = gallery.learned(name)
                 made[name].save(options.output / f'{name}.json')
-                plots.save(plots.skill_figure(made[name]), options.output / f'{name}.png')
+                plots.save(skill_plots.skill_figure(made[name]), options.output / f'{name}.png')
                 step()
         write_text(options.output / 'index.md', page(made))
     except OSError as error:

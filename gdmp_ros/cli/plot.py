@@ -23,5 +23,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Roll the skill out and draw it."""
     skill = Skill.load(options.skill)
-    plots.save(plots.skill_figure(skill), options.output)
+    plots.save(skill_plots.skill_figure(skill), options.output)
     print(f'wrote {options.output}')

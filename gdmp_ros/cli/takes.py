@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
             print(f'  gdmp takes {options.folder} --drop {one.name}')
     if options.plot:
         from gdmp_ros.view import plots
-        plots.save(plots.takes_figure([one.demonstration for one in shown],
+        plots.save(skill_plots.takes_figure([one.demonstration for one in shown],
                                       [one.name for one in compared],
                                       [bool(one.differs) for one in compared]), options.plot)
         print(f'wrote {options.plot}')

@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
               f'--ros-args --params-file {options.write}')
     if options.plot:
         from gdmp_ros.view import plots
-        plots.save(plots.tuning_figure(errors, count, switches, gain), options.plot)
+        plots.save(skill_plots.tuning_figure(errors, count, switches, gain), options.plot)
         print(f'wrote {options.plot}')
 
 

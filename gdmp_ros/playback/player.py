@@ -19,6 +19,7 @@ from gdmp_ros.control.target import (
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.requests import (
@@ -168,13 +169,7 @@ class Player:
         target, goal = self._target, self._goal
         if self._rollout is None or target is None or goal is None:
             return []
-        position, orientation, *stiffness = self._playing.manifold.split(goal)
-        result = [float(np.linalg.norm(position - target[:3])),
-                  float(rotation_angles(target[3:7], orientation))]
-        matrix = self._playing.stiffness_of(target)
-        if stiffness and matrix is not None:
-            result.append(self._playing.manifold.factors[2].distance(matrix, stiffness[0]))
-        return result
+        return self._playing.distances(target, goal)
 
     def request_copy(self) -> None:
         """Let the next tick copy the motion for `taken_copy`."""
@@ -215,22 +210,34 @@ class Player:
 
     def _begin(self, tool: ToolSkill, rollout: Rollout, measured: np.ndarray | None,
                number: int) -> None:
+        try:
+            target = self._begin_at(tool, rollout, measured)
+        except GdmpError:
+            self._rollout = None
+            self._status = Status.IDLE if self._target is None else Status.HOLDING
+            raise
+        else:
+            rollout.set_speed(self._speed)
+            self._playing, self._rollout, self._target = tool, rollout, target
+            self._goal, self._status = rollout.goal, Status.MOVING
+        finally:
+            # Last: who sees the number also sees what belongs to it.
+            self.motion = number
+
+    def _begin_at(self, tool: ToolSkill, rollout: Rollout, measured: np.ndarray | None
+                  ) -> np.ndarray:
+        """Begin at the measured pose, or at the present reference; returns the target to fill."""
         target = self._target
-        self.motion, self._rollout = number, None
-        self._status = Status.IDLE if target is None else Status.HOLDING
         if target is None or (measured is not None and not _near(target, measured)):
             rollout.begin(tool.start_at(measured), speed=0.0)
-            target = self._first_target(tool, tool.skill.start[:7])
-        else:
-            self._continue(tool, rollout, target)
-            if tool.stiffness_size < 6:
-                # With SPD(3) the skill changes the translational block only.
-                block = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
-                block[:] = tool.settings.stiffness_matrix
-            target[DAMPING_RATIO] = tool.settings.damping_ratio
-        rollout.set_speed(self._speed)
-        self._playing, self._rollout, self._target = tool, rollout, target
-        self._goal, self._status = rollout.goal, Status.MOVING
+            return self._first_target(tool, tool.skill.start[:7])
+        self._continue(tool, rollout, target)
+        if tool.stiffness_size < 6:
+            # With SPD(3) the skill changes the translational block only.
+            block = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+            block[:] = tool.settings.stiffness_matrix
+        target[DAMPING_RATIO] = tool.settings.damping_ratio
+        return target
 
     def _continue(self, tool: ToolSkill, rollout: Rollout, target: np.ndarray) -> None:
         """Begin with the position, velocity and acceleration of the present reference."""

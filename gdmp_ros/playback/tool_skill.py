@@ -13,7 +13,7 @@ from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.util.settings import setting
 
@@ -108,6 +108,16 @@ class ToolSkill:
             return None
         matrix = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:size, :size]
         return np.ascontiguousarray(matrix)
+
+    def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
+        """Distance of each factor of a reference from a goal: m, rad, geodesic."""
+        position, orientation, *stiffness = self.manifold.split(goal)
+        result = [float(np.linalg.norm(position - target[:3])),
+                  float(rotation_angles(target[3:7], orientation))]
+        matrix = self.stiffness_of(target)
+        if stiffness and matrix is not None:
+            result.append(self.manifold.factors[2].distance(matrix, stiffness[0]))
+        return result
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
         """

@@ -1,1 +1,1 @@
-"""The 1 kHz loop, its statistics and the motion it plays. No ROS."""
+"""The 1 kHz loop and its statistics. No ROS."""

@@ -1,4 +1,4 @@
-"""The yardstick: a process of ordinary priority that only sleeps to 1 kHz deadlines."""
+"""Reference for lateness: a process that only sleeps to 1 kHz deadlines."""
 from __future__ import annotations
 
 import sys

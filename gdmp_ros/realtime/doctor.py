@@ -1,4 +1,4 @@
-"""Looks at the machine: what a 1 kHz stream wants of it, what it has, what to change."""
+"""Checks whether a machine is ready for a 1 kHz stream, and says what to change."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,26 +14,26 @@ import threading
 import time
 from typing import NamedTuple
 
-from gdmp_ros import compilation
+from gdmp_ros.kernels import is_warm
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.util.dds_network import CHOSEN, default_environment, RANGE
+from gdmp_ros.util.dds_network import default_environment, RANGE, REACH, TRANSPORT
 
 GOOD, FAIR, BAD = 'good', 'could be better', 'bad'
 PERIOD_NS = 1_000_000
-#: A sleeping loop of ordinary priority should not be later than this [µs], 99 % of the time.
+#: 99th percentile of the lateness of a sleeping loop of normal priority [µs].
 LATE_US, VERY_LATE_US = 500.0, 5000.0
-#: DDS wants receive buffers of this size at least [bytes].
+#: Smallest receive buffer for DDS [bytes].
 BUFFER = 200_000
 _CLOCK_UNSYNCHRONISED = 5  # adjtimex: TIME_ERROR
 
 
 class Finding(NamedTuple):
     """
-    One thing looked at.
+    Result of one check.
 
     :ivar level: `GOOD`, `FAIR` or `BAD`
-    :ivar advice: what to change, empty where nothing needs to be
+    :ivar advice: what to change; empty if nothing has to be changed
     """
 
     subject: str
@@ -44,9 +44,9 @@ class Finding(NamedTuple):
 
 def examine(seconds: float = 2.0) -> list[Finding]:
     """
-    Look at everything.
+    Run all checks.
 
-    :param seconds: how long to measure a sleeping loop
+    :param seconds: duration of the measurement with a sleeping loop
     """
     return [check() for check in CHECKS] + [_lateness(seconds)]
 
@@ -70,16 +70,16 @@ def _kernel() -> Finding:
     if _read('/sys/kernel/realtime') == '1':
         return Finding('kernel', GOOD, f'{release}, PREEMPT_RT')
     return Finding('kernel', FAIR, f'{release}, without PREEMPT_RT',
-                   'a kernel with PREEMPT_RT (Ubuntu: sudo pro enable realtime-kernel) bounds the '
-                   'lateness; a real arm that takes 1 kHz commands wants it')
+                   'install a kernel with PREEMPT_RT (Ubuntu: sudo pro enable realtime-kernel); it '
+                   'bounds the lateness, and an arm with 1 kHz commands needs it')
 
 
 def _cores() -> Finding:
     count = len(os.sched_getaffinity(0))
     if count >= 4:
         return Finding('cores', GOOD, str(count))
-    return Finding('cores', FAIR, str(count), 'server, simulation and recorder take a core '
-                   'together; with fewer than four keep other work away while you stream')
+    return Finding('cores', FAIR, str(count), 'server, simulation and recorder need one core '
+                   'together; with fewer than four cores run nothing else while streaming')
 
 
 def _governor() -> Finding:
@@ -93,13 +93,13 @@ def _governor() -> Finding:
 def _fifo() -> Finding:
     granted: list[bool] = []
 
-    def ask() -> None:
+    def request() -> None:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
             granted.append(True)
         except OSError:
             granted.append(False)
-    thread = threading.Thread(target=ask)
+    thread = threading.Thread(target=request)
     thread.start()
     thread.join()
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
@@ -115,24 +115,24 @@ def _clock_source() -> Finding:
     if source in ('', 'tsc', 'kvm-clock', 'arch_sys_counter', 'hyperv_clocksource_tsc_page'):
         return Finding('clock source', GOOD, source or 'unknown')
     return Finding('clock source', FAIR, source, 'reading this clock is slow; tsc is missing '
-                   'or was found unstable (dmesg | grep -i tsc)')
+                   'or unstable (dmesg | grep -i tsc)')
 
 
 def _synchronised() -> Finding:
     status = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(512))
     if status not in (-1, _CLOCK_UNSYNCHRONISED):
         return Finding('wall clock', GOOD, 'synchronised')
-    return Finding('wall clock', FAIR, 'not known to be synchronised',
-                   'on two machines install chrony on both: references whose stamps are further '
-                   'off than stamp_tolerance (0.5 s) are refused. On one machine it does not '
-                   'matter')
+    return Finding('wall clock', FAIR, 'not synchronised',
+                   'with two machines install chrony on both: references are refused if their '
+                   'stamps differ by more than stamp_tolerance (0.5 s). With one machine this '
+                   'does not matter')
 
 
 def _middleware() -> Finding:
     if importlib.util.find_spec('rclpy') is None:
         return Finding('ROS 2', FAIR, 'rclpy is not installed',
                        'the nodes need it: make setup, or source /opt/ros/jazzy/setup.bash; the '
-                       'library works without')
+                       'library works without it')
     if importlib.util.find_spec('gdmp_msgs') is None:
         return Finding('ROS 2', BAD, 'rclpy, but not gdmp_msgs',
                        'build msg_defs: make setup, or colcon build --base-paths . msg_defs')
@@ -142,7 +142,7 @@ def _middleware() -> Finding:
 
 
 def _reach() -> Finding:
-    chosen = [name for name in CHOSEN if os.environ.get(name)]
+    chosen = [name for name in (*REACH, *TRANSPORT) if os.environ.get(name)]
     given = default_environment()
     if RANGE in given:
         return Finding('DDS', GOOD, 'this machine only, over UDP')
@@ -150,8 +150,8 @@ def _reach() -> Finding:
     if 'FASTDDS_BUILTIN_TRANSPORTS' in (*chosen, *given):
         return Finding('DDS', GOOD, f'{words}, over {given.get("FASTDDS_BUILTIN_TRANSPORTS", "")}'
                        if given else words)
-    return Finding('DDS', FAIR, words, 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 keeps a node that is '
-                   'killed from silencing others through shared memory')
+    return Finding('DDS', FAIR, words, 'set FASTDDS_BUILTIN_TRANSPORTS=UDPv4: with shared '
+                   'memory a killed node can block the communication of others')
 
 
 def _buffers() -> Finding:
@@ -167,25 +167,25 @@ def _shared_memory() -> Finding:
     left = ([path for path in folder.iterdir() if 'fastrtps_' in path.name]
             if folder.is_dir() else [])
     if not left:
-        return Finding('shared memory', GOOD, 'nothing left behind by DDS')
+        return Finding('shared memory', GOOD, 'no files left by DDS')
     return Finding('shared memory', FAIR, f'{len(left)} files of Fast DDS in /dev/shm',
-                   'if no other ROS program runs they were left by killed ones and can silence '
-                   'new ones: rm /dev/shm/fastrtps_* /dev/shm/sem.fastrtps_*')
+                   'if no other ROS program runs, killed programs left them, and they can block '
+                   'the communication of new ones: rm /dev/shm/fastrtps_* /dev/shm/sem.fastrtps_*')
 
 
 def _disk() -> Finding:
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     level = GOOD if free > 2.0 else FAIR if free > 0.2 else BAD
     return Finding('disk', level, f'{free:.1f} GB free here',
-                   '' if level == GOOD else 'a recorded run takes 1 MB a second; recording ends '
-                   'when 64 MB are left')
+                   '' if level == GOOD else 'a recorded run needs 1 MB per second; recording '
+                   'stops when 64 MB are left')
 
 
 def _kernels() -> Finding:
-    if compilation.compiled_before():
-        return Finding('compiled kernels', GOOD, 'there')
-    return Finding('compiled kernels', FAIR, 'not yet', 'the first start takes a minute or two; '
-                   'GDMP_CACHE chooses where they are kept')
+    if is_warm():
+        return Finding('compiled kernels', GOOD, 'in the cache')
+    return Finding('compiled kernels', FAIR, 'not in the cache', 'run gdmp warm-up, or the first '
+                   'start compiles them; GDMP_CACHE names the folder of the cache')
 
 
 def _lateness(seconds: float) -> Finding:
@@ -199,7 +199,7 @@ def _lateness(seconds: float) -> Finding:
         return Finding('sleeping 1 kHz loop', GOOD, found)
     level = FAIR if figures.p99_us < VERY_LATE_US else BAD
     return Finding('sleeping 1 kHz loop', level, found,
-                   'other programs take the cores: close them, or give the stream SCHED_FIFO')
+                   'other programs use the cores: close them, or give the stream SCHED_FIFO')
 
 
 CHECKS: tuple[Callable[[], Finding], ...] = (

@@ -11,12 +11,12 @@ from typing import Protocol
 
 #: How often Python may switch threads while a loop runs [s]; the default of 5 ms is five ticks.
 SWITCH_INTERVAL_S = 1e-4
-#: Priority asked for where none is given (1 … 99; threaded interrupts run at 50).
+#: Default SCHED_FIFO priority (1 … 99; threaded interrupts run at 50).
 DEFAULT_PRIORITY = 40
 
 
 class Clock(Protocol):
-    """Where a loop reads the time."""
+    """Source of time of a loop."""
 
     def now(self) -> int:
         """Present time [ns]."""
@@ -33,7 +33,7 @@ class MonotonicClock:
         return time.monotonic_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Sleep; returns at once where the deadline has passed."""
+        """Sleep until the deadline; return at once if it has passed."""
         left = deadline_ns - time.monotonic_ns()
         if left > 0:
             time.sleep(left * 1e-9)
@@ -47,7 +47,7 @@ def run_periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock,
     The grid is absolute, so sleep overshoot never accumulates. An overrun drops ticks rather than
     bursting: ``step`` integrates over the time between the deadlines it is given.
 
-    :returns: number of deadlines passed over
+    :returns: number of missed deadlines
     """
     missed = 0
     deadline = clock.now() + period_ns
@@ -63,16 +63,17 @@ def run_periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock,
 
 class RealtimeThread:
     """
-    A thread for a periodic loop: real-time priority where granted, no garbage collection pauses.
+    A thread for a periodic loop: real-time priority if granted, no garbage collection.
 
-    :ivar scheduler: ``fifo`` or ``other``, once the thread runs
+    :ivar scheduler: ``fifo`` or ``other``, as soon as the thread runs
+    :ivar failure: exception that ended the thread
     """
 
     def __init__(self, target: Callable[[], None], priority: int = -1):
         """
         Prepare the thread.
 
-        :param priority: SCHED_FIFO priority 1 … 99; 0: ordinary; -1: `DEFAULT_PRIORITY` if granted
+        :param priority: SCHED_FIFO priority 1 … 99; 0: normal; -1: `DEFAULT_PRIORITY` if granted
         """
         self.scheduler = 'other'
         self.failure: BaseException | None = None
@@ -82,7 +83,7 @@ class RealtimeThread:
         self._thread = threading.Thread(target=self._run, name='realtime', daemon=True)
 
     def start(self) -> None:
-        """Start the thread and wait until its priority is settled."""
+        """Start the thread and wait until its priority is known."""
         self._switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         gc.collect()
@@ -92,7 +93,7 @@ class RealtimeThread:
         self._ready.wait()
 
     def join(self) -> None:
-        """Wait for the end of the loop, then let the collector work again."""
+        """Wait for the end of the loop, then enable the garbage collector again."""
         self._thread.join()
         sys.setswitchinterval(self._switch_interval)
         gc.enable()
@@ -101,7 +102,7 @@ class RealtimeThread:
     def _run(self) -> None:
         if self._priority > 0:
             try:
-                # Of the calling thread only: 0 names it.
+                # 0 is the calling thread only.
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
                 self.scheduler = 'fifo'
             except OSError:

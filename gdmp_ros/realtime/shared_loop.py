@@ -1,4 +1,4 @@
-"""One real-time thread for several periodic tasks: many robots streamed from one process."""
+"""One real-time thread for several periodic tasks: one process for several robots."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ class Member:
     """
     A task in a shared loop.
 
-    :ivar failure: what ended the task, None while it runs; the others go on
+    :ivar failure: exception that ended the task, None while it runs; other tasks continue
     """
 
     def __init__(self, loop: _Loop, step: Step):
@@ -27,7 +27,7 @@ class Member:
         return self._loop.thread.scheduler
 
     def step(self, deadline_ns: int, now_ns: int) -> None:
-        """Do the task once."""
+        """Run the task once."""
         if self.failure is None:
             try:
                 self._step(deadline_ns, now_ns)
@@ -35,7 +35,7 @@ class Member:
                 self.failure = error
 
     def leave(self) -> None:
-        """End the task; it is not under way any more on return."""
+        """End the task; it does not run any more after the return."""
         _leave(self._loop, self)
 
 
@@ -59,7 +59,7 @@ _changing = threading.Lock()
 
 def join(period_ns: int, priority: int, step: Step) -> Member:
     """
-    Call ``step(deadline_ns, now_ns)`` periodically, in the thread of all with the same demands.
+    Call ``step(deadline_ns, now_ns)`` periodically; equal period and priority share a thread.
 
     :param priority: see `RealtimeThread`
     """
@@ -87,4 +87,4 @@ def _leave(loop: _Loop, member: Member) -> None:
 
 
 def _ignore(missed: int) -> None:
-    """Each task counts what it missed itself."""
+    """Each task counts its missed deadlines itself."""

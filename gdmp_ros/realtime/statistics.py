@@ -1,4 +1,4 @@
-"""How punctual a periodic loop is."""
+"""Statistics of a periodic loop."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,7 +12,7 @@ class Punctuality(NamedTuple):
     Figures of a loop.
 
     :ivar ticks: steps taken
-    :ivar missed: deadlines passed over
+    :ivar missed: missed deadlines
     :ivar rate_hz: steps per second
     """
 
@@ -25,12 +25,12 @@ class Punctuality(NamedTuple):
 
 
 class LatenessRecorder:
-    """Keeps deadline and lateness of the last ticks in arrays made beforehand."""
+    """Keeps deadline and lateness of the last ticks in preallocated arrays."""
 
     def __init__(self, period_ns: int, capacity: int = 1 << 17):
         """:param capacity: ticks kept; older ones are overwritten"""
         self._period = period_ns
-        # Filled, not just asked for: memory that is touched for the first time costs a page fault.
+        # Written once, because the first access to a page of memory causes a page fault.
         self._deadlines = np.full(capacity, 0, dtype=np.int64)
         self._lateness = np.full(capacity, 0, dtype=np.int64)
         self._last = 0
@@ -48,7 +48,7 @@ class LatenessRecorder:
         self.ticks += 1
 
     def punctuality(self, last: int | None = None) -> Punctuality:
-        """Figures over the last ``last`` ticks, all that are kept by default."""
+        """Figures of the last ``last`` ticks; by default of all that are kept."""
         kept = min(self.ticks, len(self._deadlines), last or self.ticks)
         if kept < 2:
             return Punctuality(self.ticks, self.missed, 0.0, 0.0, 0.0, 0.0)
@@ -69,7 +69,7 @@ class LatenessRecorder:
 
 
 def punctuality_of(ticks: np.ndarray, period_ns: int) -> Punctuality:
-    """Figures of ticks as `LatenessRecorder.ticks_kept` gives them, at least two."""
+    """Figures of at least two ticks, as from `LatenessRecorder.ticks_kept`."""
     deadlines, late = ticks[:, 0], ticks[:, 1] * 1e-3
     p50, p99 = np.percentile(late, [50.0, 99.0])
     missed = int((np.diff(deadlines) // period_ns - 1).clip(min=0).sum())

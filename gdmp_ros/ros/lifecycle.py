@@ -1,4 +1,4 @@
-"""What both nodes share: lifecycle with a log line for every failure, autostart, main, QoS."""
+"""Base of all nodes: lifecycle with logged failures, autostart, QoS, running nodes."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -17,15 +17,16 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 
-from gdmp_ros import compilation
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.statistics import Punctuality
+from gdmp_ros.ros.polling import PolledGroup
+from gdmp_ros.util.compile_progress import compilation_reported
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
 
-#: Where every message must arrive, histories this long lose none under load (at 10, 14 %).
+#: History for topics of which every message must arrive. Under load a history of 10 loses 14 %.
 DEEP = 2000
-#: A burst of /clock that is waited for: each message is a tick.
+#: History of /clock: each message is a tick.
 CLOCK_DEPTH = 200
 
 
@@ -39,50 +40,20 @@ def reliable(depth: int) -> QoSProfile:
 OVERRIDABLE = QoSOverridingOptions.with_default_policies
 
 
-class PolledGroup(CallbackGroup):
-    """Subscriptions in this group are left to `take_latest`; the executor never wakes for them."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never by the executor."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never by the executor."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing to do."""
-
-
-def take(subscription: Any) -> Any | None:
-    """Next message of a polled subscription (bytes if raw), None where there is none."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]
-
-
-def take_latest(subscription: Any) -> Any | None:
-    """Newest message of a polled subscription, None where there is none."""
-    latest = None
-    while (message := take(subscription)) is not None:
-        latest = message
-    return latest
-
-
 class ManagedNode(LifecycleNode):
     """
-    A lifecycle node that says why a transition failed.
+    A lifecycle node that logs why a transition failed.
 
-    Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise on
-    failure.
+    Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise an
+    exception on failure.
     """
 
     def __init__(self, name: str, namespace: str = ''):
-        self._held: list[tuple[Callable[[Any], Any], Any]] = []
+        self._owned: list[tuple[Callable[[Any], Any], Any]] = []
         super().__init__(name, namespace=namespace or None)
 
     def configure(self) -> None:
-        """Acquire everything; on an exception the node stays unconfigured."""
+        """Create everything; after an exception the node stays unconfigured."""
 
     def activate(self) -> None:
         """Begin to work."""
@@ -91,33 +62,33 @@ class ManagedNode(LifecycleNode):
         """Stop working."""
 
     def cleanup(self) -> None:
-        """Release everything."""
+        """Destroy everything."""
 
     def add_publisher(self, kind: Any, topic: str, depth: int, latched: bool = False) -> Any:
         """
-        Reliable publisher that `release` takes down; its QoS can be overridden.
+        Reliable publisher; `release` destroys it. Its QoS can be overridden.
 
-        :param latched: who comes later gets the last messages too (transient local)
+        :param latched: late subscribers get the last messages too (transient local)
         """
         quality = reliable(depth)
         if latched:
             quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         made = self.create_publisher(kind, topic, quality, qos_overriding_options=OVERRIDABLE())
-        self._held.append((self.destroy_publisher, made))
+        self._owned.append((self.destroy_publisher, made))
         return made
 
     def add_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None] | None,
                          depth: int = 1) -> Any:
-        """Reliable subscription; without a callback it is left to `take_latest`."""
+        """Reliable subscription; without a callback it is polled (`gdmp_ros.ros.polling`)."""
         made = self.create_subscription(
             kind, topic, callback or (lambda _: None), reliable(depth),
             callback_group=None if callback else PolledGroup(),
             qos_overriding_options=OVERRIDABLE())
-        self._held.append((self.destroy_subscription, made))
+        self._owned.append((self.destroy_subscription, made))
         return made
 
     def publishers(self, topic: str) -> list[str]:
-        """Names of the nodes that publish a topic, as far as they have been discovered."""
+        """Names of the discovered nodes that publish a topic."""
         found = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
         return sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
 
@@ -125,26 +96,27 @@ class ManagedNode(LifecycleNode):
                     group: CallbackGroup | None = None) -> None:
         """Service ``~/name``."""
         made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
-        self._held.append((self.destroy_service, made))
+        self._owned.append((self.destroy_service, made))
 
     def add_client(self, kind: Any, name: str) -> Any:
-        """Client of a service that `release` takes down."""
+        """Client of a service; `release` destroys it."""
         made = self.create_client(kind, name)
-        self._held.append((self.destroy_client, made))
+        self._owned.append((self.destroy_client, made))
         return made
 
     def add_report(self, callback: Callable[[], None]) -> None:
         """Call ``callback`` ten times a second."""
-        self._held.append((self.destroy_timer, self.wall_timer(0.1, callback)))
+        self._owned.append((self.destroy_timer, self.wall_timer(0.1, callback)))
 
     def release(self) -> None:
-        """Take down everything that was added."""
-        for destroy, entity in self._held:
+        """Destroy everything that was added."""
+        for destroy, entity in self._owned:
             destroy(entity)
-        self._held.clear()
+        self._owned.clear()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        result = self._attempt('configure', self.configure)
+        with compilation_reported(self.get_logger().info):
+            result = self._attempt('configure', self.configure)
         if result != TransitionCallbackReturn.SUCCESS:
             self._attempt('cleanup', self.cleanup)
         return result
@@ -170,7 +142,7 @@ class ManagedNode(LifecycleNode):
         return self._attempt('cleanup', self.cleanup)
 
     def _attempt(self, name: str, action: Callable[[], None]) -> TransitionCallbackReturn:
-        # rclpy swallows exceptions here without a word.
+        # rclpy drops exceptions here silently.
         try:
             action()
         except GdmpError as error:
@@ -181,34 +153,33 @@ class ManagedNode(LifecycleNode):
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
-    def expect_compilation(self) -> None:
-        """Say what takes long where the kernels have not been compiled yet."""
-        if not compilation.compiled_before():
-            self.get_logger().info('compiling the kernels for the first time: this takes a minute '
-                                   'or two')
+    def take_down(self) -> None:
+        """Deactivate and clean up, in any state."""
+        self._attempt('deactivate', self.deactivate)
+        self._attempt('cleanup', self.cleanup)
 
     def autostart(self) -> None:
-        """Configure and activate; a failure has been logged and leaves the node where it was."""
+        """Configure and activate; after a failure, which is logged, the node keeps its state."""
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
     def wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
-        """Timer on the machine's clock: a simulated clock may stand still."""
+        """Timer on the steady clock: simulated time may stand still."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def log_scheduler(self, scheduler: str) -> None:
-        """Say whether the loop has real-time priority."""
+        """Log whether the loop has real-time priority."""
         if scheduler == 'fifo':
             self.get_logger().info('the 1 kHz thread runs with SCHED_FIFO')
         else:
             self.get_logger().warning(
-                'the 1 kHz thread has ordinary priority: the system does not grant SCHED_FIFO '
+                'the 1 kHz thread has normal priority: the system does not grant SCHED_FIFO '
                 '(or realtime_priority is 0); expect late ticks under load')
 
 
 def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctuality,
                          extra: dict[str, object], stamp: Any) -> DiagnosticArray:
-    """Build the /diagnostics message of a node with a loop."""
+    """/diagnostics message of a node with a loop."""
     values = {'rate [Hz]': f'{figures.rate_hz:.1f}', 'ticks': figures.ticks,
               'missed ticks': figures.missed, 'lateness p50 [us]': f'{figures.p50_us:.0f}',
               'lateness p99 [us]': f'{figures.p99_us:.0f}',
@@ -222,18 +193,18 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
 
 
 def _spin(executor: SingleThreadedExecutor, node: ManagedNode) -> None:
-    """Let the executor work for a while; a callback that breaks down does not end the node."""
+    """Spin once; an exception in a callback does not end the node."""
     try:
         executor.spin_once(timeout_sec=0.2)
     except ExternalShutdownException:
         raise
-    except Exception as error:  # rclpy itself breaks down at times, on a negative /clock for one
+    except Exception as error:  # rclpy itself fails too, for example on a negative /clock
         node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
                                 throttle_duration_sec=1.0)
 
 
-def own_words(arguments: Sequence[str] | None = None) -> list[str]:
-    """Words of the command line, or those given, that are not ROS's."""
+def own_arguments(arguments: Sequence[str] | None = None) -> list[str]:
+    """Arguments of the command line (or those given) before ``--ros-args``."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     return words[:words.index('--ros-args')] if '--ros-args' in words else words
 
@@ -241,9 +212,9 @@ def own_words(arguments: Sequence[str] | None = None) -> list[str]:
 def run(makes: Sequence[Callable[[], ManagedNode]],
         arguments: Sequence[str] | None = None) -> int:
     """
-    Run nodes until Ctrl-C or SIGTERM, then deactivate them properly.
+    Run nodes until Ctrl-C or SIGTERM, then deactivate them.
 
-    Who can reach them: `gdmp_ros.util.dds_network.network`.
+    Which machines reach them: `gdmp_ros.util.dds_network.default_environment`.
 
     :returns: exit code
     """
@@ -269,13 +240,12 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         pass
     finally:
         for node in nodes:
-            node._attempt('deactivate', node.deactivate)
-            node._attempt('cleanup', node.cleanup)
+            node.take_down()
         executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.shutdown()
-        # Another Ctrl-C while the interpreter ends would be told as a crash.
+        # Another Ctrl-C while the interpreter ends would print a traceback.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     return 0

@@ -1,12 +1,12 @@
 """
-Messages as numbers, and messages that are serialised once and then only patched.
+Messages as numbers, and templates of serialised messages.
 
-Serialising a Python message takes 20 µs and more; rewriting stamp and numbers in the serialised
-form takes two. Where they lie is found by serialising marked messages, not assumed.
+Serialising a Python message takes 20 µs or more; writing stamp and numbers into a serialised one
+takes 2 µs. Their positions are found by serialising a message with known marks.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import struct
 from typing import Any, TypeAlias
 
@@ -25,9 +25,9 @@ from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, 
 from gdmp_ros.errors import ManifoldError
 
 NS = 1_000_000_000
-#: Serialised data (`Patched.bytes` takes the name inside the class).
+#: Serialised data; the name ``bytes`` is a method below.
 Buffer: TypeAlias = bytes
-_HEADER = 4  # bytes of CDR encapsulation; alignment counts from behind it
+_HEADER = 4  # bytes of CDR encapsulation; alignment is relative to its end
 _MARK = 1e-200
 #: Numbers of a robot state before those of its joints.
 ROBOT_STATE_FIXED = 93 + len(LIMITS)
@@ -56,7 +56,7 @@ def stamp_of(ns: int) -> Time:
 
 
 def reference_target(message: Reference) -> np.ndarray:
-    """The numbers of a reference as the control law takes them (`TARGET_SIZE`)."""
+    """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
     p, q = message.pose.position, message.pose.orientation
     v, w = message.twist.linear, message.twist.angular
     a, b = message.acceleration.linear, message.acceleration.angular
@@ -82,7 +82,7 @@ def robot_state_numbers(tick: Tick) -> np.ndarray:
     """Numbers of a tick as `fill_robot_state` takes them."""
     measured = tick.measurement
     return np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness, tick.requested,
-                           [tick.spring, tick.tank], tick.excess, measured.position,
+                           [tick.spring, tick.tank], tick.violation, measured.position,
                            measured.velocity, tick.torque])
 
 
@@ -130,7 +130,7 @@ def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
     """
     (x, y, z, qw, qx, qy, qz) of a pose, normalised.
 
-    :raises ManifoldError: in a wrong frame, not finite, or with a quaternion far from unit
+    :raises ManifoldError: if the frame is wrong, a number not finite, or the quaternion not unit
     """
     if message.header.frame_id != frame:
         raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
@@ -145,24 +145,16 @@ def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
     return numbers
 
 
-def check_workspace(numbers: np.ndarray, low: Sequence[float], high: Sequence[float]) -> None:
-    """:raises ManifoldError: if a goal position lies outside the box [m]"""
-    for axis, value, least, most in zip('xyz', numbers, low, high):
-        if not least <= value <= most:
-            raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
-                                f'{least:g} to {most:g} m')
-
-
-class Patched:
-    """A serialised message whose stamp, sequence number and numbers are rewritten in place."""
+class SerializedTemplate:
+    """A serialised message in which stamp, sequence number and numbers are replaced."""
 
     def __init__(self, message: Any, count: int, fill: Callable[[Any, np.ndarray], None]):
         """
-        Find where everything lies.
+        Find the positions of stamp and numbers.
 
-        :param message: with its strings (frame) set; they cannot change later
-        :param count: how many numbers there are
-        :param fill: writes that many numbers to the message
+        :param message: with its strings (frame); they cannot change later
+        :param count: number of numbers
+        :param fill: writes the numbers to the message
         """
         marks = _MARK * (1.0 + np.arange(count))
         fill(message, marks)
@@ -176,7 +168,7 @@ class Patched:
         self._data = data
         self._doubles = np.frombuffer(data, dtype='<f8', offset=_HEADER)
         self._integers = np.frombuffer(data, dtype='<u8', offset=_HEADER)
-        self._where = np.array([_find(self._doubles, mark) for mark in marks])
+        self._positions = np.array([_find(self._doubles, mark) for mark in marks])
         self._sequence = (_find(self._integers, np.uint64(0x1122334455667788)) if sequenced
                           else -1)
 
@@ -184,7 +176,7 @@ class Patched:
         """Serialised message with these values."""
         if self._stamped:
             struct.pack_into('<iI', self._data, _HEADER, stamp_ns // NS, stamp_ns % NS)
-        self._doubles[self._where] = numbers
+        self._doubles[self._positions] = numbers
         if self._sequence >= 0:
             self._integers[self._sequence] = sequence
         return bytes(memoryview(self._data)[:self._size])
@@ -196,7 +188,7 @@ class Patched:
     def numbers_of(self, data: Buffer) -> np.ndarray:
         """Numbers of a serialised message with these strings."""
         count = (len(data) - _HEADER) // 8
-        return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._where])
+        return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._positions])
 
 
 def stamp_ns_of(data: Buffer) -> int:
@@ -208,5 +200,5 @@ def stamp_ns_of(data: Buffer) -> int:
 def _find(values: np.ndarray, mark: Any) -> int:
     found = np.flatnonzero(values == mark)
     if len(found) != 1:
-        raise RuntimeError(f'this serialisation is not understood: {len(found)} places for a mark')
+        raise RuntimeError(f'unknown serialisation: a mark was found {len(found)} times')
     return int(found[0])

@@ -1,4 +1,4 @@
-"""Topics published at the rate of the loop."""
+"""Topics that are published in every tick."""
 from __future__ import annotations
 
 import math
@@ -9,45 +9,50 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
-from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.messages import (
+    fill_matrix,
+    fill_pose_stamped,
+    matrix_message,
+    SerializedTemplate,
+)
 
-#: Time between two looks whether somebody listens [s].
-LOOK_S = 0.01
+#: Interval at which the number of subscribers is checked [s].
+CHECK_S = 0.01
 
 
 class Stream:
     """
     Messages that differ in numbers, stamp and sequence number only.
 
-    While nobody listens no message is made: what a volatile topic carried then would reach no one.
+    Without subscribers no message is made; the topics are volatile.
     """
 
-    def __init__(self, publisher: Any, message: wire.Patched):
+    def __init__(self, publisher: Any, message: SerializedTemplate):
         self._publisher = publisher
         self._message = message
-        self._listened = False
-        self._looked = -math.inf
+        self._has_subscribers = False
+        self._checked = -math.inf
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> None:
-        """Publish, if somebody listens."""
+        """Publish, if there are subscribers."""
         now = time.monotonic()
-        if now - self._looked >= LOOK_S:
-            self._looked = now
-            self._listened = self._publisher.get_subscription_count() > 0
-        if self._listened:
+        if now - self._checked >= CHECK_S:
+            self._checked = now
+            self._has_subscribers = self._publisher.get_subscription_count() > 0
+        if self._has_subscribers:
             self._publisher.publish(self._message.bytes(numbers, stamp_ns, sequence))
 
 
 def pose_stream(node: ManagedNode, topic: str, frame: str) -> Stream:
-    """Poses (x, y, z, qw, qx, qy, qz) in a frame, as PoseStamped."""
+    """Stream of poses (x, y, z, qw, qx, qy, qz) as PoseStamped."""
     message = PoseStamped()
     message.header.frame_id = frame
     return Stream(node.add_publisher(PoseStamped, topic, 10),
-                  wire.Patched(message, 7, wire.fill_pose_stamped))
+                  SerializedTemplate(message, 7, fill_pose_stamped))
 
 
 def stiffness_stream(node: ManagedNode, topic: str) -> Stream:
-    """6×6 matrices, row by row."""
+    """Stream of 6×6 matrices, row by row."""
     return Stream(node.add_publisher(Float64MultiArray, topic, 10),
-                  wire.Patched(wire.matrix_message(6), 36, wire.fill_matrix))
+                  SerializedTemplate(matrix_message(6), 36, fill_matrix))

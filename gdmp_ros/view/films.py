@@ -1,7 +1,7 @@
 """
-Draws a simulated arm at given joint positions, as a picture or a film; a process of its own.
+Renders a simulated arm at given joint positions, as a picture or a film, in its own process.
 
-A process of its own because the way to draw without a screen is chosen before MuJoCo is loaded.
+The process is needed because the off-screen backend must be chosen before MuJoCo is imported.
 """
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ import numpy as np
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
-#: Ways to render without a screen, tried in this order, and the Debian packages they need.
+#: Backends for off-screen rendering in the order of trial, and their Debian packages.
 BACKENDS = {'egl': 'libegl1', 'osmesa': 'libosmesa6'}
-#: Exit code when another way to render would not help.
+#: Exit code if another backend would not help.
 _REFUSED = 3
 
 
@@ -29,11 +29,11 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     """
     Write a picture (``.png``) or a film (``.webp``, ``.mp4``).
 
-    :param joints: one posture, shape ``(n,)``, or one for each picture of a film [rad]
-    :param path: positions to draw as a line of beads [m], shape ``(T, 3)``
+    :param joints: one posture, shape ``(n,)``, or one for each frame of a film [rad]
+    :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
     :param model: MJCF file or name; the built-in Panda by default
-    :param frame_s: time between the pictures of a film [s]
-    :returns: what to install where that is not possible, otherwise None
+    :param frame_s: time between the frames of a film [s]
+    :returns: what to install if off-screen rendering is not possible, otherwise None
     :raises DataError: if the film cannot be written
     """
     numbers = target.with_name(f'.{target.stem}.npz')
@@ -46,17 +46,17 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
                 text=True)
             if done.returncode == 0:
                 return None
-            said = (done.stdout.strip() or done.stderr.strip()).splitlines()
+            output = (done.stdout.strip() or done.stderr.strip()).splitlines()
             if done.returncode == _REFUSED:
-                raise DataError(said[-1])
+                raise DataError(output[-1])
     finally:
         numbers.unlink()
     return (f'no picture of the arm: install {" or ".join(BACKENDS.values())} '
-            f'({said[-1] if said else "no reason was given"})')
+            f'({output[-1] if output else "no reason was given"})')
 
 
 def main(numbers: str, target: str) -> int:
-    """Render what `render_to` left in ``numbers``."""
+    """Render the postures in the file ``numbers`` of `render_to`."""
     from PIL import Image
 
     from gdmp_ros.sim.arm import Arm
@@ -94,7 +94,7 @@ def main(numbers: str, target: str) -> int:
 
 
 def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
-    """Write a picture, or an animated one; it looks at each image as it optional_import it."""
+    """Write a picture or an animated picture; images are made one at a time."""
     first = next(images)
     if target.suffix == '.webp':
         first.save(target, save_all=True, append_images=images, duration=round(1e3 * frame_s),
@@ -104,7 +104,7 @@ def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
 
 
 def _h264(target: Path, images: Iterator[Any], frame_s: float) -> None:
-    """Write a film that every browser plays."""
+    """Write a film in a format that every browser plays."""
     with optional_import(extra('film')):
         import av
     rate = Fraction(1.0 / frame_s).limit_denominator(1000)

@@ -1,4 +1,4 @@
-"""The figures of a report, to be turned and zoomed in a browser; the only place for plotly."""
+"""Interactive figures of a report; the only place that imports plotly."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,12 +9,13 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from gdmp_ros.data import run_analysis as findings
 from gdmp_ros.data.recordings import Recording
+from gdmp_ros.data.run_analysis import lateness, Tracking
+from gdmp_ros.data.run_events import Event
 from gdmp_ros.data.runs import Run
 
-#: Curves are drawn with at most so many points.
-MOST = 3000
+#: Largest number of points of a curve.
+MAX_POINTS = 3000
 #: Ellipsoids along a path, and the length of the longest half-axis [m].
 ELLIPSOIDS, ELLIPSOID_M = 12, 0.035
 INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
@@ -22,18 +23,18 @@ DASH = ('solid', 'dash', 'dot', 'dashdot', 'longdash', 'longdashdot')
 
 
 def library() -> str:
-    """The drawing library itself, for a page that needs no network."""
+    """Source of the drawing library, to be included in the page."""
     return str(get_plotlyjs())
 
 
 def html(figure: go.Figure, name: str) -> str:
-    """A figure as a part of a page."""
+    """HTML of a figure."""
     return str(figure.to_html(full_html=False, include_plotlyjs=False, div_id=name,
                               config={'displaylogo': False, 'responsive': True}))
 
 
 def _thin(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int))
 
 
 def _path(positions: np.ndarray, name: str, ink: str, dash: str = 'solid') -> go.Scatter3d:
@@ -73,12 +74,12 @@ def _space(traces: Sequence[Any]) -> go.Figure:
 
 
 def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
-               marks: Sequence[findings.Event] = ()) -> go.Figure:
-    """Panels above each other on one axis of time."""
+               marks: Sequence[Event] = ()) -> go.Figure:
+    """Panels with a common time axis."""
     figure = make_subplots(rows=len(rows), cols=1, shared_xaxes=True, vertical_spacing=0.03)
     for number, (label, curves) in enumerate(rows, 1):
         for k, (name, times, values) in enumerate(curves):
-            # A curve that has a panel of its own is named by its axis.
+            # The only curve of a panel is named by the axis.
             alone = len(curves) == 1
             kept = _thin(len(times))
             figure.add_trace(go.Scatter(
@@ -101,7 +102,7 @@ def _eigenvalues(matrices: np.ndarray, times: np.ndarray, name: str
 
 
 def run_in_space(run: Run) -> go.Figure:
-    """Reference and arm, with the stiffness that was asked for."""
+    """Paths of reference and arm, with the stiffness of the reference."""
     kept = run.moving if run.moving.any() else slice(None)
     moving = run.references[kept]
     matrices = run.reference_stiffness[kept].reshape(-1, 6, 6)[:, :3, :3]
@@ -112,32 +113,32 @@ def run_in_space(run: Run) -> go.Figure:
                    _point(moving[-1, :3], 'end', 'diamond')])
 
 
-def run_over_time(run: Run, tracked: findings.Tracking,
-                  marks: Sequence[findings.Event]) -> go.Figure:
+def run_over_time(run: Run, tracked: Tracking,
+                  marks: Sequence[Event]) -> go.Figure:
     """Errors, stiffness, speed, energy and lateness."""
     origin = run.state_stamps[0]
     times = (run.state_stamps - origin) * 1e-9
     sent = (run.reference_stamps - origin) * 1e-9
-    states, away, turned = tracked
+    states = times[tracked.states]
     kept, less = _thin(len(times)), _thin(len(sent))
 
     def blocks(rows: np.ndarray) -> np.ndarray:
         return np.asarray(rows.reshape(-1, 6, 6)[:, :3, :3])
     return _over_time([
-        ('position error [mm]', [('position', times[states], 1e3 * away)]),
-        ('rotation error [rad]', [('rotation', times[states], turned)]),
+        ('position error [mm]', [('position', states, 1e3 * tracked.position)]),
+        ('rotation error [rad]', [('rotation', states, tracked.rotation)]),
         ('stiffness [N/m]', [
-            *_eigenvalues(blocks(run.reference_stiffness[less]), sent[less], 'asked for,'),
+            *_eigenvalues(blocks(run.reference_stiffness[less]), sent[less], 'reference,'),
             *_eigenvalues(blocks(run.stiffness[kept]), times[kept], 'applied,')]),
         ('speed [m/s]', [('tool', times, np.linalg.norm(run.twists[:, :3], axis=1))]),
         ('energy tank [J]', [('tank', times, run.tank)]),
-        ('lateness [µs]', [('reference', sent, 1e6 * findings.lateness(run))])], marks)
+        ('lateness [µs]', [('reference', sent, 1e6 * lateness(run))])], marks)
 
 
 def demonstration_in_space(recording: Recording) -> go.Figure:
-    """The path that was shown, with its stiffness where it has one."""
+    """The demonstrated path, with its stiffness if it has one."""
     points = recording.demonstration.points
-    traces = [_path(points[:, :3], 'shown', INK[0]), _point(points[0, :3], 'start', 'circle'),
+    traces = [_path(points[:, :3], 'demonstration', INK[0]), _point(points[0, :3], 'start', 'circle'),
               _point(points[-1, :3], 'end', 'diamond')]
     matrices = _stiffness(points)
     if matrices is not None:
@@ -156,11 +157,11 @@ def demonstration_over_time(recording: Recording) -> go.Figure:
             ('speed [m/s]', [('tool', times, speed)])]
     matrices = _stiffness(points)
     if matrices is not None:
-        rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'shown,')))
+        rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'demonstrated,')))
     return _over_time(rows)
 
 
 def _stiffness(points: np.ndarray) -> np.ndarray | None:
-    """Translational stiffness of a demonstration's points, None where they have none."""
+    """Translational stiffness of points of a demonstration; None without a stiffness."""
     size = {16: 3, 43: 6}.get(points.shape[1])
     return None if size is None else points[:, 7:].reshape(-1, size, size)[:, :3, :3].copy()

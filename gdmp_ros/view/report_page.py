@@ -1,4 +1,4 @@
-"""Puts a report together: one HTML file that needs nothing else."""
+"""Report of a bag: one HTML file that needs no network."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -7,13 +7,13 @@ from jinja2 import Environment, PackageLoader
 import numpy as np
 
 from gdmp_ros import __version__
-from gdmp_ros.data import bags, recordings, runs
-from gdmp_ros.data import run_analysis as findings
+from gdmp_ros.data import bags, recordings, run_analysis, runs
+from gdmp_ros.data.run_events import events as events_of
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.atomic_write import write_text
-from gdmp_ros.view import report_figures as drawing
+from gdmp_ros.view import report_figures as figures
 
-#: More events than this are counted, not marked in the figures.
+#: With more events than this none is marked in the figures.
 MOST_MARKS = 40
 
 
@@ -21,15 +21,15 @@ def write(bag: Path, path: Path, robot: str = '') -> str:
     """
     Write the report of a bag: of a run if it has references and states, else of a demonstration.
 
-    :param robot: namespace of the robot, where the bag has several
-    :returns: what it is a report of
+    :param robot: namespace of the robot, if the bag has several
+    :returns: what the report is about
     :raises DataError: if the bag cannot be read, holds neither, or the page cannot be written
     """
     is_run = all(runs.streams(bags.topics(bag), robot))
     parts = _run(bag, robot) if is_run else _demonstration(bag)
-    page = Environment(loader=PackageLoader('gdmp_ros.report', '.'), autoescape=True)
-    text = page.get_template('page.html').render(
-        library=drawing.library(), source=str(bag), version=__version__, **parts)
+    page = Environment(loader=PackageLoader('gdmp_ros.view', '.'), autoescape=True)
+    text = page.get_template('report.html').render(
+        library=figures.library(), source=str(bag), version=__version__, **parts)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
@@ -40,11 +40,11 @@ def write(bag: Path, path: Path, robot: str = '') -> str:
 
 def _run(bag: Path, robot: str) -> dict[str, object]:
     run = runs.read(bag, robot)
-    events, tracked = findings.events(run), findings.tracking(run)
+    events, tracked = events_of(run), run_analysis.tracking(run)
     marks = events if len(events) <= MOST_MARKS else []
-    return {'title': f'Run {bag.name}', 'rows': findings.figures(run, tracked), 'events': events,
-            'space': drawing.html(drawing.run_in_space(run), 'space'),
-            'time': drawing.html(drawing.run_over_time(run, tracked, marks), 'time')}
+    return {'title': f'Run {bag.name}', 'rows': run_analysis.summary(run, tracked), 'events': events,
+            'space': figures.html(figures.run_in_space(run), 'space'),
+            'time': figures.html(figures.run_over_time(run, tracked, marks), 'time')}
 
 
 def _demonstration(bag: Path) -> dict[str, object]:
@@ -53,7 +53,7 @@ def _demonstration(bag: Path) -> dict[str, object]:
     length = np.linalg.norm(np.diff(shown.points[:, :3], axis=0), axis=1).sum()
     rows = [('frame', recording.frame), ('duration', f'{shown.duration:.2f} s'),
             ('samples', f'{len(shown.times)}'), ('path', f'{length:.3f} m'),
-            ('made of', ', '.join(shown.manifold.names))]
+            ('factors', ', '.join(shown.manifold.names))]
     return {'title': f'Demonstration {bag.name}', 'rows': rows, 'events': [],
-            'space': drawing.html(drawing.demonstration_in_space(recording), 'space'),
-            'time': drawing.html(drawing.demonstration_over_time(recording), 'time')}
+            'space': figures.html(figures.demonstration_in_space(recording), 'space'),
+            'time': figures.html(figures.demonstration_over_time(recording), 'time')}

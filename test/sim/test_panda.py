@@ -94,7 +94,7 @@ def test_the_arm_holds_still_without_references():
 def test_a_learned_letter_is_tracked_through_a_goal_switch():
     loop = ClosedLoop(Arm())
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
-    player = Player(skill, PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3)))
+    player = Player(skill, PlayerSettings())
     player.start(loop.arm.measure().pose.copy())
     position, rotation, torques, error = [], [], [], np.empty(3)
     for k in range(9000):

@@ -1,28 +1,54 @@
-"""Learning in a process of its own: the stream must not feel it."""
+"""Skills that a trajectory server learns: at start-up, and on request in another process."""
 from __future__ import annotations
 
 import json
 from pathlib import Path
 import subprocess
 import tempfile
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
 from rclpy.task import Future
 
+from gdmp_ros.data import recordings
 from gdmp_ros.dmp.primitive import CONNECTIONS
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.util import child_process as child
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.util import child_process
 
-if TYPE_CHECKING:
-    from gdmp_ros.ros.server.node import TrajectoryServer
+
+def skill_from_parameters(parameters: Parameters, logger: Any) -> tuple[Skill, str] | None:
+    """
+    Load or learn the skill that the parameters name.
+
+    :returns: the skill and its name; None if there is none yet
+    :raises DataError: if it cannot be loaded or learned
+    """
+    if parameters.skill:
+        return Skill.load(parameters.skill), parameters.skill
+    bags = [bag for bag in parameters.demonstrations if bag]
+    if not bags:
+        logger.info('no skill yet: waiting for ~/load_skill or ~/learn_skill')
+        return None
+    shown = [recordings.read(bag) for bag in bags]
+    for recording in shown:
+        if recording.frame != parameters.frame_id:
+            raise DataError(f'{recording.bag}: poses are in frame {recording.frame!r}, '
+                            f'expected {parameters.frame_id!r}')
+    demonstrations, origin = recordings.with_stiffness(shown, parameters.learned_stiffness)
+    logger.info(f'learning from {len(shown)} demonstrations, stiffness: {origin}')
+    skill = Skill.learn(demonstrations, n_basis=parameters.n_basis,
+                        connection=parameters.connection)
+    return skill, ', '.join(bags)
 
 
 class LearningProcess:
-    """Runs ``gdmp learn`` and looks after it ten times a second."""
+    """Runs ``gdmp learn`` in its own process, so that the stream is not disturbed."""
 
-    def __init__(self, node: TrajectoryServer):
-        self._node = node
+    def __init__(self, node: ManagedNode, parameters: Parameters):
+        self._node, self._parameters = node, parameters
         self._process: subprocess.Popen[str] | None = None
 
     async def learn(self, request: LearnSkill.Request) -> tuple[str, float]:
@@ -30,43 +56,46 @@ class LearningProcess:
         Learn from bags.
 
         :returns: path of the skill file and mean reproduction error / span
-        :raises GdmpError: with what ``gdmp learn`` said
+        :raises GdmpError: with the message of ``gdmp learn``
         """
         if self._process is not None:
-            raise ParameterError('a skill is being learned already')
+            raise ParameterError('another skill is being learned')
         output, command = self.command(request)
         try:
             self._process = subprocess.Popen(command, stdout=subprocess.PIPE,
                                              stderr=subprocess.PIPE, text=True)
         except (OSError, ValueError) as error:
             raise ParameterError(f'learning cannot be started: {error}') from None
-        done: Future = Future(executor=self._node.executor)
-
-        def look() -> None:
-            if self._process is None or self._process.poll() is not None:
-                timer.cancel()
-                done.set_result(True)
-
-        timer = self._node.wall_timer(0.1, look)
-        await done
-        self._node.destroy_timer(timer)
+        await self._end_of_process()
         process, self._process = self._process, None
         if process is None:
             raise ParameterError('learning was cancelled')
-        out, complaint = process.communicate()
+        out, errors = process.communicate()
         if process.returncode != 0:
-            raise DataError(complaint.strip().splitlines()[-1] if complaint.strip()
+            raise DataError(errors.strip().splitlines()[-1] if errors.strip()
                             else f'learning failed with code {process.returncode}')
         report: dict[str, Any] = json.loads(out)
         return output, float(report['mean_relative_error'])
 
+    async def _end_of_process(self) -> None:
+        done: Future = Future(executor=self._node.executor)
+
+        def check() -> None:
+            if self._process is None or self._process.poll() is not None:
+                timer.cancel()
+                done.set_result(True)
+
+        timer = self._node.wall_timer(0.1, check)
+        await done
+        self._node.destroy_timer(timer)
+
     def command(self, request: LearnSkill.Request) -> tuple[str, list[str]]:
         """
-        Path of the skill file and the command that writes it; nothing in it can be an option.
+        Path of the skill file, and the command that writes it; no name can become an option.
 
-        :raises ParameterError: if the request is not one to learn from
+        :raises ParameterError: if the request is invalid
         """
-        parameters = self._node.parameters
+        parameters = self._parameters
         if not request.bags:
             raise ParameterError('no bags were named')
         connection = request.connection or parameters.connection
@@ -77,14 +106,14 @@ class LearningProcess:
             if '\0' in name or not name.isprintable():
                 raise ParameterError(f'{name!r} is not the name of a file')
         output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
-        return output, child.command(
+        return output, child_process.command(
             'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
             f'--stiffness={parameters.learned_stiffness}',
             f'--n-basis={request.n_basis or parameters.n_basis}', f'--connection={connection}',
             '--', *request.bags)
 
     def cancel(self) -> None:
-        """End a learning process."""
+        """End the process."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()

@@ -1,4 +1,4 @@
-"""The reference of a tick on its three topics."""
+"""Publishes references on three topics."""
 from __future__ import annotations
 
 import secrets
@@ -7,28 +7,28 @@ from gdmp_msgs.msg import Reference
 import numpy as np
 
 from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
-from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
+from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
 from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream
 
 
 class ReferencePublisher:
-    """``~/reference`` whole and stamped; ``~/reference_pose`` and ``~/reference_stiffness``."""
+    """Publishes ``~/reference``, ``~/reference_pose`` and ``~/reference_stiffness``."""
 
     def __init__(self, node: ManagedNode, frame: str):
         """:param frame: ``frame_id`` of the references"""
         reference = Reference()
         reference.header.frame_id = frame
         self._whole = Stream(node.add_publisher(Reference, '~/reference', DEEP),
-                             wire.Patched(reference, TARGET_SIZE, wire.fill_reference))
+                             SerializedTemplate(reference, TARGET_SIZE, fill_reference))
         self._pose = pose_stream(node, '~/reference_pose', frame)
         self._stiffness = stiffness_stream(node, '~/reference_stiffness')
-        # Numbers of two publishers never follow each other: who listens can tell them apart.
+        # A random start: a subscriber can distinguish the numbers of two publishers.
         self._sequence = secrets.randbelow(1 << 31) << 30
 
     def publish(self, target: np.ndarray, stamp_ns: int) -> None:
         """
-        Publish a tick.
+        Publish the reference of a tick.
 
         :param target: `TARGET_SIZE` numbers
         """

@@ -1,8 +1,5 @@
-"""What a trajectory server says of itself: state, path to come, diagnostics, log lines."""
+"""What a trajectory server reports: state, predicted path, diagnostics, log messages."""
 from __future__ import annotations
-
-from collections import deque
-from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ServerState
@@ -10,128 +7,128 @@ from geometry_msgs.msg import Pose
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.prediction import predicted_poses
+from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.statistics import Punctuality
-from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.lifecycle import lateness_diagnostics
+from gdmp_ros.ros.lifecycle import lateness_diagnostics, ManagedNode
+from gdmp_ros.ros.messages import path_message, set_pose
 
-if TYPE_CHECKING:
-    from gdmp_ros.ros.server.node import TrajectoryServer
-
-#: Poses of the path to come in one duration of the motion, and reports between two such paths.
-PLAN_POSES, PLAN_EVERY = 40, 5
-#: Reports between two looks who publishes references.
-STREAMING_EVERY = 10
-#: The state shows the rate and lateness of so many ticks.
+#: Poses of a predicted path in one duration of the motion.
+PLAN_POSES = 40
+#: Reports between two predicted paths.
+PLAN_EVERY = 5
+#: Reports between two checks who publishes references.
+PUBLISHERS_EVERY = 10
+#: The state contains rate and lateness of this many ticks.
 WINDOW = 1000
 
 
 class ServerReport:
-    """``~/state``, ``~/plan``, ``/diagnostics``, and what the tick has noticed."""
+    """``~/state``, ``~/plan``, ``/diagnostics`` and log messages."""
 
-    def __init__(self, server: TrajectoryServer):
-        self._server = server
-        self._state = server.add_publisher(ServerState, '~/state', 10)
-        self._plan = server.add_publisher(PathMessage, '~/plan', 1)
-        self._diagnostics = server.add_publisher(DiagnosticArray, '/diagnostics', 10)
-        # The tick appends, the report logs: a log line takes longer than a tick may.
-        self._stalls: deque[float] = deque(maxlen=10)
-        self._refusals: deque[str] = deque(maxlen=10)
+    def __init__(self, node: ManagedNode, streamer: Streamer, frame: str):
+        """:param frame: ``frame_id`` of state and path"""
+        self._node, self._streamer, self._frame = node, streamer, frame
+        self._state = node.add_publisher(ServerState, '~/state', 10)
+        self._plan = node.add_publisher(PathMessage, '~/plan', 1)
+        self._diagnostics = node.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._reports = 0
-        self._planned = False
-        self._streaming: list[str] = []
-
-    def stalled(self, seconds: float) -> None:
-        """Note that the time jumped; any thread may."""
-        self._stalls.append(seconds)
-
-    def refused(self, reason: str) -> None:
-        """Note that a message was refused; any thread may."""
-        self._refusals.append(reason)
+        self._plan_is_shown = False
+        self._publishers: list[str] = []
 
     def state(self, figures: Punctuality | None = None) -> ServerState:
-        """Describe the present state."""
-        server = self._server
-        figures = figures or server.lateness.punctuality(WINDOW)
-        message = ServerState(status='idle', skill=server.skill_name)
-        message.header.stamp = server.get_clock().now().to_msg()
-        message.header.frame_id = server.parameters.frame_id
-        message.ticks, message.missed = server.lateness.ticks, server.lateness.missed
-        message.rate_hz = figures.rate_hz
-        message.lateness_p50_us, message.lateness_p99_us = figures.p50_us, figures.p99_us
-        message.lateness_max_us = figures.max_us
-        message.scheduler = server.thread.scheduler if server.thread is not None else 'other'
-        flags = set() if server.robot_is_met() else {'no_robot'}
+        """The present state."""
+        streamer = self._streamer
+        lateness, member = streamer.lateness, streamer.member
+        figures = figures or lateness.punctuality(WINDOW)
+        message = ServerState(
+            status=Status.IDLE, skill=streamer.skill_name, ticks=lateness.ticks,
+            missed=lateness.missed, rate_hz=figures.rate_hz, lateness_p50_us=figures.p50_us,
+            lateness_p99_us=figures.p99_us, lateness_max_us=figures.max_us,
+            scheduler=member.scheduler if member is not None else 'other',
+            refused=streamer.refusals.count, last_refusal=streamer.refusals.last)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = self._frame
+        flags = set() if streamer.robot_is_known() else {'no_robot'}
+        if streamer.player is not None:
+            flags |= _add_motion(message, streamer.player)
         message.flags = sorted(flags)
-        player = server.player
-        if player is None:
-            return message
-        message.status, message.refused = player.status, player.refused
-        message.goal = [Pose()]
-        wire.set_pose(message.goal[0], player.goal())
-        message.last_refusal = player.last_refusal
-        rollout = player.rollout
-        if rollout is not None:
-            manifold = rollout.skill.manifold
-            message.progress, message.speed = rollout.progress, rollout.speed
-            message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
-            message.finished = rollout.finished
-            message.factors = list(manifold.names)
-            message.distance_to_goal = player.distances()
-            message.flags = sorted(flags | rollout.flags)
         return message
 
     def publish(self) -> ServerState:
-        """Publish everything; the state that was published."""
+        """Publish everything, and return the state that was published."""
         self._reports += 1
         self._log()
         self._publish_plan()
-        figures = self._server.lateness.punctuality(WINDOW)
+        figures = self._streamer.lateness.punctuality(WINDOW)
         message = self.state(figures)
         self._state.publish(message)
         self._publish_diagnostics(message, figures)
         return message
 
     def _log(self) -> None:
-        logger = self._server.get_logger()
-        while self._stalls:
-            logger.warning(f'the time jumped by {self._stalls.popleft():.3f} s: the motion goes '
-                           'on from where it was')
-        if self._refusals:
-            logger.warning(self._refusals[-1], throttle_duration_sec=1.0)
-            self._refusals.clear()
+        # Logged here: a log message takes longer than a tick may.
+        logger, time_jumps = self._node.get_logger(), self._streamer.time_jumps
+        while time_jumps:
+            logger.warning(f'the time jumped by {time_jumps.popleft():.3f} s: the motion did not '
+                           'advance')
+        reasons = self._streamer.refusals.take_new()
+        if reasons:
+            logger.warning(f'refused: {reasons[-1]}', throttle_duration_sec=1.0)
 
     def _publish_plan(self) -> None:
-        """Publish the path to come where somebody looks at it, and once more when it is over."""
-        player = self._server.player
+        """Publish the predicted path if there are subscribers, and an empty one at the end."""
+        player = self._streamer.player
         if player is None or self._plan.get_subscription_count() == 0:
             return
-        poses = player.to_come(PLAN_POSES)
-        if poses is None and self._planned and player.status == 'holding':
+        rollout, poses = player.taken_copy(), None
+        if rollout is not None:
+            poses = predicted_poses(rollout, PLAN_POSES)
+        elif self._plan_is_shown and player.status is Status.HOLDING:
             poses = np.empty((0, 7))
         if poses is not None:
-            self._planned = len(poses) > 0
-            self._plan.publish(wire.path_message(poses, self._server.parameters.frame_id,
-                                                 self._server.get_clock().now().to_msg()))
-        if player.status in ('moving', 'paused') and self._reports % PLAN_EVERY == 0:
-            player.look_ahead()
+            self._plan_is_shown = len(poses) > 0
+            self._plan.publish(path_message(poses, self._frame,
+                                            self._node.get_clock().now().to_msg()))
+        if (player.status in (Status.MOVING, Status.PAUSED)
+                and self._reports % PLAN_EVERY == 0):
+            player.request_copy()
 
     def _publish_diagnostics(self, message: ServerState, figures: Punctuality) -> None:
-        server, thread = self._server, self._server.thread
+        node, member = self._node, self._streamer.member
         level, text = DiagnosticStatus.OK, message.status
-        if thread is not None and thread.failure is not None:
-            level, text = DiagnosticStatus.ERROR, f'streaming failed: {thread.failure!r}'
-            server.get_logger().error(text, throttle_duration_sec=5.0)
+        if member is not None and member.failure is not None:
+            level, text = DiagnosticStatus.ERROR, f'streaming failed: {member.failure!r}'
+            node.get_logger().error(text, throttle_duration_sec=5.0)
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
-        if self._reports % STREAMING_EVERY == 0:
-            self._streaming = server.publishers('~/reference')
-        if len(self._streaming) > 1:
+        if self._reports % PUBLISHERS_EVERY == 0:
+            self._publishers = node.publishers('~/reference')
+        if len(self._publishers) > 1:
             level = max(level, DiagnosticStatus.WARN)
-            text = (f'{text}; {len(self._streaming)} nodes publish references: '
-                    f'{", ".join(self._streaming)}')
-            server.get_logger().warning(text, throttle_duration_sec=5.0)
+            text = (f'{text}; {len(self._publishers)} nodes publish references: '
+                    f'{", ".join(self._publishers)}')
+            node.get_logger().warning(text, throttle_duration_sec=5.0)
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal, 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
-            server.get_fully_qualified_name().strip('/'), level, text, figures, extra,
+            node.get_fully_qualified_name().strip('/'), level, text, figures, extra,
             message.header.stamp))
+
+
+def _add_motion(message: ServerState, player: Player) -> set[str]:
+    """Write what belongs to the player, and return the flags of its motion."""
+    message.status = player.status
+    message.goal = [Pose()]
+    set_pose(message.goal[0], player.goal)
+    rollout = player.rollout
+    if rollout is None:
+        return set()
+    message.progress, message.speed = rollout.progress, rollout.speed
+    message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
+    message.finished = rollout.finished
+    message.factors = list(rollout.skill.manifold.names)
+    message.distance_to_goal = player.distances()
+    return rollout.flags

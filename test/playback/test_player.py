@@ -1,4 +1,6 @@
 """Playing a skill as a reference: continuous through everything a user can ask."""
+import threading
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,11 @@ from gdmp_ros import (
 )
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.playback.prediction import predicted_poses
+from gdmp_ros.playback.requests import MAX_WAITING
+from gdmp_ros.playback.tool_skill import PlayerSettings, ToolSkill
 
-SETTINGS = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3))
+SETTINGS = PlayerSettings()
 DT = 1e-3
 
 
@@ -140,7 +144,7 @@ def test_speed_applies_to_this_motion_and_the_next(player, skill):
 
 
 def test_stiffness_goals_that_do_not_fit_are_refused(player):
-    full = SETTINGS.stiffness.copy()
+    full = SETTINGS.stiffness_matrix
     full[:3, :3] = np.diag([300.0, 500, 350])
     np.testing.assert_allclose(player.tool.stiffness_factor(full.reshape(-1)), full[:3, :3])
     coupled = full.copy()
@@ -164,7 +168,7 @@ def test_a_refused_goal_is_counted_and_the_motion_goes_on(player, skill):
     goal[3:] = np.roll(goal[3:], 1) * [1, -1, 1, -1]  # a quarter of S³ away: fine
     player.goal_pose(goal)
     run(player, 10)
-    assert player.refused == 0
+    assert player.refusals.count == 0
 
 
 def test_pose_only_skills_stream_the_configured_stiffness(rng):
@@ -175,7 +179,7 @@ def test_pose_only_skills_stream_the_configured_stiffness(rng):
     player = Player(Skill.learn(Demonstration(t, points, manifold)), SETTINGS)
     player.start(None)
     rows = run(player, 1500)
-    np.testing.assert_array_equal(rows[-1, 19:55].reshape(6, 6), SETTINGS.stiffness)
+    np.testing.assert_array_equal(rows[-1, 19:55].reshape(6, 6), SETTINGS.stiffness_matrix)
     with pytest.raises(ManifoldError, match='no stiffness'):
         player.tool.stiffness_factor(np.eye(3))
 
@@ -188,7 +192,7 @@ def test_other_manifolds_are_refused(rng):
 
 
 def test_a_robot_that_is_behind_slows_the_reference_with_and_without_stiffness(skill, rng):
-    settings = PlayerSettings(np.diag([400.0] * 3 + [30.0] * 3), phase_stopping=5.0)
+    settings = PlayerSettings(phase_stopping=5.0)
     for learned in (skill, pose_only(skill)):
         player = Player(learned, settings)
         player.start(None)
@@ -210,47 +214,47 @@ def pose_only(skill):
     return Skill.learn(Demonstration(path.times, path.points[:, :7], manifold))
 
 
-def test_looking_ahead_tells_the_path_to_the_goal_and_changes_nothing(skill):
+def test_a_prediction_gives_the_path_to_the_goal_and_changes_nothing(skill):
     watched, alone = Player(skill, SETTINGS), Player(skill, SETTINGS)
     for player in (watched, alone):
         player.start(None)
-    assert watched.to_come(40) is None
+    assert watched.taken_copy() is None
     run(watched, 500)
     run(alone, 500)
-    watched.look_ahead()
-    assert watched.to_come(40) is None  # a copy is made in the tick
+    watched.request_copy()
+    assert watched.taken_copy() is None  # a copy is made in the tick
     row, same = run(watched, 1)[0], run(alone, 1)[0]
-    path = watched.to_come(40)
+    path = predicted_poses(watched.taken_copy(), 40)
     np.testing.assert_allclose(path[0], row[:7], atol=1e-3)
     assert 20 < len(path) < 100
     assert np.linalg.norm(path[-1, :3] - skill.goal[:3]) < 1e-3
     np.testing.assert_array_equal(row, same)
     np.testing.assert_array_equal(run(watched, 300), run(alone, 300))
-    np.testing.assert_array_equal(watched.goal(), skill.goal[:7])
+    np.testing.assert_array_equal(watched.goal, skill.goal[:7])
     # After a switch the path leads to the new goal, which comes slowly.
     goal = skill.goal[:7].copy()
     goal[:3] += [0.05, -0.05, 0.02]
     watched.goal_pose(goal)
-    watched.look_ahead()
+    watched.request_copy()
     run(watched, 1)
-    np.testing.assert_allclose(watched.goal(), goal)
-    np.testing.assert_allclose(watched.to_come(40)[-1, :3], goal[:3], atol=1e-3)
+    np.testing.assert_allclose(watched.goal, goal)
+    np.testing.assert_allclose(predicted_poses(watched.taken_copy(), 40)[-1, :3], goal[:3], atol=1e-3)
 
 
-def test_a_stopped_motion_can_be_looked_ahead_from(skill):
+def test_a_paused_motion_can_be_predicted(skill):
     player = Player(skill, SETTINGS)
     player.start(None)
     run(player, 500)
     player.pause(True)
     run(player, 1000)
-    player.look_ahead()
+    player.request_copy()
     run(player, 1)
-    assert np.linalg.norm(player.to_come(40)[-1, :3] - skill.goal[:3]) < 1e-3
+    assert np.linalg.norm(predicted_poses(player.taken_copy(), 40)[-1, :3] - skill.goal[:3]) < 1e-3
     assert player.status == 'paused'
 
 
-def test_looking_ahead_of_a_robot_that_is_held_back_goes_to_the_goal(skill):
-    player = Player(skill, PlayerSettings(SETTINGS.stiffness, phase_stopping=50.0))
+def test_a_prediction_with_phase_stopping_reaches_the_goal(skill):
+    player = Player(skill, PlayerSettings(phase_stopping=50.0))
     player.start(None)
     behind = pose_of(skill)
     behind[0] -= 0.3
@@ -258,6 +262,117 @@ def test_looking_ahead_of_a_robot_that_is_held_back_goes_to_the_goal(skill):
         player.observe(behind)
         player.tick(DT)
     assert player.rollout.speed < 0.5
-    player.look_ahead()
+    player.request_copy()
     player.tick(DT)
-    assert np.linalg.norm(player.to_come(40)[-1, :3] - skill.goal[:3]) < 1e-3
+    assert np.linalg.norm(predicted_poses(player.taken_copy(), 40)[-1, :3] - skill.goal[:3]) < 1e-3
+
+
+# Requests that come between two ticks are carried out in order by the next one.
+
+def test_a_stop_before_the_next_tick_stops_the_new_motion(player, skill):
+    player.start(None)
+    run(player, 1000)
+    player.start(None)
+    player.stop()
+    assert player.status == 'stopping'
+    before = player.target[:3].copy()
+    rows = run(player, 1500)
+    assert player.status == 'holding' and player.rollout is None
+    assert np.linalg.norm(rows[-1, :3] - before) < 0.05
+    assert np.abs(rows[-1, 7:13]).max() == 0.0
+
+
+def test_a_pause_before_the_next_tick_pauses_the_new_motion(player, skill):
+    player.start(None)
+    player.pause(True)
+    assert player.status == 'paused'
+    rows = run(player, 1000)
+    assert player.status == 'paused'
+    np.testing.assert_allclose(rows[-1, :3], skill.start[:3], atol=1e-6)
+    player.pause(False)
+    assert player.status == 'moving'
+    run(player, 8000)
+    assert player.status == 'holding'
+
+
+def test_a_motion_starts_at_the_newest_reference(player, skill, monkeypatch):
+    player.start(None)
+    rows = [run(player, 1500)]
+    made = ToolSkill.options
+
+    def slow(*arguments):
+        """While the new motion is prepared the old one goes on, as under load."""
+        rows.append(run(player, 20))
+        return made(*arguments)
+    monkeypatch.setattr(ToolSkill, 'options', slow)
+    player.start(rows[0][-1, :7].copy())
+    rows.append(run(player, 500))
+    path = np.vstack(rows)
+    fastest = np.linalg.norm(path[:, 7:10], axis=1).max()
+    assert len(rows) == 3 and largest_step(path) < 1.01 * fastest * DT
+    assert np.abs(np.diff(path[:, 7:10], axis=0)).max() < 0.02
+
+
+def test_requests_do_not_touch_the_motion_before_the_next_tick(player, skill):
+    player.start(None)
+    run(player, 500)
+    before = player.rollout.memory.copy()
+    player.set_speed(0.5)
+    player.pause(True)
+    player.goal_pose(skill.start[:7].copy())
+    player.stop()
+    np.testing.assert_array_equal(player.rollout.memory, before)
+    run(player, 1)
+    assert not np.array_equal(player.rollout.memory, before)
+
+
+def test_the_newest_of_several_goals_is_followed(player, skill):
+    player.start(None)
+    run(player, 500)
+    for offset in (0.3, -0.2, 0.05):
+        goal = skill.goal[:7].copy()
+        goal[1] += offset
+        player.goal_pose(goal)
+    run(player, 1)
+    np.testing.assert_allclose(player.goal, goal)
+
+
+def test_the_number_of_a_motion_appears_when_it_has_begun(player):
+    first = player.start(None)
+    assert player.motion != first
+    run(player, 1)
+    assert player.motion == first
+    second = player.start(None)
+    assert player.motion == first and second == first + 1
+
+
+def test_requests_that_nobody_carries_out_end_with_an_error(player):
+    with pytest.raises(ParameterError, match='no tick carries them out'):
+        for _ in range(MAX_WAITING + 1):
+            player.set_speed(0.5)
+
+
+def test_requests_from_another_thread_keep_the_reference_continuous(player, skill):
+    player.start(None)
+    path, stop = [], threading.Event()
+
+    def tick():
+        while not stop.is_set():
+            path.append(player.tick(DT).copy())
+    thread = threading.Thread(target=tick)
+    thread.start()
+    goal = skill.goal[:7].copy()
+    for k in range(40):
+        player.start(player.target[:7].copy() if player.target is not None else None)
+        goal[0] += 0.01 * (-1.0) ** k
+        player.goal_pose(goal)
+        player.pause(k % 2 == 0)
+        player.set_speed(0.5 + 0.01 * k)
+        if k % 5 == 0:
+            player.stop()
+    stop.set()
+    thread.join()
+    rows = np.array(path)
+    fastest = np.linalg.norm(rows[:, 7:10], axis=1).max()
+    assert largest_step(rows) < 1.05 * fastest * DT + 1e-6
+    assert player.refusals.count == 0

@@ -1,0 +1,1 @@
+"""Benchmarks, experiments of the paper, the demonstration, reliability."""

@@ -1,0 +1,1 @@
+"""ROS 2 nodes and their clients; the only room that imports rclpy."""

@@ -1,0 +1,1 @@
+"""Node ``adapter``: references for other controllers."""

@@ -1,0 +1,1 @@
+"""Node ``panda_sim``: a simulated arm that follows references."""

@@ -1,0 +1,1 @@
+"""Node ``take_recorder``, and recording of topics to bags."""

@@ -1,0 +1,1 @@
+"""Node ``trajectory_server``: streams skills as references."""

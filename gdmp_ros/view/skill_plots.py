@@ -1,0 +1,86 @@
+"""Figures of demonstrations, tuning and skills."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.learning.tuning import BasisError, GoalSwitch
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.view import plots
+
+_UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]'}
+
+
+def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],
+                 outliers: Sequence[bool]) -> Figure:
+    """Draw takes of one motion from above, from the side and over time; outliers are dashed."""
+    figure, axes = plots.panels(1, 3, (4.2, 3.6))
+    above, side, timed = axes[0]
+    for i, (take, name, outlier) in enumerate(zip(shown, names, outliers)):
+        style = {'color': plots.INK[i % len(plots.INK)], 'ls': '--' if outlier else '-', 'lw': 1.3, 'label': name}
+        x, y, z = take.points[:, :3].T
+        above.plot(x, y, **style)
+        side.plot(x, z, **style)
+        timed.plot(take.times, np.linalg.norm(take.points[:, :3] - take.points[0, :3], axis=1),
+                   **style)
+    above.set(xlabel='x [m]', ylabel='y [m]', title='from above')
+    side.set(xlabel='x [m]', ylabel='z [m]', title='from the side')
+    timed.set(xlabel='time [s]', ylabel='distance from the start [m]', title='over time')
+    for each in (above, side):
+        each.set_aspect('equal', 'datalim')
+    timed.legend(fontsize=7)
+    return figure
+
+
+def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[GoalSwitch],
+                  gain: float) -> Figure:
+    """Draw errors by number of basis functions, and goal switches by gain."""
+    figure, axes = plots.panels(1, 2, (4.6, 3.4))
+    left, right = axes[0]
+    counts = [one.functions for one in errors]
+    left.loglog(counts[:-1], [one.detail for one in errors[:-1]], '^:', color=plots.INK[2],
+                label='difference from the most functions')
+    left.loglog(counts, [one.training for one in errors], 'o-', color=plots.INK[0],
+                label='error on the demonstrations')
+    left.loglog(counts, [one.unseen for one in errors], 's--', color=plots.INK[1],
+                label='error on one left out')
+    left.axvline(count, color='0.5', lw=0.8, label=f'suggested: {count}')
+    left.set(xlabel='basis functions [1]', ylabel='mean distance / span [1]')
+    left.legend()
+    gains = [one.gain for one in switches]
+    right.plot(gains, [one.acceleration for one in switches], 'o-', color=plots.INK[0],
+               label='added / own acceleration [1]')
+    right.plot(gains, [one.reached for one in switches], 's--', color=plots.INK[1],
+               label='new goal reached after [durations]')
+    right.axvline(gain, color='0.5', lw=0.8, label=f'suggested: {gain:g}')
+    right.set(xlabel='goal gain alpha_g [1]', ylim=(0.0, None))
+    right.legend()
+    return figure
+
+
+def skill_figure(skill: Skill) -> Figure:
+    """Draw a roll-out: every factor over time, and the path if the first factor is a position."""
+    trajectory = skill.reproduce(skill.duration / 500)
+    manifold = skill.manifold
+    points: list[tuple[np.ndarray, ...]] = [
+        manifold.split(p) if isinstance(manifold, Product) else (p,) for p in trajectory.points]
+    count = len(manifold.factors)
+    spatial = manifold.factors[0].is_flat and manifold.factors[0].size == 3
+    figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')
+    grid = figure.add_gridspec(count, 2 if spatial else 1)
+    for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
+        values = np.array([p[i].reshape(-1) for p in points])
+        names, columns = zip(*factor.components)
+        plots.series(figure.add_subplot(grid[i, 0]), trajectory.times, values[:, columns],
+                     list(names), f'{name}{_UNITS.get(name, "")}')
+    if spatial:
+        matrices = None
+        if count > 2 and manifold.names[2] == 'stiffness':
+            matrices = np.array([p[2][:3, :3] for p in points])
+        axes = figure.add_subplot(grid[:, 1], projection='3d')
+        plots.path_with_ellipsoids(axes, np.array([p[0] for p in points]), matrices)
+    return figure
