@@ -2,9 +2,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import math
 import os
 import signal
 import sys
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,6 +18,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.statistics import Punctuality
@@ -166,6 +169,21 @@ class ManagedNode(LifecycleNode):
     def wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
         """Timer on the steady clock: simulated time may stand still."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    async def wait_until(self, condition: Callable[[], bool], period_s: float = 0.1,
+                         timeout_s: float = math.inf) -> None:
+        """Let the executor work until a condition holds, or the time is over."""
+        done: Future = Future(executor=self.executor)
+        latest = time.monotonic() + timeout_s
+
+        def check() -> None:
+            if condition() or time.monotonic() > latest:
+                timer.cancel()
+                done.set_result(True)
+
+        timer = self.wall_timer(period_s, check)
+        await done
+        self.destroy_timer(timer)
 
     def log_scheduler(self, scheduler: str) -> None:
         """Log whether the loop has real-time priority."""

@@ -1,4 +1,4 @@
-"""Feeds other controllers: turns the stream of references into the topics that they listen to."""
+"""Converts references to the topics and parameters of other controllers."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -16,63 +16,64 @@ from std_msgs.msg import Float64MultiArray
 from gdmp_ros.control.guard import Origin, refusal
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.settings import GuardSettings
-from gdmp_ros.control.stiffness import bound_stiffness
+from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
-from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.lifecycle import ManagedNode, run, take_latest
+from gdmp_ros.ros import messages
+from gdmp_ros.ros.lifecycle import ManagedNode, run
 from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.ros.polling import take_latest
 
 PERIOD_NS = 1_000_000
-#: A reply that has not come after so long does not come [s].
-REPLY_S = 1.0
-#: A stiffness that is set by parameters is set again when an entry has changed by this share.
+#: Reply timeout [s].
+REPLY_TIMEOUT_S = 1.0
+#: Relative change of an entry after which a stiffness is set by parameters again.
 CHANGED = 0.01
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to pass on'),
+    Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to convert'),
     Spec('reference_frame', 'panda_link0', 'frame of the references; others are refused'),
     Spec('pose_topic', 'target_pose', 'geometry_msgs/PoseStamped of the controller; empty: none'),
-    Spec('pose_rate_hz', 1000, 'poses passed on, at most', 'Hz', 1, 1000),
-    Spec('frame_id', '', 'what the controller calls that frame, where it calls it otherwise; '
+    Spec('pose_rate_hz', 1000, 'largest rate of the poses', 'Hz', 1, 1000),
+    Spec('frame_id', '', 'name of that frame in the controller, if it is another one; '
          'empty: the same'),
-    Spec('stiffness', 'six', 'how the controller takes its stiffness: not at all, six numbers '
+    Spec('stiffness', 'six', 'interface of the controller for the stiffness: none, six numbers '
          '(x y z rx ry rz) or a row-major 6x6 matrix in a Float64MultiArray, a WrenchStamped, or '
          'six parameters', choices=('none', 'six', 'matrix', 'wrench', 'parameters')),
-    Spec('stiffness_topic', 'target_stiffness', 'where it listens to it'),
-    Spec('stiffness_rate_hz', 1000, 'stiffnesses passed on, at most', 'Hz', 1, 1000),
-    Spec('stiffness_frame', 'base', 'axes of the six numbers: of the base, or of the tool',
+    Spec('stiffness_topic', 'target_stiffness', 'topic of the stiffness'),
+    Spec('stiffness_rate_hz', 1000, 'largest rate of the stiffness', 'Hz', 1, 1000),
+    Spec('stiffness_frame', 'base', 'axes of the six numbers: those of the base or of the tool',
          choices=('base', 'tool')),
-    Spec('stiffness_node', '', 'node of the six parameters'),
-    Spec('stiffness_parameters', [''], 'their names, x y z rx ry rz'),
-    Spec('stiffness_min', [1.0, 0.1], 'smallest that the controller takes, translational and '
+    Spec('stiffness_node', '', 'node with the six parameters'),
+    Spec('stiffness_parameters', [''], 'names of the six parameters, x y z rx ry rz'),
+    Spec('stiffness_min', [1.0, 0.1], 'smallest stiffness of the controller, translational and '
          'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
-    Spec('stiffness_max', [2000.0, 200.0], 'largest that it takes', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad', 1e-3, 1e5),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
          'it; 0: never', low=-1, high=99),
 )
 
 
 class Output:
-    """One thing that is passed on, at most so often."""
+    """One output of the adapter, with a largest rate."""
 
-    def __init__(self, rate_hz: float, send: Callable[[Passed], None]):
+    def __init__(self, rate_hz: float, send: Callable[[Command], None]):
         self.send = send
         self._period = 1.0 / rate_hz
         self._next = 0.0
 
     def due(self, now: float) -> bool:
-        """Whether it is time again, on the monotonic clock [s]."""
-        # A reference comes a little early or late: half a tick does not matter.
+        """Whether to send again at a time of the monotonic clock [s]."""
+        # Half a tick of tolerance, because references arrive a little early or late.
         if now < self._next - 0.5e-3:
             return False
         self._next = max(self._next + self._period, now)
         return True
 
 
-class Passed(NamedTuple):
+class Command(NamedTuple):
     """
-    A reference as controllers take it.
+    A reference for other controllers.
 
     :ivar pose: (x, y, z, qw, qx, qy, qz)
     :ivar stiffness: 6×6 [N/m, Nm/rad]
@@ -86,16 +87,16 @@ class Passed(NamedTuple):
 
 def along_axes(stiffness: np.ndarray, quaternion: np.ndarray | None) -> np.ndarray:
     """
-    Six numbers of a stiffness: its diagonal in the base's axes, or in the tool's.
+    Diagonal of a stiffness in the axes of the base or of the tool.
 
     :param stiffness: 6×6, base frame
     :param quaternion: of the tool (wxyz); None for the axes of the base
     """
     if quaternion is None:
         return np.diag(stiffness).copy()
-    turn = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
-    return np.concatenate([np.diag(turn.T @ stiffness[:3, :3] @ turn),
-                           np.diag(turn.T @ stiffness[3:, 3:] @ turn)])
+    rotation = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    return np.concatenate([np.diag(rotation.T @ stiffness[:3, :3] @ rotation),
+                           np.diag(rotation.T @ stiffness[3:, 3:] @ rotation)])
 
 
 class Adapter(ManagedNode):
@@ -116,8 +117,7 @@ class Adapter(ManagedNode):
         self._last: np.ndarray | None = None
         self._frame = p.frame_id or p.reference_frame
         self._expected = GuardSettings(p.reference_frame)
-        self._bounds = np.array([np.diag(np.repeat(bound, 3)).reshape(-1)
-                                 for bound in (p.stiffness_min, p.stiffness_max)])
+        self._bounds = diagonal_bounds(p.stiffness_min, p.stiffness_max)
         self._outputs: list[Output] = []
         if p.pose_topic:
             self._pose = self.add_publisher(PoseStamped, p.pose_topic, 1)
@@ -131,7 +131,7 @@ class Adapter(ManagedNode):
         self._active = True
         self._thread = RealtimeThread(self._loop, self.parameters.realtime_priority)
         self._thread.start()
-        self.get_logger().info(f'passing {self.parameters.reference_topic} on to '
+        self.get_logger().info(f'converting {self.parameters.reference_topic} to '
                                f'{self.parameters.pose_topic}')
 
     def deactivate(self) -> None:
@@ -161,11 +161,11 @@ class Adapter(ManagedNode):
     def _tick(self, deadline_ns: int, now_ns: int) -> None:
         message = take_latest(self._reference)
         if message is not None:
-            self.pass_on(message)
+            self.convert(message)
 
-    def pass_on(self, message: Reference) -> None:
-        """Pass a reference on, or refuse it: other controllers do not look."""
-        reason = refusal(wire.reference_target(message), Origin(message.header.frame_id),
+    def convert(self, message: Reference) -> None:
+        """Send a reference to the outputs, or refuse it: other controllers do not check it."""
+        reason = refusal(messages.reference_target(message), Origin(message.header.frame_id),
                          self._expected)
         if reason is not None:
             self.get_logger().warning(f'reference refused: {reason}', throttle_duration_sec=1.0)
@@ -174,27 +174,27 @@ class Adapter(ManagedNode):
         due = [output for output in self._outputs if output.due(now)]
         if not due:
             return
-        passed = Passed(wire.pose_numbers(message.pose),
+        command = Command(messages.pose_numbers(message.pose),
                         np.asarray(message.stiffness).reshape(6, 6),
-                        message.header.stamp.sec * wire.NS + message.header.stamp.nanosec)
+                        message.header.stamp.sec * messages.NS + message.header.stamp.nanosec)
         for output in due:
-            output.send(passed)
+            output.send(command)
 
     def _report(self) -> None:
         if self._thread is not None and self._thread.failure is not None:
-            self.get_logger().error(f'passing on failed: {self._thread.failure!r}',
+            self.get_logger().error(f'converting failed: {self._thread.failure!r}',
                                     throttle_duration_sec=5.0)
 
     # Outputs
 
-    def _send_pose(self, passed: Passed) -> None:
+    def _send_pose(self, command: Command) -> None:
         message = PoseStamped()
         message.header.frame_id = self._frame
-        message.header.stamp = wire.stamp_of(passed.stamp_ns)
-        wire.set_pose(message.pose, passed.pose)
+        message.header.stamp = messages.stamp_of(command.stamp_ns)
+        messages.set_pose(message.pose, command.pose)
         self._pose.publish(message)
 
-    def _stiffness_output(self) -> Callable[[Passed], None]:
+    def _stiffness_output(self) -> Callable[[Command], None]:
         p = self.parameters
         if p.stiffness == 'parameters':
             self._client = self.add_client(
@@ -205,44 +205,44 @@ class Adapter(ManagedNode):
         return {'six': self._send_six, 'matrix': self._send_matrix,
                 'wrench': self._send_wrench}[p.stiffness]
 
-    def _six(self, passed: Passed) -> np.ndarray:
+    def _six(self, command: Command) -> np.ndarray:
         p = self.parameters
-        numbers = along_axes(passed.stiffness,
-                             passed.pose[3:] if p.stiffness_frame == 'tool' else None)
+        numbers = along_axes(command.stiffness,
+                             command.pose[3:] if p.stiffness_frame == 'tool' else None)
         return np.clip(numbers, np.repeat(p.stiffness_min, 3), np.repeat(p.stiffness_max, 3))
 
-    def _send_six(self, passed: Passed) -> None:
-        self._stiffness.publish(Float64MultiArray(data=self._six(passed).tolist()))
+    def _send_six(self, command: Command) -> None:
+        self._stiffness.publish(Float64MultiArray(data=self._six(command).tolist()))
 
-    def _send_matrix(self, passed: Passed) -> None:
-        message = wire.matrix_message(6)
-        bounded = passed.stiffness.reshape(-1).copy()
+    def _send_matrix(self, command: Command) -> None:
+        message = messages.matrix_message(6)
+        bounded = command.stiffness.reshape(-1).copy()
         bound_stiffness(bounded, self._bounds[0], self._bounds[1], np.zeros(len(LIMITS)))
         message.data = bounded.tolist()
         self._stiffness.publish(message)
 
-    def _send_wrench(self, passed: Passed) -> None:
-        message, numbers = WrenchStamped(), self._six(passed)
+    def _send_wrench(self, command: Command) -> None:
+        message, numbers = WrenchStamped(), self._six(command)
         message.header.frame_id = self._frame
-        message.header.stamp = wire.stamp_of(passed.stamp_ns)
-        wire.set_vectors(message.wrench.force, message.wrench.torque, numbers)
+        message.header.stamp = messages.stamp_of(command.stamp_ns)
+        messages.set_vectors(message.wrench.force, message.wrench.torque, numbers)
         self._stiffness.publish(message)
 
-    def _set_parameters(self, passed: Passed) -> None:
-        """Set what has changed, one request at a time."""
+    def _set_parameters(self, command: Command) -> None:
+        """Set a stiffness that has changed, one request at a time."""
         if self._pending is not None:
             future, since = self._pending
-            if not future.done() and time.monotonic() - since < REPLY_S:
+            if not future.done() and time.monotonic() - since < REPLY_TIMEOUT_S:
                 return
             if not future.done():
                 self._client.remove_pending_request(future)
                 self._last = None
             self._pending = None
-        numbers = self._six(passed)
+        numbers = self._six(command)
         if not self._client.service_is_ready():
-            self._last = None  # who comes back knows nothing
-            self.get_logger().warning(f'{self.parameters.stiffness_node} is not there to take a '
-                                      'stiffness', throttle_duration_sec=5.0)
+            self._last = None  # a restarted node does not know it
+            self.get_logger().warning(f'{self.parameters.stiffness_node} is not there to receive '
+                                      'a stiffness', throttle_duration_sec=5.0)
             return
         if self._last is not None and np.all(
                 np.abs(numbers - self._last) <= CHANGED * np.maximum(self._last, 1.0)):
@@ -258,9 +258,8 @@ class Adapter(ManagedNode):
         result = future.result().result
         if not result.successful:
             self._last = None
-            self.get_logger().warning(f'{self.parameters.stiffness_node} refuses the stiffness: '
+            self.get_logger().warning(f'{self.parameters.stiffness_node} refused the stiffness: '
                                       f'{result.reason}', throttle_duration_sec=1.0)
-
 
 
 

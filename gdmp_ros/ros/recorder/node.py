@@ -1,4 +1,4 @@
-"""Records takes of a demonstration: begin, end and drop them by service, as often as it takes."""
+"""Records takes of a demonstration; services start, stop and discard them."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -19,13 +19,13 @@ from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('folder', 'takes', 'where the takes are written, one bag each'),
-    Spec('prefix', 'take', 'takes are called PREFIX_001, PREFIX_002, …'),
-    Spec('storage', 'mcap', 'of the bags', choices=tuple(sorted(STORAGES))),
+    Spec('folder', 'takes', 'folder for the takes, one bag each'),
+    Spec('prefix', 'take', 'takes are named PREFIX_001, PREFIX_002, …'),
+    Spec('storage', 'mcap', 'storage format of the bags', choices=tuple(sorted(STORAGES))),
     Spec('pose_topic', '/panda_sim/measured_pose', 'geometry_msgs/PoseStamped of the tool'),
     Spec('also', [''], 'more topics to record, as TOPIC=package/msg/Type'),
-    Spec('longest', 600.0, 'a take ends by itself after this', 's', 1.0, 86400.0),
-    Spec('keep_free', 64.0, 'a take ends while the disk has so much room left', 'MB', 1.0, 1e6),
+    Spec('longest', 600.0, 'a take ends after this time', 's', 1.0, 86400.0),
+    Spec('keep_free', 64.0, 'a take ends if the disk has less free space', 'MB', 1.0, 1e6),
 )
 POSE = 'geometry_msgs/msg/PoseStamped'
 
@@ -48,7 +48,7 @@ class TakeRecorder(ManagedNode):
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
-        self._topics = self._wanted()
+        self._topics = self._topics_to_record()
         self._publisher = self.add_publisher(RecorderState, '~/state', 10)
         for name, action in (('start', self.start), ('stop', self.stop),
                              ('discard', self.discard)):
@@ -58,7 +58,7 @@ class TakeRecorder(ManagedNode):
     def activate(self) -> None:
         self._tap = Tap(self, self._topics)
         self._timers = [self.wall_timer(DRAIN_S, self._drain), self.wall_timer(0.1, self._report)]
-        self.get_logger().info(f'takes go to {self._folder}, of {", ".join(self._topics)}')
+        self.get_logger().info(f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
 
     def deactivate(self) -> None:
         if self._tap is None:
@@ -78,7 +78,7 @@ class TakeRecorder(ManagedNode):
         self.release()
         self.parameters.locked = False
 
-    def _wanted(self) -> dict[str, str]:
+    def _topics_to_record(self) -> dict[str, str]:
         result = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
         for pair in filter(None, self.parameters.also):
             topic, _, kind = pair.partition('=')
@@ -95,7 +95,7 @@ class TakeRecorder(ManagedNode):
         return sorted(path.parent.name for path in self._folder.glob('*/metadata.yaml'))
 
     def start(self) -> str:
-        """Begin a take; what to say about it."""
+        """Start a take; returns a message for the user."""
         if self._tap is None:
             raise ParameterError('the recorder is not active: activate it first')
         if self._writer is not None:
@@ -108,22 +108,22 @@ class TakeRecorder(ManagedNode):
         return f'recording {name}'
 
     def stop(self) -> str:
-        """End the take and keep it."""
+        """Stop the take and keep it."""
         if self._writer is None:
             raise ParameterError('nothing is being recorded: start a take first')
         return self._finish('')
 
     def discard(self) -> str:
-        """Drop the take that is being recorded, or else put the last one aside."""
+        """Delete the take that is being recorded, or else move the last one to ``dropped``."""
         if self._writer is not None:
             writer, self._writer = self._writer, None
             writer.close(keep=False)
-            return f'dropped {writer.path.name} while it was being recorded'
+            return f'discarded {writer.path.name} while it was being recorded'
         if self._kept is None or not self._kept.exists():
-            raise ParameterError('there is no take of this session to discard; put older ones '
-                                 'aside with gdmp takes FOLDER --drop NAME')
+            raise ParameterError('there is no take of this session to discard; move older '
+                                 'ones with gdmp takes FOLDER --drop NAME')
         kept, self._kept = self._kept, None
-        return f'put aside: {takes.drop(kept.parent, kept.name)}'
+        return f'moved to {takes.drop(kept.parent, kept.name)}'
 
     def _next_name(self) -> str:
         prefix = f'{self.parameters.prefix}_'
@@ -139,11 +139,11 @@ class TakeRecorder(ManagedNode):
         try:
             self._state.messages += tap.drain(writer)
         finally:
-            # What was written so far is kept, whatever has come between.
+            # After an error, too, what was written is kept.
             writer.close(keep=self._state.messages > 0)
         missing = ', '.join(sorted(tap.waiting))
         if missing:
-            problem = f'{problem}; nothing has come on {missing}'.strip('; ')
+            problem = f'{problem}; no message on {missing}'.strip('; ')
         if not self._state.messages:
             raise DataError(f'{self._state.take} is not kept: {problem}')
         self._kept = writer.path
@@ -162,7 +162,7 @@ class TakeRecorder(ManagedNode):
             self._state.messages += tap.drain(writer)
             free = shutil.disk_usage(self._folder).free
             if free < self.parameters.keep_free * 1e6:
-                self._finish(f'the disk is nearly full ({free / 1e6:.0f} MB left)')
+                self._finish(f'the disk is nearly full ({free / 1e6:.0f} MB free)')
             elif self._state.duration > self.parameters.longest:
                 self._finish(f'a take lasts at most {self.parameters.longest:g} s')
         except (GdmpError, OSError) as error:

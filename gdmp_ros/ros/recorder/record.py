@@ -1,4 +1,4 @@
-"""Records topics to a bag without losing a message: deep histories, drained in batches."""
+"""Records topics to a bag without losing messages: deep histories, read in batches."""
 from __future__ import annotations
 
 import argparse
@@ -18,13 +18,14 @@ from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable
+from gdmp_ros.ros.lifecycle import DEEP, reliable
+from gdmp_ros.ros.polling import PolledGroup
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
 
-#: Recording ends while the disk still has so much room: bags need some to be closed [MB].
+#: Recording ends if the disk has less free space: closing a bag needs some [MB].
 KEEP_FREE_MB = 64.0
-#: How often the histories are drained [s]: 20 messages of a 1 kHz topic at a time.
+#: Interval at which the histories are read [s]: 20 messages of a 1 kHz topic.
 DRAIN_S = 0.02
 
 
@@ -35,7 +36,7 @@ def message_class(name: str) -> Any:
 
 
 def definition(name: str) -> tuple[str, str]:
-    """Text of a message definition with all it contains, as bags store it, and its digest."""
+    """Text of a message definition with its dependencies, as bags store it, and its hash."""
     from rosbags.typesys import get_types_from_msg, get_typestore, Stores
     store = get_typestore(Stores.ROS2_JAZZY)
     package, _, kind = name.split('/')
@@ -46,7 +47,7 @@ def definition(name: str) -> tuple[str, str]:
 
 
 def _share(package: str) -> Path:
-    """Where a package keeps its files; the wheels install to the interpreter's own prefix."""
+    """Folder ``share/package``; the wheels install to the prefix of the interpreter."""
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     for prefix in filter(None, prefixes):
         folder = Path(prefix) / 'share' / package
@@ -57,9 +58,9 @@ def _share(package: str) -> Path:
 
 class Tap:
     """
-    Raw subscriptions whose every message goes to a bag, stamped with the time it was published.
+    Raw subscriptions; every message goes to a bag with the time of its publication.
 
-    :ivar waiting: topics that have not brought a message since the last `begin`
+    :ivar waiting: topics without a message since the last `begin`
     """
 
     def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = ()):
@@ -67,7 +68,7 @@ class Tap:
         Subscribe.
 
         :param topics: topic names and their types (``package/msg/Name``)
-        :param best_effort: topics whose publishers do not offer more
+        :param best_effort: topics whose publishers are not reliable
         """
         self._inputs = []
         self.waiting = set(topics)
@@ -82,12 +83,12 @@ class Tap:
             self._inputs.append((topic, kind, subscription, *extra))
 
     def begin(self) -> None:
-        """Forget what has arrived so far."""
+        """Discard the messages that have arrived so far."""
         self.drain(None)
         self.waiting = {topic for topic, *_ in self._inputs}
 
     def drain(self, writer: BagWriter | None) -> int:
-        """Write everything that has arrived, or drop it; how many messages there were."""
+        """Write the messages that have arrived, or discard them; returns their number."""
         count = 0
         for topic, kind, subscription, text, digest in self._inputs:
             with subscription.handle:
@@ -109,14 +110,14 @@ class Tap:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Record until SIGTERM or SIGINT; the bag appears under its name when it is complete."""
+    """Record until SIGTERM or SIGINT; the bag gets its name when it is complete."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('bag')
     parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
-                        help='end the recording while the disk has so much room left '
+                        help='end the recording if the disk has less free space '
                              '(default %(default)g)')
     parser.add_argument('--best-effort', action='append', default=[], metavar='TOPIC',
-                        help='take a topic whose publisher is not reliable')
+                        help='a topic whose publisher is not reliable')
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
@@ -127,13 +128,13 @@ def main(arguments: list[str] | None = None) -> int:
         with BagWriter(options.bag) as writer:
             tap = Tap(Node('recorder'), topics, options.best_effort)
             print(f'waiting for {", ".join(topics)}', flush=True)
-            said, full = False, False
+            announced, full = False, False
             while not ended.is_set() and not full:
                 tap.drain(writer)
                 full = shutil.disk_usage(writer.path.parent).free < options.keep_free * 1e6
-                if not tap.waiting and not said:
+                if not tap.waiting and not announced:
                     print('recording', flush=True)
-                    said = True
+                    announced = True
                 time.sleep(DRAIN_S)
             tap.drain(writer)
         if full:

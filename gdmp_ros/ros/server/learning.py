@@ -8,7 +8,6 @@ import tempfile
 from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
-from rclpy.task import Future
 
 from gdmp_ros.data import recordings
 from gdmp_ros.dmp.primitive import CONNECTIONS
@@ -66,7 +65,7 @@ class LearningProcess:
                                              stderr=subprocess.PIPE, text=True)
         except (OSError, ValueError) as error:
             raise ParameterError(f'learning cannot be started: {error}') from None
-        await self._end_of_process()
+        await self._node.wait_until(self._has_ended)
         process, self._process = self._process, None
         if process is None:
             raise ParameterError('learning was cancelled')
@@ -77,17 +76,8 @@ class LearningProcess:
         report: dict[str, Any] = json.loads(out)
         return output, float(report['mean_relative_error'])
 
-    async def _end_of_process(self) -> None:
-        done: Future = Future(executor=self._node.executor)
-
-        def check() -> None:
-            if self._process is None or self._process.poll() is not None:
-                timer.cancel()
-                done.set_result(True)
-
-        timer = self._node.wall_timer(0.1, check)
-        await done
-        self._node.destroy_timer(timer)
+    def _has_ended(self) -> bool:
+        return self._process is None or self._process.poll() is not None
 
     def command(self, request: LearnSkill.Request) -> tuple[str, list[str]]:
         """

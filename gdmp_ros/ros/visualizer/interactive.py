@@ -1,8 +1,8 @@
 """
-Interactive markers, as RViz knows them: poses that a user drags.
+Interactive markers for RViz: poses that a user drags.
 
-The protocol is that of visualization_msgs: a service tells a newcomer all markers, a topic tells
-changes, numbered; what the user does comes back on a third.
+The protocol is that of visualization_msgs: a service returns all markers, a topic carries numbered
+changes, another topic the feedback of users.
 """
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from visualization_msgs.msg import (
 )
 from visualization_msgs.srv import GetInteractiveMarkers
 
-from gdmp_ros.ros import messages as wire
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.messages import pose_numbers, set_pose
 
-#: Of updates and of what users do; a user who drags says so with every frame that is drawn.
+#: History of updates and feedback; dragging causes feedback with every frame of the display.
 DEPTH = 100
-#: A user who holds a marker says so four times a second; after this it has been let go [s].
-HELD_S = 1.0
-#: Where it was let go it stays for so long: what it asked for takes a moment [s].
-REST_S = 0.5
+#: Without feedback for this time a marker counts as released; RViz repeats it at 4 Hz [s].
+RELEASE_S = 1.0
+#: A released marker stays for this time, until the request has an effect [s].
+STAY_S = 0.5
 _AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 
 
 def handle(name: str, description: str, frame: str, scale: float, shapes: Sequence[Marker],
            menu: Sequence[str] = ()) -> InteractiveMarker:
     """
-    Make a marker that is moved and turned along its axes.
+    Make a marker that is moved and rotated along its axes.
 
-    :param shapes: what it looks like, poses relative to it
-    :param menu: titles; their numbers begin with 1
+    :param shapes: with poses relative to the marker
+    :param menu: titles; their ids begin with 1
     """
     result = InteractiveMarker(name=name, description=description, scale=scale)
     result.header.frame_id = frame
     for axis, direction in _AXES.items():
         half = math.sqrt(0.5)
-        turn = Quaternion(w=half, **{a: half * d for a, d in zip('xyz', direction)})
+        orientation = Quaternion(w=half, **{a: half * d for a, d in zip('xyz', direction)})
         for mode, what in ((InteractiveMarkerControl.MOVE_AXIS, 'move'),
                            (InteractiveMarkerControl.ROTATE_AXIS, 'turn')):
             result.controls.append(InteractiveMarkerControl(
-                name=f'{what}_{axis}', orientation=turn, interaction_mode=mode))
+                name=f'{what}_{axis}', orientation=orientation, interaction_mode=mode))
     result.controls.append(InteractiveMarkerControl(
         name='body', always_visible=True, markers=list(shapes),
         interaction_mode=(InteractiveMarkerControl.MENU if menu
@@ -62,15 +62,15 @@ def handle(name: str, description: str, frame: str, scale: float, shapes: Sequen
 
 
 class InteractiveMarkers:
-    """Serves markers under the name of a node; calls back when one is used."""
+    """Serves the markers of a node, and calls back on feedback."""
 
-    def __init__(self, node: ManagedNode, used: Callable[[InteractiveMarkerFeedback], None]):
-        """:param used: takes what a user does"""
+    def __init__(self, node: ManagedNode, on_feedback: Callable[[InteractiveMarkerFeedback], None]):
+        """:param on_feedback: receives feedback about a marker"""
         self._markers: dict[str, InteractiveMarker] = {}
-        self._used = used
+        self._on_feedback = on_feedback
         self._sequence = 0
         self._dragged: dict[str, float] = {}
-        self._resting: dict[str, float] = {}
+        self._released: dict[str, float] = {}
         self._update = node.add_publisher(InteractiveMarkerUpdate, '~/update', DEPTH)
         node.add_subscription(InteractiveMarkerFeedback, '~/feedback', self.take_feedback, DEPTH)
         node.add_service(GetInteractiveMarkers, 'get_interactive_markers', self._on_get)
@@ -82,30 +82,30 @@ class InteractiveMarkers:
         self._send(markers=[marker])
 
     def remove(self, name: str) -> None:
-        """Take a marker away, if it is there."""
+        """Remove a marker, if it exists."""
         if self._markers.pop(name, None) is not None:
             self._dragged.pop(name, None)
             self._send(erases=[name])
 
     def names(self) -> set[str]:
-        """Markers that there are."""
+        """Names of all markers."""
         return set(self._markers)
 
     def dragged(self, name: str) -> bool:
-        """Whether a user holds a marker."""
-        return time.monotonic() - self._dragged.get(name, -HELD_S) < HELD_S
+        """Whether a user drags a marker."""
+        return time.monotonic() - self._dragged.get(name, -RELEASE_S) < RELEASE_S
 
     def pose(self, name: str) -> np.ndarray:
-        """Where a marker is (x, y, z, qw, qx, qy, qz)."""
-        return wire.pose_numbers(self._markers[name].pose)
+        """Pose of a marker (x, y, z, qw, qx, qy, qz)."""
+        return pose_numbers(self._markers[name].pose)
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put a marker elsewhere, unless a user holds it, has just let go, or it is there."""
-        waits = time.monotonic() - self._resting.get(name, -REST_S) < REST_S
-        if self.dragged(name) or waits or np.allclose(pose, self.pose(name), atol=1e-9):
+        """Move a marker, unless a user drags it or has just released it."""
+        released = time.monotonic() - self._released.get(name, -STAY_S) < STAY_S
+        if self.dragged(name) or released or np.allclose(pose, self.pose(name), atol=1e-9):
             return
         marker = self._markers[name]
-        wire.set_pose(marker.pose, pose)
+        set_pose(marker.pose, pose)
         self._send(poses=[InteractiveMarkerPose(header=marker.header, pose=marker.pose,
                                                 name=name)])
 
@@ -121,11 +121,11 @@ class InteractiveMarkers:
         return reply
 
     def take_feedback(self, message: InteractiveMarkerFeedback) -> None:
-        """Use what a user does to a marker; of others, and without a finite pose, nothing."""
+        """Use feedback about a marker; other messages are ignored."""
         marker = self._markers.get(message.marker_name)
         if marker is None or message.header.frame_id != marker.header.frame_id:
             return
-        numbers = wire.pose_numbers(message.pose)
+        numbers = pose_numbers(message.pose)
         if not np.isfinite(numbers).all():
             return
         kind = InteractiveMarkerFeedback
@@ -135,5 +135,5 @@ class InteractiveMarkers:
             marker.pose = message.pose
         if message.event_type == kind.MOUSE_UP:
             self._dragged.pop(message.marker_name, None)
-            self._resting[message.marker_name] = time.monotonic()
-        self._used(message)
+            self._released[message.marker_name] = time.monotonic()
+        self._on_feedback(message)

@@ -1,4 +1,4 @@
-"""What there is to see of a motion, as markers: paths, ellipsoids, frames, the arm itself."""
+"""Markers of a motion: paths, ellipsoids, frames, the arm."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,24 +9,24 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros.messages import set_pose
 from gdmp_ros.sim.urdf import Shape
 
 _KINDS = {'sphere': Marker.SPHERE, 'box': Marker.CUBE, 'cylinder': Marker.CYLINDER}
-#: Red, green, blue, opacity. Blue and orange stay apart for every eye.
-PAST, COMING, GOAL = (0.2, 0.2, 0.25, 0.9), (0.0, 0.45, 0.7, 0.9), (0.9, 0.4, 0.0, 0.9)
+#: Red, green, blue, opacity. Blue and orange are distinct with colour blindness too.
+PAST, PREDICTED, GOAL = (0.2, 0.2, 0.25, 0.9), (0.0, 0.45, 0.7, 0.9), (0.9, 0.4, 0.0, 0.9)
 STIFFNESS, MANIPULABILITY = (0.0, 0.62, 0.45, 0.35), (0.8, 0.47, 0.65, 0.3)
 _AXES = ((0.85, 0.15, 0.1, 1.0), (0.15, 0.65, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-#: A line is this wide [m].
-_WIDE = 0.004
+#: Width of a line [m].
+_WIDTH = 0.004
 
 
 def _marker(space: str, number: int, kind: int, colour: Sequence[float] | np.ndarray,
             pose: np.ndarray = _IDENTITY,
             size: Sequence[float] | np.ndarray = (1.0, 1.0, 1.0)) -> Marker:
     result = Marker(ns=space, id=number, type=kind, action=Marker.ADD)
-    wire.set_pose(result.pose, pose)
+    set_pose(result.pose, pose)
     result.scale.x, result.scale.y, result.scale.z = (float(value) for value in size)
     result.color = ColorRGBA(**{key: float(value) for key, value in zip('rgba', colour)})
     return result
@@ -34,7 +34,7 @@ def _marker(space: str, number: int, kind: int, colour: Sequence[float] | np.nda
 
 def line(space: str, positions: np.ndarray, colour: Sequence[float]) -> Marker:
     """Line through positions [m], shape ``(T, 3)``."""
-    result = _marker(space, 0, Marker.LINE_STRIP, colour, size=(_WIDE, 0.0, 0.0))
+    result = _marker(space, 0, Marker.LINE_STRIP, colour, size=(_WIDTH, 0.0, 0.0))
     result.points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in positions]
     return result
 
@@ -44,24 +44,24 @@ def ellipsoid(space: str, position: np.ndarray, matrix: np.ndarray, scale: float
     """
     Ellipsoid of a symmetric positive definite matrix.
 
-    :param matrix: shape ``(3, 3)``; its half axes are ``scale`` times its eigenvalues
+    :param matrix: shape ``(3, 3)``; the half-axes are ``scale`` times its eigenvalues
     """
     values, axes = np.linalg.eigh(matrix)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    turn = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
+    orientation = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
     size = 2.0 * scale * np.maximum(values, 0.0)
-    return _marker(space, 0, Marker.SPHERE, colour, np.concatenate([position, turn]),
+    return _marker(space, 0, Marker.SPHERE, colour, np.concatenate([position, orientation]),
                    np.maximum(size, 1e-4))
 
 
 def frame(space: str, pose: np.ndarray, length: float) -> list[Marker]:
     """Three arrows along the axes of a pose (x, y, z, qw, qx, qy, qz)."""
-    turn = Rotation.from_quat(np.roll(pose[3:], -1)).as_matrix()
+    rotation = Rotation.from_quat(np.roll(pose[3:], -1)).as_matrix()
     result = []
     for i, colour in enumerate(_AXES):
         arrow = _marker(space, i, Marker.ARROW, colour,
                         size=(0.08 * length, 0.16 * length, 0.25 * length))
-        tip = pose[:3] + length * turn[:, i]
+        tip = pose[:3] + length * rotation[:, i]
         arrow.points = [Point(x=float(p[0]), y=float(p[1]), z=float(p[2]))
                         for p in (pose[:3], tip)]
         result.append(arrow)
@@ -74,6 +74,6 @@ def body(space: str, drawn: Sequence[Shape], poses: Sequence[np.ndarray]) -> lis
             for i, (shape, pose) in enumerate(zip(drawn, poses))]
 
 
-def ball(colour: Sequence[float], radius: float) -> Marker:
-    """Ball at the origin, the body of a handle."""
+def sphere(colour: Sequence[float], radius: float) -> Marker:
+    """Sphere at the origin, the body of a handle."""
     return _marker('', 0, Marker.SPHERE, colour, size=[2.0 * radius] * 3)

@@ -1,4 +1,4 @@
-"""Shows server and arm: markers for RViz and Foxglove, handles for RViz."""
+"""Shows server and arm: markers for RViz and Foxglove, interactive markers for RViz."""
 from __future__ import annotations
 
 from collections import deque
@@ -18,9 +18,10 @@ from visualization_msgs.msg import (
 )
 
 from gdmp_ros.control.manipulability import manipulability
-from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.lifecycle import ManagedNode, run, take_latest
+from gdmp_ros.ros.lifecycle import ManagedNode, run
+from gdmp_ros.ros.messages import pose_numbers, set_pose
 from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.ros.polling import take_latest
 from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros.visualizer.interactive import handle, InteractiveMarkers
 from gdmp_ros.sim.arm import Arm
@@ -30,24 +31,24 @@ SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('server', 'trajectory_server', 'name of the trajectory server'),
     Spec('arm', 'panda_sim', "name of the arm's node, which publishes ~/state"),
-    Spec('model', '', 'the arm, for its looks and its manipulability; named like the model of '
-         'panda_sim'),
+    Spec('model', '', 'model of the arm, as for panda_sim; for its shapes and its '
+         'manipulability'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base"),
-    Spec('draw_arm', True, 'draw the arm itself as markers: nobody needs its description or '
-         'transforms then', changes='live'),
-    Spec('send_goal', 'released', 'when a dragged goal is sent: once when it is let go, or all '
-         'the while', choices=('released', 'dragged'), changes='live'),
-    Spec('path_s', 10.0, 'how long the path so far is kept', 's', 0.1, 600.0, changes='live'),
-    Spec('stiffness_scale', 1e-4, 'half axis of the stiffness ellipsoid for each N/m', 'm^2/N',
+    Spec('draw_arm', True, 'draw the arm as markers; no robot description and no transforms are '
+         'needed then', changes='live'),
+    Spec('send_goal', 'released', 'when a dragged goal is sent: once when it is released, or '
+         'continuously', choices=('released', 'dragged'), changes='live'),
+    Spec('path_s', 10.0, 'duration of the past path', 's', 0.1, 600.0, changes='live'),
+    Spec('stiffness_scale', 1e-4, 'half-axis of the stiffness ellipsoid for each N/m', 'm^2/N',
          1e-6, 1e-2, changes='live'),
-    Spec('manipulability_scale', 0.25, 'half axis of the manipulability ellipsoid, for each '
+    Spec('manipulability_scale', 0.25, 'half-axis of the manipulability ellipsoid for each '
          'm^2', '1/m', 0.01, 10.0, changes='live'),
 )
-MENU = ('start', 'stop', 'pause', 'go on', 'lead the arm by hand', 'end leading')
+MENU = ('start', 'stop', 'pause', 'resume', 'guide the arm by hand', 'end hand guiding')
 _GOAL, _HAND = 'goal', 'hand'
-#: Who has said nothing for so long is not shown any more [s].
-SILENT_S = 1.0
+#: A node without a message for this time is not shown any more [s].
+TIMEOUT_S = 1.0
 
 
 class Visualizer(ManagedNode):
@@ -63,23 +64,23 @@ class Visualizer(ManagedNode):
         self._arm = Arm(p.model, p.tool_site)
         self._shapes = shapes(self._arm)
         self._past: deque[tuple[float, np.ndarray]] = deque()
-        self._coming = np.empty((0, 3))
+        self._predicted = np.empty((0, 3))
         self._shown: set[tuple[str, int]] = set()
         self._goal: np.ndarray | None = None
         self._robot: RobotState | None = None
-        self._heard = {'server': 0.0, 'arm': 0.0}
+        self._received = {'server': 0.0, 'arm': 0.0}
         self._markers = self.add_publisher(MarkerArray, '~/markers', 1)
         self._goal_out = self.add_publisher(PoseStamped, f'{p.server}/goal_pose', 1)
         self._hand_out = self.add_publisher(PoseStamped, f'{p.arm}/hand_pose', 1)
         self.add_subscription(ServerState, f'{p.server}/state', self.take_server)
         self.add_subscription(Path, f'{p.server}/plan', self.take_plan)
-        # At 1 kHz: only the newest is looked at.
+        # At 1 kHz only the newest is used.
         self._robots = self.add_subscription(RobotState, f'{p.arm}/state', None)
         kinds = {title: (Trigger, f'{p.server}/{title}') for title in ('start', 'stop')}
         kinds |= {'pause': (SetBool, f'{p.server}/pause'), 'teach': (SetBool, f'{p.arm}/teach')}
         self._calls = {title: self.add_client(kind, name)
                        for title, (kind, name) in kinds.items()}
-        self.handles = InteractiveMarkers(self, self._on_used)
+        self.handles = InteractiveMarkers(self, self._on_feedback)
         self.add_report(self._show)
         self.parameters.locked = True
 
@@ -100,34 +101,34 @@ class Visualizer(ManagedNode):
         self.release()
         self.parameters.locked = False
 
-    # What is heard
+    # Input
 
     def take_server(self, message: ServerState) -> None:
         """Show this state of the server from now on."""
         if not self._of_this_frame(message.header.frame_id):
             return
-        goal = wire.pose_numbers(message.goal[0]) if message.goal else None
+        goal = pose_numbers(message.goal[0]) if message.goal else None
         self._goal = goal if goal is not None and _is_pose(goal) else None
-        self._heard['server'] = time.monotonic()
+        self._received['server'] = time.monotonic()
 
     def take_plan(self, message: Path) -> None:
-        """Show this path to come from now on."""
+        """Show this predicted path from now on."""
         if not self._of_this_frame(message.header.frame_id):
             return
-        poses = np.array([wire.pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
-        self._coming = poses[np.isfinite(poses).all(axis=1), :3]
+        poses = np.array([pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
+        self._predicted = poses[np.isfinite(poses).all(axis=1), :3]
 
-    def _look(self) -> None:
-        """Take the newest state of the arm, and put the model there."""
+    def _poll(self) -> None:
+        """Use the newest state of the arm."""
         message = take_latest(self._robots)
         if message is not None:
             self.take_robot(message)
 
     def take_robot(self, message: RobotState) -> None:
-        """Show this state of the arm from now on, if it is one of this arm."""
+        """Show this state of the arm from now on, if it fits the model."""
         if not self._of_this_frame(message.header.frame_id):
             return
-        if not (_is_pose(wire.pose_numbers(message.pose)) and np.isfinite(message.stiffness).all()
+        if not (_is_pose(pose_numbers(message.pose)) and np.isfinite(message.stiffness).all()
                 and np.isfinite(message.position).all()):
             return
         if len(message.position) != self._arm.model.nq:
@@ -136,9 +137,9 @@ class Visualizer(ManagedNode):
                 'the parameter model', throttle_duration_sec=5.0)
             return
         self._robot = message
-        self._heard['arm'] = time.monotonic()
+        self._received['arm'] = time.monotonic()
         self._arm.reset(np.asarray(message.position))
-        self._past.append((time.monotonic(), wire.pose_numbers(message.pose)[:3]))
+        self._past.append((time.monotonic(), pose_numbers(message.pose)[:3]))
 
     def _of_this_frame(self, frame: str) -> bool:
         wanted = self.parameters.frame_id
@@ -147,24 +148,24 @@ class Visualizer(ManagedNode):
                                       'frame_id', throttle_duration_sec=5.0)
         return bool(frame == wanted)
 
-    # What is shown
+    # Output
 
     def _show(self) -> None:
         if not self._active:
             return
-        self._look()
+        self._poll()
         now = time.monotonic()
-        if now - self._heard['server'] > SILENT_S:
-            self._goal, self._coming = None, np.empty((0, 3))
-        if now - self._heard['arm'] > SILENT_S:
+        if now - self._received['server'] > TIMEOUT_S:
+            self._goal, self._predicted = None, np.empty((0, 3))
+        if now - self._received['arm'] > TIMEOUT_S:
             self._robot = None
         oldest = time.monotonic() - self.parameters.path_s
         while self._past and self._past[0][0] < oldest:
             self._past.popleft()
-        self._tend_handles()
+        self._update_handles()
         if self._markers.get_subscription_count() == 0:
             return
-        shown = self._all()
+        shown = self._all_markers()
         stamp = self.get_clock().now().to_msg()
         for marker in shown:
             marker.header.frame_id, marker.header.stamp = self.parameters.frame_id, stamp
@@ -174,18 +175,18 @@ class Visualizer(ManagedNode):
         self._shown = keys
         self._markers.publish(MarkerArray(markers=gone + shown))
 
-    def _all(self) -> list[Marker]:
+    def _all_markers(self) -> list[Marker]:
         p = self.parameters
         past = np.array([position for _, position in self._past]).reshape(-1, 3)
         result = [markers.line(name, positions, colour) for name, positions, colour in (
-            ('path so far', past, markers.PAST),
-            ('path to come', self._coming, markers.COMING)) if len(positions) > 1]
+            ('past path', past, markers.PAST),
+            ('predicted path', self._predicted, markers.PREDICTED)) if len(positions) > 1]
         if self._goal is not None:
             result += markers.frame('goal', self._goal, 0.08)
         robot = self._robot
         if robot is None:
             return result
-        pose = wire.pose_numbers(robot.pose)
+        pose = pose_numbers(robot.pose)
         stiffness = np.asarray(robot.stiffness).reshape(6, 6)[:3, :3]
         result.append(markers.ellipsoid('stiffness', pose[:3], stiffness, p.stiffness_scale,
                                         markers.STIFFNESS))
@@ -199,11 +200,11 @@ class Visualizer(ManagedNode):
                                    [shape_pose(self._arm, shape) for shape in self._shapes])
         return result
 
-    # Handles
+    # Interactive markers
 
-    def _tend_handles(self) -> None:
-        """Put the goal's handle where the goal is, the hand's where the tool is."""
-        tool = None if self._robot is None else wire.pose_numbers(self._robot.pose)
+    def _update_handles(self) -> None:
+        """Move the handle of the goal to the goal, and that of the hand to the tool."""
+        tool = None if self._robot is None else pose_numbers(self._robot.pose)
         for name, where in ((_GOAL, self._goal), (_HAND, tool)):
             if where is None:
                 self.handles.remove(name)
@@ -212,21 +213,21 @@ class Visualizer(ManagedNode):
             if where is not None:
                 self.handles.move(name, where)
         if self.handles.dragged(_HAND):
-            # A hand that says nothing for 0.3 s has let go.
+            # Repeated, because the arm counts a silent hand as released.
             self._send(self._hand_out, self.handles.pose(_HAND))
 
     def _handle(self, name: str) -> InteractiveMarker:
         frame = self.parameters.frame_id
         if name == _GOAL:
-            return handle(_GOAL, 'goal', frame, 0.2, [markers.ball(markers.GOAL, 0.02)], MENU)
-        return handle(_HAND, 'hand (teaching)', frame, 0.12, [markers.ball(markers.PAST, 0.015)])
+            return handle(_GOAL, 'goal', frame, 0.2, [markers.sphere(markers.GOAL, 0.02)], MENU)
+        return handle(_HAND, 'hand (teaching)', frame, 0.12, [markers.sphere(markers.PAST, 0.015)])
 
-    def _on_used(self, message: InteractiveMarkerFeedback) -> None:
+    def _on_feedback(self, message: InteractiveMarkerFeedback) -> None:
         kind = InteractiveMarkerFeedback
         if not self._active:
             return
         if message.event_type == kind.MENU_SELECT:
-            self._ask(message.menu_entry_id)
+            self._call(message.menu_entry_id)
         elif message.marker_name == _HAND and message.event_type == kind.POSE_UPDATE:
             self._send(self._hand_out, self.handles.pose(_HAND))
         elif message.marker_name == _GOAL and message.event_type == (
@@ -237,17 +238,17 @@ class Visualizer(ManagedNode):
         message = PoseStamped()
         message.header.frame_id = self.parameters.frame_id
         message.header.stamp = self.get_clock().now().to_msg()
-        wire.set_pose(message.pose, pose)
+        set_pose(message.pose, pose)
         publisher.publish(message)
 
-    def _ask(self, entry: int) -> None:
+    def _call(self, entry: int) -> None:
         """Call the service of a menu entry; a refusal is logged."""
         if not 1 <= entry <= len(MENU):
             return
         title = MENU[entry - 1]
-        which, value = {'go on': ('pause', False), 'pause': ('pause', True),
-                        'lead the arm by hand': ('teach', True),
-                        'end leading': ('teach', False)}.get(title, (title, None))
+        which, value = {'resume': ('pause', False), 'pause': ('pause', True),
+                        'guide the arm by hand': ('teach', True),
+                        'end hand guiding': ('teach', False)}.get(title, (title, None))
         client = self._calls[which]
         if not client.service_is_ready():
             self.get_logger().warning(f'{title}: the service {client.srv_name} is not there')
@@ -264,7 +265,7 @@ class Visualizer(ManagedNode):
 
 
 def _is_pose(numbers: np.ndarray) -> bool:
-    """Whether numbers can be drawn as a pose."""
+    """Whether numbers are a valid pose."""
     return bool(np.isfinite(numbers).all() and abs(np.linalg.norm(numbers[3:]) - 1.0) < 0.01)
 
 
