@@ -1,4 +1,4 @@
-"""Several nodes in one process: fewer processes, but one interpreter for all of them."""
+"""Several nodes in one process; they share one interpreter."""
 from __future__ import annotations
 
 import argparse
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from gdmp_ros.ros.adapter.node import Adapter
 from gdmp_ros.ros.arm.node import PandaSim
-from gdmp_ros.ros.lifecycle import ManagedNode, own_words, run
+from gdmp_ros.ros.lifecycle import ManagedNode, own_arguments, run
 from gdmp_ros.ros.recorder.node import TakeRecorder
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.ros.visualizer.node import Visualizer
@@ -17,17 +17,17 @@ NODES: dict[str, Callable[[], ManagedNode]] = {
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the nodes that are named."""
+    """Run the named nodes."""
     parser = argparse.ArgumentParser(
         prog='composed', description=__doc__,
         epilog='Parameters follow --ros-args, each after the name of its node: '
-               '-p trajectory_server:skill:=skill.json. For the calmest stream give the server a '
+               '-p trajectory_server:skill:=skill.json. The server streams most punctually in a '
                'process of its own.')
     parser.add_argument('nodes', nargs='+', choices=NODES, metavar='NODE',
                         help=f'one of {", ".join(NODES)}; each once')
-    names = parser.parse_args(own_words(arguments)).nodes
+    names = parser.parse_args(own_arguments(arguments)).nodes
     if len(set(names)) < len(names):
-        parser.error(f'every node once, got {" ".join(names)}')
+        parser.error(f'every node must occur once, got {" ".join(names)}')
     return run([NODES[name] for name in names], arguments)
 
 

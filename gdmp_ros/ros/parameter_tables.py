@@ -1,7 +1,7 @@
 """
 Every parameter of every node as text: ``config/*.yaml`` and ``docs/parameters.md``.
 
-``python -m gdmp_ros.ros.parameter_tables`` in the folder of the project writes them anew.
+``python -m gdmp_ros.ros.parameter_tables`` in the folder of the project writes the files.
 """
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WIDTH = 98
 
 
 def bounds(spec: Spec) -> str:
-    """Range of a parameter, or its choices; empty where there are none."""
+    """Range of a parameter, or its choices; empty if there are none."""
     if spec.choices:
         return ', '.join(spec.choices)
     if spec.low is None or spec.high is None:
@@ -63,11 +63,11 @@ def _comment(words: str) -> list[str]:
 
 def markdown() -> str:
     """Page with a table for each node."""
-    lines = ['# Parameters', '', 'Generated from the nodes. A change that is refused says why '
-             '(`ros2 param set`); what is refused leaves everything as it was.', '']
+    lines = ['# Parameters', '', 'All parameters of all nodes, for a quick look-up. Generated from the source. '
+             '`ros2 param set` says why a change is refused; a refused change has no effect.', '']
     for node, (title, specs) in NODES.items():
         lines += [f'## `{node}`: {title.lower()}', '',
-                  '| parameter | default | unit | range | changes | what it is |',
+                  '| parameter | default | unit | range | changes | description |',
                   '|---|---|---|---|---|---|']
         lines += [f'| `{spec.name}` | `{_short(spec.default)}` | {spec.unit} | {bounds(spec)} | '
                   f'{CHANGES[spec.changes]} | {spec.description} |' for spec in specs]

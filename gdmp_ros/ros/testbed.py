@@ -1,44 +1,158 @@
-"""Simulation, server and recorder as processes, with somebody to operate them."""
+"""Arm, server and recorder as processes in one DDS domain, with a client of the server."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
 from typing import Any
 
+from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.util.processes import ChildProcesses
 
+ARM, SERVER, RECORDER, TAKE_RECORDER = ('panda_sim', 'trajectory_server', 'recorder',
+                                        'take_recorder')
+#: Modules of the nodes.
+MODULES = {ARM: 'gdmp_ros.ros.arm.node', SERVER: 'gdmp_ros.ros.server.node',
+           TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
+#: Largest time for the start of a node [s]; it includes the compilation of the kernels.
+START_UP_S = 120.0
 
-@contextmanager
-def session(folder: Path, environment: Mapping[str, str], sim: Mapping[str, object],
-            server: Mapping[str, object]) -> Iterator[tuple[Any, ChildProcesses]]:
-    """
-    Start both nodes and record ``folder/run`` until the block ends.
 
-    :param environment: of a `gdmp_ros.util.dds_network.Domain`
-    :param sim: parameters of ``panda_sim``
-    :param server: parameters of ``trajectory_server``
-    :returns: the operator and the processes
-    :raises GdmpError: if something ends early or does not happen in time
+class NodeTestbed:
     """
-    os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
-    from gdmp_ros.ros.clients.server_client import Operator
-    print(f'starting simulation and server on DDS domain {environment["ROS_DOMAIN_ID"]}')
-    with ChildProcesses(environment, folder / 'logs') as children:
-        children.start_node('panda_sim', 'gdmp_ros.ros.arm.node', sim)
-        children.start_node('trajectory_server', 'gdmp_ros.ros.server.node', {
-            'measured_pose_topic': '/panda_sim/measured_pose', **server})
-        operator = Operator(check=children.check)
+    Nodes as processes; leaving the context ends them all.
+
+    :ivar children: the processes by name
+    :ivar client: client of the server
+    """
+
+    def __init__(self, folder: Path, environment: Mapping[str, str]):
+        """
+        Begin without nodes.
+
+        :param folder: for logs and recordings
+        :param environment: of a `gdmp_ros.util.dds_network.Domain`
+        """
+        # This process joins the domain too.
+        os.environ.update(environment)
+        self.folder = folder
+        self.environment = dict(environment)
+        self.children = ChildProcesses(environment, folder / 'logs')
+        self.client = ServerClient(check=self.check)
+
+    def __enter__(self) -> NodeTestbed:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         try:
-            operator.wait_status('holding', 120.0)
-            children.start('recorder', 'gdmp_ros.ros.recorder.record', [
-                str(folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
-                f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState'])
-            log = children.log('recorder')
-            operator.wait('the recorder', lambda: log.read_text().endswith('recording\n'), 30.0)
-            yield operator, children
+            self.children.stop_all()
         finally:
-            operator.close()
-        children.stop('recorder', timeout=30.0)
+            self.client.close()
+
+    def check(self) -> None:
+        """:raises GdmpError: if a node has ended; the recorder may, when the disk is full"""
+        self.children.check(but=RECORDER)
+
+    def start_arm(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
+                  **parameters: object) -> None:
+        """
+        Start the simulated arm.
+
+        :param prefix: command that executes the rest of the line, such as ``nsenter``
+        :param extra: arguments after ``--ros-args``
+        """
+        self.children.start_node(ARM, MODULES[ARM], parameters, extra, prefix)
+
+    def start_server(self, name: str = SERVER, extra: Sequence[str] = (),
+                     environment: Mapping[str, str] | None = None,
+                     prefix: Sequence[str] = (), **parameters: object) -> None:
+        """Start a trajectory server that is connected to the arm."""
+        connected = {'measured_pose_topic': f'/{ARM}/measured_pose', **parameters}
+        self.children.start_node(name, MODULES[SERVER], connected, extra, prefix, environment)
+
+    def record(self, bag: Path | None = None, arguments: Sequence[str] = (),
+               prefix: Sequence[str] = ()) -> None:
+        """
+        Record references and states until `recorded`.
+
+        :param bag: by default ``run`` in the folder
+        :param arguments: of `gdmp_ros.ros.recorder.record`
+        """
+        self.children.start(RECORDER, 'gdmp_ros.ros.recorder.record', [
+            str(bag or self.folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
+            f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState', *arguments], prefix)
+        self.wait_log(RECORDER, 'recording\n', START_UP_S)
+
+    def start(self, arm: Mapping[str, Any] | None = None, server: Mapping[str, Any] | None = None,
+              record: bool = True) -> None:
+        """
+        Start everything and wait until the server holds the pose of the arm.
+
+        :param arm: parameters of the arm
+        :param server: parameters of the server
+        """
+        self.start_arm(**(arm or {}))
+        self.start_server(**(server or {}))
+        self.wait_holding()
+        if record:
+            self.record()
+
+    def recorded(self, bag: Path | None = None) -> runs.Run:
+        """End the recording and read it."""
+        self.children.stop(RECORDER, timeout=60.0)
+        return runs.read(bag or self.folder / 'run')
+
+    @property
+    def state(self) -> Any:
+        """
+        Newest state of the server.
+
+        :raises GdmpError: if there is none
+        """
+        if self.client.state is None:
+            raise GdmpError('no state of the server has been received')
+        return self.client.state
+
+    def wait_holding(self) -> None:
+        """Wait until a server that has just been started holds the arm."""
+        self.spend(0.2)  # discard messages of an earlier server
+        self.client.state = None
+        self.client.wait_status('holding', START_UP_S)
+
+    def wait_progress(self, value: float) -> None:
+        """Wait until a motion has reached a progress."""
+        self.client.wait(f'{value:.0%} of the motion',
+                         lambda: self.state.status == 'moving' and self.state.progress >= value,
+                         60.0)
+
+    def wait_log(self, name: str, text: str, timeout: float) -> None:
+        """
+        Wait until a process has printed a text.
+
+        :raises GdmpError: after the timeout, or if the process reports an error
+        """
+        def found() -> bool:
+            log = self.log(name)
+            if 'error:' in log:
+                raise GdmpError(f'{name}: {log.strip()}')
+            return text in log
+        self.client.wait(f'{text.strip()!r} from {name}', found, timeout)
+
+    def wait(self, what: str, until: Any, timeout: float = 15.0) -> None:
+        """Wait until a condition holds; see `gdmp_ros.ros.clients.client.Client.wait`."""
+        self.client.wait(what, until, timeout)
+
+    def spend(self, seconds: float) -> None:
+        """Let time pass while the client receives messages."""
+        self.client.spend(seconds)
+
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Call a service and return its reply."""
+        return self.client.call(kind, name, **fields)
+
+    def log(self, name: str) -> str:
+        """Output of a process so far."""
+        return self.children.log(name).read_text(errors='replace')

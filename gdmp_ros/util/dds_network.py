@@ -76,6 +76,12 @@ class Domain:
 
     _handle: IO[str]
 
+    def __enter__(self) -> Domain:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
     def environment(self) -> dict[str, str]:
         """Environment of processes in this domain."""
         return {**os.environ, **default_environment(), 'ROS_DOMAIN_ID': str(self.id)}

@@ -40,8 +40,7 @@ class ChildProcesses:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for name in list(self.processes):
-            self.stop(name)
+        self.stop_all()
 
     def start(self, name: str, module: str, arguments: Sequence[str] = (),
               prefix: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
@@ -76,6 +75,11 @@ class ChildProcesses:
             except subprocess.TimeoutExpired:
                 process.kill()
         return process.wait()
+
+    def stop_all(self) -> None:
+        """Stop all processes, the newest first."""
+        for name in reversed(list(self.processes)):
+            self.stop(name)
 
     def kill(self, name: str) -> None:
         """End a process with SIGKILL."""

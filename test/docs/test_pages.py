@@ -23,7 +23,7 @@ import pytest
 import yaml
 
 from gdmp_ros.cli.main import parser
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
@@ -195,7 +195,7 @@ def set_message_fields(kind, values):
             value = set_message_fields(type(getattr(message, name)), value)
         setattr(message, name, value)
     if hasattr(message, 'header') and hasattr(message, 'pose'):
-        wire.checked_pose(message, 'panda_link0')  # our nodes would take it
+        messages.checked_pose(message, 'panda_link0')  # our nodes would take it
     return message
 
 

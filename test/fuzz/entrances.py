@@ -375,13 +375,13 @@ def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
     from gdmp_msgs.msg import Reference
 
     from gdmp_ros.control.controller import HOLD_STIFFNESS
-    from gdmp_ros.ros import messages as wire
+    from gdmp_ros.ros import messages
     numbers = np.zeros(56)
     numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
     numbers[55] = 0.7
     valid = Reference()
     valid.header.frame_id = FRAME
-    wire.fill_reference(valid, numbers)
+    messages.fill_reference(valid, numbers)
     return _message(Reference, [valid], name, use)
 
 

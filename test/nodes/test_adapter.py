@@ -10,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.manifolds import UnitQuaternion
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.adapter.node import along_axes
 from gdmp_ros.ros.lifecycle import reliable
 
@@ -34,8 +34,8 @@ class Feed:
                                                reliable(10))
         self.message = Reference()
         self.message.header.frame_id = 'panda_link0'
-        self.message.header.stamp = wire.stamp_of(12_345_678_901)
-        wire.fill_reference(self.message, np.concatenate(
+        self.message.header.stamp = messages.stamp_of(12_345_678_901)
+        messages.fill_reference(self.message, np.concatenate(
             [POSE, np.zeros(12), stiffness().reshape(-1), [0.7]]))
         world.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {}, [
             '--params-file', str(PRESETS / f'{preset}.yaml'), *extra])
@@ -55,7 +55,7 @@ class Feed:
 
 
 def check_pose(message, frame='panda_link0'):
-    np.testing.assert_array_equal(wire.pose_numbers(message.pose), POSE)
+    np.testing.assert_array_equal(messages.pose_numbers(message.pose), POSE)
     assert message.header.frame_id == frame
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345_678_901)
 

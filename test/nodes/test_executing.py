@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from test.commands import GDMP, gdmp
 
 EXECUTE = [*GDMP, 'execute']
@@ -17,7 +17,7 @@ def test_it_executes_switches_the_goal_and_says_how_it_ended(world, skill_file):
     plain = run('--speed', '1.5')
     assert plain.returncode == 0, plain.stderr
     assert 'the goal is reached; distance: position' in plain.stdout
-    goal = wire.pose_numbers(world.operator.state.goal[0])[:3] + [0.0, 0.05, 0.03]
+    goal = messages.pose_numbers(world.operator.state.goal[0])[:3] + [0.0, 0.05, 0.03]
     numbers = [f'{value:.4f}' for value in goal]
     done = run('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
     assert done.returncode == 0 and 'the goal is now at' in done.stdout

@@ -8,7 +8,7 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros import Skill
 from gdmp_ros.data import recordings
 from gdmp_ros.data import takes
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 from test.commands import gdmp
 
@@ -61,7 +61,7 @@ def test_a_led_arm_refuses_references_and_lets_go_of_a_hand_that_is_gone(world):
     goal = place + np.array([0.06, 0.08, 0.0, 0.0, 0.0, 0.0, 0.0])
     message = PoseStamped()
     message.header.frame_id = 'panda_link0'
-    wire.set_pose(message.pose, goal)
+    messages.set_pose(message.pose, goal)
 
     def arrived():
         hand.publish(message)

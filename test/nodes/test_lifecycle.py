@@ -15,7 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data.bags import BagWriter, opened
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.recorder.record import definition
 from gdmp_ros.ros.server.parameters import SPECS
@@ -195,7 +195,7 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(world, skill, 
             if k == 900:
                 message = PoseStamped()
                 message.header.frame_id = FRAME
-                wire.set_pose(message.pose, goal)
+                messages.set_pose(message.pose, goal)
                 matrix = Float64MultiArray(data=stiffness.reshape(-1).tolist())
                 replay.pose.publish(message)
                 replay.matrix.publish(matrix)
@@ -204,12 +204,12 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(world, skill, 
                            serialize_message(message))
                 writer.raw(f'/{SERVER}/goal_stiffness', 'std_msgs/msg/Float64MultiArray',
                            stamp - 1, serialize_message(matrix))
-            clock = Clock(clock=wire.stamp_of(stamp))
+            clock = Clock(clock=messages.stamp_of(stamp))
             replay.tick(clock)
             writer.raw('/clock', 'rosgraph_msgs/msg/Clock', stamp, serialize_message(clock))
             writer.raw(f'/{SERVER}/reference', 'gdmp_msgs/msg/Reference', stamp + 1,
                        serialize_message(replay.references[-1]), **text)
-    recorded = np.array([wire.reference_target(m) for m in replay.references])
+    recorded = np.array([messages.reference_target(m) for m in replay.references])
     # The switch is real: the recorded path ends at the new goal and not at the skill's.
     assert np.linalg.norm(recorded[-1, :3] - goal[:3]) < 0.02
 
@@ -230,6 +230,6 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(world, skill, 
                 replay.matrix.publish(message)
                 replay.settle()
             else:
-                expected.append(wire.reference_target(message))
-    replayed = np.array([wire.reference_target(m) for m in replay.references])
+                expected.append(messages.reference_target(message))
+    replayed = np.array([messages.reference_target(m) for m in replay.references])
     np.testing.assert_allclose(replayed, expected, rtol=0.0, atol=1e-9)

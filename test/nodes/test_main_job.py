@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros.experiments.demo.report import rotation_angles
 from gdmp_ros.data import lasa
 from gdmp_ros.data import recordings
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 
 FRAME = 'panda_link0'
@@ -229,8 +229,8 @@ def test_bad_references_are_refused_counted_and_the_arm_holds(world):
             "frame is 'world'", 'NaN', 'quaternion norm', 'not positive definite')), start=1):
         message = Reference()
         message.header.frame_id = 'world' if count == 1 else FRAME
-        message.header.stamp = wire.stamp_of(time.time_ns())
-        wire.fill_reference(message, numbers)
+        message.header.stamp = messages.stamp_of(time.time_ns())
+        messages.fill_reference(message, numbers)
         publisher.publish(message)
         world.wait(f'the refusal: {reason}',
                    lambda n=count: counted().get('references refused') == str(n))

@@ -4,7 +4,7 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import Trigger
 
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 
 SERVER = 'gdmp_ros.ros.server.node'
@@ -47,7 +47,7 @@ def test_the_reference_waits_for_a_robot_that_is_held_back(world, skill):
     def measured():
         message = PoseStamped()
         message.header.frame_id = 'panda_link0'
-        wire.set_pose(message.pose, pose)
+        messages.set_pose(message.pose, pose)
         robot.publish(message)
 
     world.node.create_timer(0.02, measured)
@@ -62,7 +62,7 @@ def test_the_reference_waits_for_a_robot_that_is_held_back(world, skill):
 
     def follows():
         if world.references:
-            pose[:] = wire.pose_numbers(world.references[-1].pose)
+            pose[:] = messages.pose_numbers(world.references[-1].pose)
         return world.operator.state.progress >= 1.0
 
     world.operator.wait('the motion to go on', follows, 30.0)

@@ -7,7 +7,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
 
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 
 FEEDBACK = InteractiveMarkerFeedback
@@ -46,7 +46,7 @@ class Viewer:
         message = FEEDBACK(marker_name=name, event_type=event, menu_entry_id=entry)
         message.header.frame_id = frame
         if pose is not None:
-            wire.set_pose(message.pose, pose)
+            messages.set_pose(message.pose, pose)
         self.world.wait('the handles to be served',
                         lambda: self._feedback.get_subscription_count() > 0)
         self._feedback.publish(message)
@@ -69,19 +69,19 @@ def test_the_goal_is_switched_by_its_handle_and_everything_is_shown(world):
     viewer.use('goal', FEEDBACK.MENU_SELECT, entry=1)
     world.operator.wait_status('moving', 10.0)
     world.wait('a path to come', lambda: viewer.plans and len(viewer.plans[-1].poses) > 10)
-    before = wire.pose_numbers(viewer.plans[-1].poses[-1].pose)
-    np.testing.assert_allclose(before, wire.pose_numbers(handles['goal'].pose), atol=2e-3)
+    before = messages.pose_numbers(viewer.plans[-1].poses[-1].pose)
+    np.testing.assert_allclose(before, messages.pose_numbers(handles['goal'].pose), atol=2e-3)
     goal = before.copy()
     goal[:3] += [0.0, -0.06, 0.05]
     viewer.use('goal', FEEDBACK.POSE_UPDATE, goal)
     viewer.use('goal', FEEDBACK.MOUSE_UP, goal, frame='somewhere')  # not a frame of ours
     world.spin(0.3)
-    assert np.linalg.norm(wire.pose_numbers(world.operator.state.goal[0])[:3] - goal[:3]) > 0.05
+    assert np.linalg.norm(messages.pose_numbers(world.operator.state.goal[0])[:3] - goal[:3]) > 0.05
     viewer.use('goal', FEEDBACK.MOUSE_UP, goal)
     world.wait('the goal to be switched', lambda: np.allclose(
-        wire.pose_numbers(world.operator.state.goal[0])[:3], goal[:3]))
+        messages.pose_numbers(world.operator.state.goal[0])[:3], goal[:3]))
     world.wait('a path to the new goal', lambda: viewer.plans[-1].poses and np.allclose(
-        wire.pose_numbers(viewer.plans[-1].poses[-1].pose)[:3], goal[:3], atol=2e-3))
+        messages.pose_numbers(viewer.plans[-1].poses[-1].pose)[:3], goal[:3], atol=2e-3))
     world.operator.wait_status('holding', 20.0)
     world.wait('the tool to be there', lambda: np.linalg.norm(world.tool()[:3] - goal[:3]) < 0.01)
     world.wait('the path to come to vanish', lambda: 'path to come' not in viewer.spaces())
@@ -93,9 +93,9 @@ def test_the_goal_is_switched_by_its_handle_and_everything_is_shown(world):
     for _ in range(7):
         viewer.use('goal', FEEDBACK.KEEP_ALIVE)
         world.spin(0.25)
-    np.testing.assert_allclose(wire.pose_numbers(viewer.handles()['goal'].pose), held)
+    np.testing.assert_allclose(messages.pose_numbers(viewer.handles()['goal'].pose), held)
     world.wait('the handle to be back', lambda: np.allclose(
-        wire.pose_numbers(viewer.handles()['goal'].pose), goal, atol=1e-6))
+        messages.pose_numbers(viewer.handles()['goal'].pose), goal, atol=1e-6))
     # Updates are numbered without gaps: a viewer that finds one starts anew.
     numbers = [update.seq_num for update in viewer.updates]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -106,7 +106,7 @@ def test_a_goal_that_is_refused_springs_back(world):
     viewer = Viewer(world)
     world.wait('the goal to be drawn', lambda: ('goal', 0) in viewer.shown, 60.0)
     assert world.call(Trigger, '/trajectory_server/start').success
-    there = wire.pose_numbers(viewer.handles()['goal'].pose)
+    there = messages.pose_numbers(viewer.handles()['goal'].pose)
     away = there.copy()
     away[2] = 7.0
     viewer.use('goal', FEEDBACK.POSE_UPDATE, away)
@@ -114,7 +114,7 @@ def test_a_goal_that_is_refused_springs_back(world):
     world.wait('the refusal', lambda: world.operator.state.refused > 0)
     assert 'goal z is 7.000 m, outside the workspace' in world.operator.state.last_refusal
     world.wait('the handle to be back', lambda: np.allclose(
-        wire.pose_numbers(viewer.handles()['goal'].pose), there))
+        messages.pose_numbers(viewer.handles()['goal'].pose), there))
 
 
 def test_the_arm_is_led_by_the_handle_of_the_hand(world):

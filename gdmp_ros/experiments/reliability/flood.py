@@ -12,7 +12,7 @@ import rclpy
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.util.processes import stop_event
 
@@ -23,7 +23,7 @@ CENTRE = np.array([0.5, 0.0, 0.42, 0.0, 1.0, 0.0, 0.0])
 def _pose(pose: np.ndarray, frame: str = FRAME) -> PoseStamped:
     message = PoseStamped()
     message.header.frame_id = frame
-    wire.set_pose(message.pose, pose)
+    messages.set_pose(message.pose, pose)
     return message
 
 
@@ -41,9 +41,9 @@ def garbage(rng: np.random.Generator) -> tuple[Any, Any, Any]:
     frame = str(rng.choice([FRAME, 'world', '', 'x' * 500]))
     reference = Reference()
     numbers = np.concatenate([pose, rng.standard_normal(49) * 10.0 ** rng.integers(-3, 300)])
-    wire.fill_reference(reference, numbers)
+    messages.fill_reference(reference, numbers)
     reference.header.frame_id = frame
-    reference.header.stamp = wire.stamp_of(time.time_ns() + int(rng.integers(-10, 11)) * 10 ** 9)
+    reference.header.stamp = messages.stamp_of(time.time_ns() + int(rng.integers(-10, 11)) * 10 ** 9)
     reference.sequence = int(rng.integers(1 << 60))
     matrix = rng.standard_normal(int(rng.choice([0, 1, 9, 36, 37])))
     return _pose(pose, frame), Float64MultiArray(data=matrix.tolist()), reference

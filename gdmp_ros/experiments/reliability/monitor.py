@@ -14,7 +14,7 @@ from rclpy.node import Node
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.experiments.reliability.motion import GAP_NS
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable, take
 from gdmp_ros.ros.recorder.record import DRAIN_S
 from gdmp_ros.util.atomic_write import write_json
@@ -52,9 +52,9 @@ class Monitor(Node):
         self._extremes, self._opened = Extremes(), time.monotonic()
         reference, state = Reference(), RobotState()
         reference.header.frame_id = state.header.frame_id = frame
-        self._reference = wire.Patched(reference, TARGET_SIZE, wire.fill_reference)
-        self._state = wire.Patched(state, wire.ROBOT_STATE_FIXED + 3 * JOINTS,
-                                   wire.fill_robot_state)
+        self._reference = messages.SerializedTemplate(reference, TARGET_SIZE, messages.fill_reference)
+        self._state = messages.SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
+                                   messages.fill_robot_state)
         self._sequence, self._torque, self._stamp = 0, np.zeros(JOINTS), 0
         self._inputs = [(self.create_subscription(
             kind, topic, lambda _: None, reliable(DEEP), raw=True, callback_group=PolledGroup()),
@@ -82,8 +82,8 @@ class Monitor(Node):
         self.received += 1
 
     def _on_state(self, data: bytes) -> None:
-        numbers, stamp = self._state.numbers_of(data), wire.stamp_ns_of(data)
-        position, velocity, torque = numbers[wire.ROBOT_STATE_FIXED:].reshape(3, JOINTS)
+        numbers, stamp = self._state.numbers_of(data), messages.stamp_ns_of(data)
+        position, velocity, torque = numbers[messages.ROBOT_STATE_FIXED:].reshape(3, JOINTS)
         worst = self._extremes
         if self.states and stamp - self._stamp < GAP_NS:
             worst.rate = max(worst.rate, float(np.abs(torque - self._torque).max()))

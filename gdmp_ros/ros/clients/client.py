@@ -1,4 +1,4 @@
-"""A node of somebody who uses other nodes: waits, every one bounded, and service calls."""
+"""Base of clients of the nodes: waiting with a timeout, service calls."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -11,17 +11,17 @@ from rclpy.node import Node
 
 from gdmp_ros.errors import GdmpError
 
-#: A reply before the server has discovered the client's reader is lost, and nothing tells when it
-#: has [s].
+#: Wait before the first call of a service [s]: a reply is lost if the server has not discovered the
+#: client yet, and a client cannot ask for that.
 DISCOVERY_S = 0.5
 START_UP_S = 120.0
 
 
 class Client:
-    """A node that listens while it waits, on a context of its own."""
+    """A node with its own context that receives messages while it waits."""
 
     def __init__(self, name: str, check: Callable[[], None] | None = None):
-        """:param check: called while waiting; may raise to give up"""
+        """:param check: called while waiting; may raise an exception"""
         self._check = check or (lambda: None)
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
@@ -31,7 +31,7 @@ class Client:
         self._services: dict[str, Any] = {}
 
     def close(self) -> None:
-        """Leave the network."""
+        """Destroy the node."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
@@ -40,17 +40,17 @@ class Client:
         """
         Wait until a condition holds.
 
-        :raises GdmpError: after ``timeout`` seconds, saying what was waited for
+        :raises GdmpError: after ``timeout`` seconds
         """
         ends = time.monotonic() + timeout
         while not until():
             if time.monotonic() > ends:
-                raise GdmpError(f'waited {timeout:g} s for {what} in vain')
+                raise GdmpError(f'waited {timeout:g} s for {what}, without success')
             self._check()
             self._executor.spin_once(timeout_sec=0.02)
 
     def spend(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass while messages are received."""
         ends = time.monotonic() + seconds
         while (left := ends - time.monotonic()) > 0.0:
             self._check()

@@ -14,45 +14,46 @@ from rich.text import Text
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.ros.clients.client import Client
-from gdmp_ros.ros.lifecycle import PolledGroup, reliable, take_latest
+from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.polling import PolledGroup, take_latest
 
-#: How often the view changes [s]; where nobody looks a line is printed so often instead.
+#: Interval of the view on a terminal, and of the lines in a pipe or file [s].
 REFRESH_S, LINE_S = 0.2, 1.0
-#: A node that has said nothing for so long is silent [s].
-SILENT_S = 1.0
+#: Without a message for this time a node is silent [s].
+TIMEOUT_S = 1.0
 
 
-class Watcher(Client):
-    """Listens to a trajectory server, and looks at the newest state of the arm."""
+class Dashboard(Client):
+    """Receives the states of a trajectory server and of an arm."""
 
     def __init__(self, server: str, arm: str):
-        super().__init__('watch')
+        super().__init__('dashboard')
         self.server, self.arm = server, arm
         self.state: ServerState | None = None
         self.robot: RobotState | None = None
-        self._heard = {'server': 0.0, 'arm': 0.0}
+        self._received = {'server': 0.0, 'arm': 0.0}
         self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
                                       reliable(10))
-        # At 1 kHz: only the newest is looked at.
+        # At 1 kHz only the newest is used.
         self._robot = self.node.create_subscription(RobotState, f'{arm}/state', lambda _: None,
                                                     reliable(1), callback_group=PolledGroup())
 
     def _on_state(self, message: ServerState) -> None:
-        self.state, self._heard['server'] = message, time.monotonic()
+        self.state, self._received['server'] = message, time.monotonic()
 
-    def look(self, seconds: float) -> None:
-        """Listen for a while, then take the newest state of the arm."""
+    def update(self, seconds: float) -> None:
+        """Receive messages for a time, then take the newest state of the arm."""
         self.spend(seconds)
         message = take_latest(self._robot)
         if message is not None:
-            self.robot, self._heard['arm'] = message, time.monotonic()
+            self.robot, self._received['arm'] = message, time.monotonic()
 
     def silent(self, which: str) -> bool:
-        """Whether nothing has come from the ``server`` or the ``arm`` for a while."""
-        return time.monotonic() - self._heard[which] > SILENT_S
+        """Whether the ``server`` or the ``arm`` is silent."""
+        return time.monotonic() - self._received[which] > TIMEOUT_S
 
     def rows(self) -> list[tuple[str, str]]:
-        """What there is to see, as words."""
+        """Rows of the view: name and text."""
         return [*self._server_rows(), *self._arm_rows()]
 
     def _server_rows(self) -> list[tuple[str, str]]:
@@ -69,7 +70,7 @@ class Watcher(Client):
         if s.flags:
             rows.append(('flags', ', '.join(s.flags)))
         if s.refused:
-            rows.append(('refused', f'{s.refused}, the last: {s.last_refusal}'))
+            rows.append(('refused', f'{s.refused}, last reason: {s.last_refusal}'))
         return rows
 
     def _arm_rows(self) -> list[tuple[str, str]]:
@@ -78,41 +79,42 @@ class Watcher(Client):
             return [(self.arm, 'silent')]
         p, v = r.pose.position, r.twist.linear
         stiffness = np.linalg.eigvalsh(np.asarray(r.stiffness).reshape(6, 6)[:3, :3])
-        biting = ', '.join(f'{limit.name} by {value:.2g} {limit.unit}'
+        limited = ', '.join(f'{limit.name} by {value:.2g} {limit.unit}'
                            for limit, value in zip(LIMITS, r.limited) if value > 0.0)
         return [(self.arm, f'at {p.x:.3f} {p.y:.3f} {p.z:.3f} m, '
                            f'{np.linalg.norm([v.x, v.y, v.z]):.3f} m/s'),
                 ('stiffness', f'{stiffness[0]:.0f} to {stiffness[-1]:.0f} N/m'),
-                ('energy tank', f'{r.tank_energy:.2f} J'), ('limited', biting or 'no')]
+                ('energy tank', f'{r.tank_energy:.2f} J'), ('limited', limited or 'no')]
 
 
-def watch(server: str, arm: str, seconds: float | None) -> None:
+def show(server: str, arm: str, seconds: float | None) -> None:
     """
-    Show what is going on until Ctrl-C, or for so many seconds.
+    Show the states until Ctrl-C.
 
     :param server: name of a trajectory server, with its namespace
-    :param arm: name of the arm's node
+    :param arm: name of the node of the arm
+    :param seconds: duration; None for no end
     """
-    watcher = Watcher(server, arm)
+    dashboard = Dashboard(server, arm)
     ends = np.inf if seconds is None else time.monotonic() + seconds
     try:
         if sys.stdout.isatty():
             with Live(console=Console(), refresh_per_second=1.0 / REFRESH_S) as live:
                 while time.monotonic() < ends:
-                    watcher.look(REFRESH_S)
-                    live.update(_view(watcher))
+                    dashboard.update(REFRESH_S)
+                    live.update(_view(dashboard))
         else:
             while time.monotonic() < ends:
-                watcher.look(LINE_S)
-                print('; '.join(f'{name}: {text}' for name, text in watcher.rows()), flush=True)
+                dashboard.update(LINE_S)
+                print('; '.join(f'{name}: {text}' for name, text in dashboard.rows()), flush=True)
     finally:
-        watcher.close()
+        dashboard.close()
 
 
-def _view(watcher: Watcher) -> Group:
+def _view(dashboard: Dashboard) -> Group:
     table = Table.grid(padding=(0, 2))
-    for name, text in watcher.rows():
+    for name, text in dashboard.rows():
         table.add_row(Text(name, style='bold'), Text(text))
-    state = watcher.state
-    progress = state.progress if state is not None and not watcher.silent('server') else 0.0
+    state = dashboard.state
+    progress = state.progress if state is not None and not dashboard.silent('server') else 0.0
     return Group(ProgressBar(total=1.0, completed=min(progress, 1.0), width=60), table)

@@ -1,4 +1,4 @@
-"""Somebody at the terminal who has a running server execute its skill."""
+"""Executes the skill of a running server, from the terminal."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,21 +9,21 @@ from gdmp_msgs.srv import LoadSkill, SetSpeed
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros import messages as wire
-from gdmp_ros.ros.clients.server_client import Operator
+from gdmp_ros.ros import messages
+from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.util.terminal import progress
 
 
-class Wish(NamedTuple):
+class ExecuteRequest(NamedTuple):
     """
-    What is wanted.
+    What to execute.
 
     :ivar server: name of the node, with its namespace
-    :ivar skill: file to load first, or empty
-    :ivar position: to switch the goal to [m], None to leave it
-    :ivar after: when, after the start [s]
-    :ivar speed: tempo, None to leave it
-    :ivar wait: for the server, and for the server to hear of its robot, at most [s]
+    :ivar skill: file to load first; empty for the loaded skill
+    :ivar position: new goal position [m]; None for no goal switch
+    :ivar after: time of the goal switch after the start [s]
+    :ivar speed: tempo; None to keep the present one
+    :ivar wait: timeout for the server, and then for the pose of its robot [s]
     """
 
     server: str
@@ -34,84 +34,84 @@ class Wish(NamedTuple):
     wait: float
 
 
-def execute(wish: Wish) -> int:
+def execute(request: ExecuteRequest) -> int:
     """
-    Execute, and say how it ended.
+    Execute, and print the result.
 
     :returns: 0 if the goal was reached, else 1
-    :raises GdmpError: if the server is not there, or refuses
+    :raises GdmpError: if the server does not answer, or refuses
     """
-    operator = Operator(wish.server)
+    client = ServerClient(request.server)
     try:
-        operator.wait(f'{wish.server} to say what it does', lambda: operator.state is not None,
-                      wish.wait)
+        client.wait(f'the state of {request.server}', lambda: client.state is not None,
+                      request.wait)
         for kind, name, fields in (
-                (LoadSkill, 'load_skill', {'path': wish.skill} if wish.skill else None),
-                (SetSpeed, 'set_speed', {'scale': wish.speed} if wish.speed is not None
+                (LoadSkill, 'load_skill', {'path': request.skill} if request.skill else None),
+                (SetSpeed, 'set_speed', {'scale': request.speed} if request.speed is not None
                  else None)):
             if fields is not None:
-                reply = operator.call(kind, f'{wish.server}/{name}', **fields)
+                reply = client.call(kind, f'{request.server}/{name}', **fields)
                 if not reply.success:
                     raise GdmpError(reply.message)
-        _meet_robot(operator, wish.wait)
+        _wait_for_robot(client, request.wait)
         try:
-            operator.execute()
-            return _follow(operator, wish)
+            client.execute()
+            return _follow(client, request)
         except (KeyboardInterrupt, GdmpError):
-            if operator.cancel():
+            if client.cancel():
                 print('stopped')
             raise
     finally:
-        operator.close()
+        client.close()
 
 
-def _meet_robot(operator: Operator, patience: float) -> None:
-    """Let the server learn where the robot is; after that it says itself why it does not start."""
-    state, left, refusal = operator.state, patience, ''
+def _wait_for_robot(client: ServerClient, timeout: float) -> None:
+    """Wait until the server knows the pose of the robot; after the timeout the start is refused."""
+    state, left, refusal = client.state, timeout, ''
     if state is None or 'no_robot' not in state.flags:
         return
-    print(f'waiting for the pose of the robot, {patience:g} s at most', flush=True)
+    print(f'waiting for the pose of the robot, at most {timeout:g} s', flush=True)
     refused = state.refused
     while left > 0.0 and 'no_robot' in state.flags:
         if state.refused > refused and state.last_refusal != refusal:
             refusal = state.last_refusal
             print(f'the server refused {refusal}', flush=True)
-        operator.spend(0.1)
-        state, left = operator.state or state, left - 0.1
+        client.spend(0.1)
+        state, left = client.state or state, left - 0.1
 
 
-def _follow(operator: Operator, wish: Wish) -> int:
-    """Switch the goal in time and show progress until it is over."""
+def _follow(client: ServerClient, request: ExecuteRequest) -> int:
+    """Switch the goal at its time, and show the progress until the end."""
     with progress('executing', 100) as step:
-        if wish.position is not None:
-            operator.spend(wish.after)
-            _switch(operator, wish.position)
+        if request.position is not None:
+            client.spend(request.after)
+            _switch(client, request.position)
         done = 0.0
-        while not operator.done():
-            operator.spend(0.1)
-            now = 100.0 * min(operator.state.progress if operator.state else 0.0, 1.0)
+        while not client.done():
+            client.spend(0.1)
+            now = 100.0 * min(client.state.progress if client.state else 0.0, 1.0)
             step(max(now - done, 0.0))
             done = max(done, now)
-    result = operator.result(10.0)
+    result = client.result(10.0)
     left = ', '.join(f'{name} {value:.2g}'
                      for name, value in zip(result.factors, result.distance_to_goal))
     reached = result.error_code == ExecuteSkill.Result.SUCCESSFUL
-    print(f'{"the goal is reached" if reached else result.error_string}; distance: {left}')
+    print(f'{"the goal was reached" if reached else result.error_string}; distance: {left}')
     return 0 if reached else 1
 
 
-def _switch(operator: Operator, position: Sequence[float]) -> None:
-    state = operator.state
+def _switch(client: ServerClient, position: Sequence[float]) -> None:
+    state = client.state
     if state is None or not state.goal:
         raise GdmpError('the server has no goal to switch')
-    goal = wire.pose_numbers(state.goal[0])
+    goal = messages.pose_numbers(state.goal[0])
     goal[:3] = position
     refused = state.refused
-    operator.goal_pose(np.asarray(goal), state.header.frame_id)
-    operator.wait('the goal to be switched', lambda: operator.state is not None and (
-        operator.state.refused > refused or bool(operator.state.goal) and np.allclose(
-            wire.pose_numbers(operator.state.goal[0])[:3], position)), 5.0)
-    if operator.state is not None and operator.state.refused > refused:
-        print(f'the new goal was refused: {operator.state.last_refusal}')
+    client.goal_pose(np.asarray(goal), state.header.frame_id)
+    client.wait('the goal to be switched', lambda: client.state is not None and (
+        client.state.refused > refused or bool(client.state.goal) and np.allclose(
+            messages.pose_numbers(client.state.goal[0])[:3], position)), 5.0)
+    if client.state is not None and client.state.refused > refused:
+        print(f'the new goal was refused: {client.state.last_refusal}')
     else:
-        print(f'the goal is now at {", ".join(f"{value:g}" for value in position)} m')
+        print(f'the goal is switched to {", ".join(f"{value:g}" for value in position)} m')

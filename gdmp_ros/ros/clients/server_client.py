@@ -1,4 +1,4 @@
-"""The person at the terminal, as a node: starts the skill, switches the goal, waits."""
+"""Client of a trajectory server: executes its skill, switches the goal, waits."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,17 +12,21 @@ from rclpy.action import ActionClient
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.ros.lifecycle import reliable
 
 
-class Operator(Client):
-    """Talks to a trajectory server over topics and its action."""
+class ServerClient(Client):
+    """
+    Uses the topics and the action of a trajectory server.
+
+    :ivar state: newest state of the server, None before the first
+    """
 
     def __init__(self, server: str = 'trajectory_server', check: Callable[[], None] | None = None):
-        """:param check: called while waiting; may raise to give up"""
-        super().__init__('operator', check)
+        """:param check: called while waiting; may raise an exception"""
+        super().__init__('server_client', check)
         self.state: ServerState | None = None
         self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
                                        reliable(10))
@@ -31,7 +35,7 @@ class Operator(Client):
                                                    reliable(10))
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._result: Any = None
-        self.handle: Any = None
+        self._handle: Any = None
 
     def _on_state(self, message: ServerState) -> None:
         self.state = message
@@ -42,44 +46,44 @@ class Operator(Client):
                   lambda: self.state is not None and self.state.status == status, timeout)
 
     def execute(self, goal: ExecuteSkill.Goal | None = None, timeout: float = 10.0) -> None:
-        """Start the loaded skill through the action."""
+        """Start the loaded skill with the action."""
         self.wait('the action server', self._action.server_is_ready, timeout)
         self._result = None
         sent = self._action.send_goal_async(goal or ExecuteSkill.Goal())
         self.wait('the goal to be accepted', sent.done, timeout)
         if not sent.result().accepted:
             raise GdmpError('the server rejected the goal')
-        self.handle = sent.result()
-        self._result = self.handle.get_result_async()
+        self._handle = sent.result()
+        self._result = self._handle.get_result_async()
 
     def cancel(self, timeout: float = 5.0) -> bool:
-        """Have the motion that was executed come to a smooth stop, if one is under way."""
-        if self.handle is None or self.done():
+        """Cancel the motion that was started, if it has not ended; it stops smoothly."""
+        if self._handle is None or self.done():
             return False
-        asked = self.handle.cancel_goal_async()
-        self.wait('the motion to be cancelled', asked.done, timeout)
+        request = self._handle.cancel_goal_async()
+        self.wait('the motion to be cancelled', request.done, timeout)
         return True
 
     def done(self) -> bool:
-        """Whether the motion that was executed has ended."""
+        """Whether the motion that was started has ended."""
         return self._result is not None and bool(self._result.done())
 
     def result(self, timeout: float) -> ExecuteSkill.Result:
-        """Wait for the action's result."""
+        """Wait for the result of the action."""
         self.wait('the motion to finish', self._result.done, timeout)
         return self._result.result().result
 
     def goal_pose(self, pose: np.ndarray, frame: str) -> None:
         """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
-        self.wait('the server to listen to goals',
+        self.wait('the server to subscribe to goals',
                   lambda: self._pose.get_subscription_count() > 0, 5.0)
         message = PoseStamped()
         message.header.frame_id = frame
-        wire.set_pose(message.pose, pose)
+        messages.set_pose(message.pose, pose)
         self._pose.publish(message)
 
     def goal_stiffness(self, matrix: np.ndarray) -> None:
         """Switch the stiffness goal."""
-        self.wait('the server to listen to stiffness goals',
+        self.wait('the server to subscribe to stiffness goals',
                   lambda: self._matrix.get_subscription_count() > 0, 5.0)
         self._matrix.publish(Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))

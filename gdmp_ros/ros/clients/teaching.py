@@ -1,4 +1,4 @@
-"""A session of teaching: simulation and recorder as processes, with somebody who leads the arm."""
+"""A teaching session: simulation and take recorder as processes, and a hand."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -10,24 +10,25 @@ import select
 import sys
 import tempfile
 
-from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.clients.teacher import RECORDER, SIM, Teacher
+from gdmp_ros.ros.clients.teacher import Teacher
+from gdmp_ros.ros.testbed import ARM, MODULES, TAKE_RECORDER
 from gdmp_ros.util.dds_network import default_environment, Domain
 from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress
 
-KEYS = ('Enter begins a take and ends it; d and Enter drops it; q and Enter ends the session')
+KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'
 
 
 @dataclass(frozen=True)
-class Setting:
+class TeachingSettings:
     """
-    Where takes go, and how.
+    Where and how takes are recorded.
 
     :ivar folder: for the takes
-    :ivar frame: of the poses
-    :ivar window: whether the simulation shows one
+    :ivar frame: ``frame_id`` of the poses
+    :ivar window: whether the simulation has a window
     """
 
     folder: Path
@@ -36,19 +37,19 @@ class Setting:
     window: bool
 
 
-def run(setting: Setting, shown: Sequence[Demonstration]) -> None:
+def teach(settings: TeachingSettings, shown: Sequence[Demonstration]) -> None:
     """
-    Teach: a scripted hand leads along each motion, or with none shown somebody at the terminal.
+    Teach: a scripted hand guides the arm along each motion; without motions the user does.
 
     :raises GdmpError: if a process ends early or something does not happen in time
     """
     interrupt_on_sigterm()
-    # Somebody who looks on, or leads by a marker, is on the user's own domain.
+    # With the user's own hand the nodes are in the user's domain, for RViz.
     domain = Domain() if shown else None
     environment = domain.environment() if domain else {**os.environ, **default_environment()}
     os.environ.update(environment)
     try:
-        with _session(setting, environment) as teacher:
+        with _session(settings, environment) as teacher:
             if shown:
                 with progress('teaching', len(shown)) as step:
                     for one in shown:
@@ -59,20 +60,20 @@ def run(setting: Setting, shown: Sequence[Demonstration]) -> None:
     finally:
         if domain:
             domain.release()
-    print(f'compare them: gdmp takes {setting.folder}')
-    print(f'learn from them: gdmp learn {setting.folder} -o skill.json')
+    print(f'compare them: gdmp takes {settings.folder}')
+    print(f'learn from them: gdmp learn {settings.folder} -o skill.json')
 
 
 @contextmanager
-def _session(setting: Setting, environment: dict[str, str]) -> Iterator[Teacher]:
+def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterator[Teacher]:
     with tempfile.TemporaryDirectory(prefix='gdmp-teach-') as logs, ChildProcesses(
             environment, Path(logs)) as children:
         print('starting the simulation and the recorder', flush=True)
-        children.start_node(SIM, 'gdmp_ros.ros.arm.node', {
-            'headless': not setting.window, 'frame_id': setting.frame})
-        children.start_node(RECORDER, 'gdmp_ros.ros.recorder.node', {
-            'folder': str(setting.folder), 'storage': setting.storage})
-        teacher = Teacher(setting.frame, check=children.check)
+        children.start_node(ARM, MODULES[ARM], {
+            'headless': not settings.window, 'frame_id': settings.frame})
+        children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
+            'folder': str(settings.folder), 'storage': settings.storage})
+        teacher = Teacher(settings.frame, check=children.check)
         try:
             teacher.ready()
             yield teacher
@@ -81,19 +82,20 @@ def _session(setting: Setting, environment: dict[str, str]) -> Iterator[Teacher]
 
 
 def _by_hand(teacher: Teacher) -> None:
-    """Let somebody at the terminal begin, end and drop takes."""
-    print(f'the arm is weightless. {KEYS}', flush=True)
+    """Let the user start, stop and discard takes."""
+    print(f'the arm can be guided by hand. {KEYS}', flush=True)
     word: str | None = ''
     while word not in ('q', None):
         word = _line(teacher)
         try:
-            print(_obey(teacher, word), flush=True)
+            print(_carry_out(teacher, word), flush=True)
         except GdmpError as error:
             print(error, flush=True)
 
 
-def _obey(teacher: Teacher, word: str | None) -> str:
-    """Do what a line says; what to say about it. Takes end by themselves as well."""
+def _carry_out(teacher: Teacher, word: str | None) -> str:
+    """Carry out a line of the user; returns the answer."""
+    # Asked each time, because a take can also end without the user.
     recording = teacher.recording()
     if word in ('q', None):
         return teacher.keep() if recording else 'done'
@@ -105,7 +107,7 @@ def _obey(teacher: Teacher, word: str | None) -> str:
 
 
 def _line(teacher: Teacher) -> str | None:
-    """Next line from the terminal while the nodes are listened to; None at its end."""
+    """Next line from the terminal, while messages are received; None at the end of input."""
     teacher.wait('a key', lambda: bool(select.select([sys.stdin], [], [], 0.0)[0]), 86400.0)
     line = sys.stdin.readline()
     return line.strip() if line else None

@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock
 
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import SERVER, SIM, Trial
-from gdmp_ros.ros import messages as wire
+from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.util.atomic_write import write_text
 
@@ -29,7 +29,7 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     now = stamp.sec * NS + stamp.nanosec
     for jump in (10 * NS, -5 * NS, 3600 * NS, -now, -now - 5 * NS):
         for _ in range(5):
-            publisher.publish(Clock(clock=wire.stamp_of(now + jump)))
+            publisher.publish(Clock(clock=messages.stamp_of(now + jump)))
             trial.spend(0.02)
     outcome.claim('the motion reaches its goal', trial.succeeded())
     outcome.claim('the server says that the time jumped',
