@@ -27,6 +27,7 @@ class NodeTestbed:
 
     :ivar children: the processes by name
     :ivar client: client of the server
+    :ivar may_end: names of processes that may end
     """
 
     def __init__(self, folder: Path, environment: Mapping[str, str]):
@@ -41,6 +42,8 @@ class NodeTestbed:
         self.folder = folder
         self.environment = dict(environment)
         self.children = ChildProcesses(environment, folder / 'logs')
+        # The recorder ends when the disk is full.
+        self.may_end = {RECORDER}
         self.client = ServerClient(check=self.check)
 
     def __enter__(self) -> NodeTestbed:
@@ -53,8 +56,8 @@ class NodeTestbed:
             self.client.close()
 
     def check(self) -> None:
-        """:raises GdmpError: if a node has ended; the recorder may, when the disk is full"""
-        self.children.check(but=RECORDER)
+        """:raises GdmpError: if a process has ended that must not"""
+        self.children.check(self.may_end)
 
     def start_arm(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
                   **parameters: object) -> None:

@@ -1,7 +1,7 @@
 """Child processes that end with their parent."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 import signal
 import subprocess
@@ -87,18 +87,18 @@ class ChildProcesses:
         process.kill()
         process.wait()
 
-    def check(self, but: str = '') -> None:
+    def check(self, may_end: Collection[str] = ()) -> None:
         """
         Check that all processes run.
 
-        :param but: name of a process that may end
+        :param may_end: names of processes that may end
         :raises GdmpError: if a process has ended; with the end of its log
         """
         for name, process in self.processes.items():
-            if name != but and process.poll() is not None:
+            if name not in may_end and process.poll() is not None:
                 tail = '\n  '.join(self.log(name).read_text(errors='replace').splitlines()[-6:])
-                raise GdmpError(f'{name} ended with code {process.returncode}; the end of its log:\n'
-                                f'  {tail}')
+                raise GdmpError(f'{name} ended with code {process.returncode}; the end of its '
+                                f'log:\n  {tail}')
 
     def log(self, name: str) -> Path:
         """File with the output of a process."""

@@ -138,7 +138,8 @@ def run_over_time(run: Run, tracked: Tracking,
 def demonstration_in_space(recording: Recording) -> go.Figure:
     """The demonstrated path, with its stiffness if it has one."""
     points = recording.demonstration.points
-    traces = [_path(points[:, :3], 'demonstration', INK[0]), _point(points[0, :3], 'start', 'circle'),
+    traces = [_path(points[:, :3], 'demonstration', INK[0]),
+              _point(points[0, :3], 'start', 'circle'),
               _point(points[-1, :3], 'end', 'diamond')]
     matrices = _stiffness(points)
     if matrices is not None:

@@ -42,7 +42,8 @@ def _run(bag: Path, robot: str) -> dict[str, object]:
     run = runs.read(bag, robot)
     events, tracked = events_of(run), run_analysis.tracking(run)
     marks = events if len(events) <= MOST_MARKS else []
-    return {'title': f'Run {bag.name}', 'rows': run_analysis.summary(run, tracked), 'events': events,
+    return {'title': f'Run {bag.name}', 'rows': run_analysis.summary(run, tracked),
+            'events': events,
             'space': figures.html(figures.run_in_space(run), 'space'),
             'time': figures.html(figures.run_over_time(run, tracked, marks), 'time')}
 

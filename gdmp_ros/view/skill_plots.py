@@ -21,7 +21,8 @@ def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],
     figure, axes = plots.panels(1, 3, (4.2, 3.6))
     above, side, timed = axes[0]
     for i, (take, name, outlier) in enumerate(zip(shown, names, outliers)):
-        style = {'color': plots.INK[i % len(plots.INK)], 'ls': '--' if outlier else '-', 'lw': 1.3, 'label': name}
+        style = {'color': plots.INK[i % len(plots.INK)], 'ls': '--' if outlier else '-',
+                 'lw': 1.3, 'label': name}
         x, y, z = take.points[:, :3].T
         above.plot(x, y, **style)
         side.plot(x, z, **style)

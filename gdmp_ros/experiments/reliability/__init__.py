@@ -1,1 +1,1 @@
-"""What happens when something goes wrong: faults, load and bad networks, tried on processes."""
+"""Faults, load and bad networks, tried on the nodes as processes."""

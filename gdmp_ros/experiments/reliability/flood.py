@@ -1,4 +1,4 @@
-"""Publishes goals, or garbage, at 1 kHz until it is asked to end."""
+"""Publishes goals or invalid messages at 1 kHz until SIGTERM."""
 from __future__ import annotations
 
 import sys
@@ -34,8 +34,8 @@ def goals(rng: np.random.Generator) -> tuple[PoseStamped, Float64MultiArray]:
     return _pose(pose), Float64MultiArray(data=np.diag(rng.uniform(200, 800, 3)).ravel().tolist())
 
 
-def garbage(rng: np.random.Generator) -> tuple[Any, Any, Any]:
-    """A pose, a stiffness and a reference, each bad in a random way."""
+def invalid(rng: np.random.Generator) -> tuple[Any, Any, Any]:
+    """A pose, a stiffness and a reference, each invalid in a random way."""
     pose = CENTRE.copy()
     pose[rng.integers(7)] = rng.choice([np.nan, np.inf, -np.inf, 1e300, 5.0])
     frame = str(rng.choice([FRAME, 'world', '', 'x' * 500]))
@@ -50,7 +50,7 @@ def garbage(rng: np.random.Generator) -> tuple[Any, Any, Any]:
 
 
 def main(what: str) -> int:
-    """Flood; print how many messages were sent at the end."""
+    """Publish; print the number of rounds at the end."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     ended = stop_event()
     node = Node('flood')
@@ -62,9 +62,9 @@ def main(what: str) -> int:
         time.sleep(0.05)
     print('flooding', flush=True)
     rng, sent, deadline = np.random.default_rng(0), 0, time.monotonic()
-    messages = [goals(rng) if what == 'goals' else garbage(rng) for _ in range(500)]
+    rounds = [goals(rng) if what == 'goals' else invalid(rng) for _ in range(500)]
     while not ended.is_set():
-        for publisher, message in zip(publishers, messages[sent % len(messages)]):
+        for publisher, message in zip(publishers, rounds[sent % len(rounds)]):
             publisher.publish(message)
         sent += 1
         deadline = max(deadline + 1e-3, time.monotonic() - 0.1)

@@ -1,4 +1,4 @@
-"""Watches references and states for as long as it takes, in little memory: counts and extremes."""
+"""Counts references and states and keeps extreme values, in little memory."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,21 +12,22 @@ import rclpy
 from rclpy.node import Node
 
 from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.data.run_analysis import STATE_GAP_NS
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
-from gdmp_ros.experiments.reliability.motion import GAP_NS
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import DEEP, PolledGroup, reliable, take
+from gdmp_ros.ros.lifecycle import DEEP, reliable
+from gdmp_ros.ros.polling import PolledGroup, take
 from gdmp_ros.ros.recorder.record import DRAIN_S
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.processes import stop_event
 
 JOINTS = 7
-#: Extremes are kept for windows of this length [s].
+#: Length of the windows of the extreme values [s].
 WINDOW_S = 10.0
 
 
 class Extremes:
-    """The worst of a window."""
+    """Extreme values of a window."""
 
     def __init__(self) -> None:
         self.torque = np.zeros(JOINTS)
@@ -36,14 +37,14 @@ class Extremes:
         self.lower, self.upper = np.full(JOINTS, np.inf), np.full(JOINTS, -np.inf)
 
     def document(self) -> dict[str, Any]:
-        """As plain values."""
+        """The values for a JSON file."""
         return {'states': self.states, 'torque': self.torque.tolist(), 'rate': self.rate,
                 'speed': self.speed, 'joint_speed': self.joint_speed, 'tank': self.tank,
                 'lower': self.lower.tolist(), 'upper': self.upper.tolist()}
 
 
 class Monitor(Node):
-    """Takes everything raw and looks only at the numbers it needs."""
+    """Receives serialised messages and reads only the numbers that it needs."""
 
     def __init__(self, frame: str):
         super().__init__('monitor')
@@ -62,7 +63,7 @@ class Monitor(Node):
                                           (RobotState, STATE_TOPIC, self._on_state))]
 
     def drain(self) -> None:
-        """Look at everything that has arrived."""
+        """Process the messages that have arrived."""
         for subscription, use in self._inputs:
             while (data := take(subscription)) is not None:
                 use(data)
@@ -70,7 +71,7 @@ class Monitor(Node):
             self.close_window()
 
     def close_window(self) -> None:
-        """Keep the extremes since the last time."""
+        """Close the present window."""
         self.windows.append(self._extremes.document())
         self._extremes, self._opened = Extremes(), time.monotonic()
 
@@ -85,7 +86,7 @@ class Monitor(Node):
         numbers, stamp = self._state.numbers_of(data), messages.stamp_ns_of(data)
         position, velocity, torque = numbers[messages.ROBOT_STATE_FIXED:].reshape(3, JOINTS)
         worst = self._extremes
-        if self.states and stamp - self._stamp < GAP_NS:
+        if self.states and stamp - self._stamp < STATE_GAP_NS:
             worst.rate = max(worst.rate, float(np.abs(torque - self._torque).max()))
         np.maximum(worst.torque, np.abs(torque), out=worst.torque)
         np.minimum(worst.lower, position, out=worst.lower)
@@ -99,15 +100,15 @@ class Monitor(Node):
 
 
 def main(path: str, frame: str) -> int:
-    """Watch until SIGTERM or SIGINT, then write what was seen to ``path``."""
+    """Monitor until SIGTERM or SIGINT, then write the result to ``path``."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     ended = stop_event()
-    monitor, said = Monitor(frame), False
+    monitor, announced = Monitor(frame), False
     while not ended.is_set():
         monitor.drain()
-        if monitor.received and monitor.states and not said:
-            print('watching', flush=True)
-            said = True
+        if monitor.received and monitor.states and not announced:
+            print('monitoring', flush=True)
+            announced = True
         time.sleep(DRAIN_S)
     monitor.drain()
     monitor.close_window()

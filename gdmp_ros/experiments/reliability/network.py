@@ -1,7 +1,8 @@
 """
-Two hosts on one machine: network namespaces joined by a cable that loses, delays and is cut.
+Two hosts on one machine: network namespaces joined by a cable that loses and delays frames.
 
-The cable is a process of ours between two virtual Ethernet pairs, for kernels without ``netem``.
+The cable is a thread between two virtual Ethernet pairs; it also works with kernels without
+``netem``.
 """
 from __future__ import annotations
 
@@ -32,12 +33,12 @@ HOSTS = ('server', 'robot')
 @dataclass
 class Quality:
     """
-    How a cable treats frames.
+    Quality of a cable.
 
-    :ivar loss: share of the frames that are lost
+    :ivar loss: fraction of the frames that are lost
     :ivar delay: of every frame [s]
-    :ivar jitter: more delay, up to so much, at random [s]
-    :ivar cut: True lets nothing through
+    :ivar jitter: largest random delay in addition [s]
+    :ivar cut: True loses all frames
     """
 
     loss: float = 0.0
@@ -47,7 +48,7 @@ class Quality:
 
 
 class Cable:
-    """Forwards Ethernet frames between two interfaces in a thread of its own."""
+    """Forwards Ethernet frames between two interfaces, in its own thread."""
 
     def __init__(self, ends: tuple[str, str], quality: Quality, seed: int = 0):
         self.quality, self.lost, self.passed = quality, 0, 0
@@ -64,7 +65,7 @@ class Cable:
         self._thread.start()
 
     def close(self) -> None:
-        """Pull it out."""
+        """End the thread."""
         self._ended.set()
         self._thread.join()
         for end in self._sockets:
@@ -105,8 +106,8 @@ class Cable:
             waiting.append((max(due, waiting[-1][0]) if waiting else due, number, frame))
 
 
-def _plain_checksums(interface: str) -> None:
-    """Have checksums and segments made by the sender: nobody behind this cable would."""
+def _disable_offload(interface: str) -> None:
+    """Let the sender compute checksums and segments: no hardware does it behind this cable."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
         for command in (_ETHTOOL_STXCSUM, _ETHTOOL_STSO, _ETHTOOL_SGSO):
             _ethtool(control, interface, command)
@@ -115,17 +116,17 @@ def _plain_checksums(interface: str) -> None:
 def _ethtool(control: socket.socket, interface: str, command: int) -> None:
     value = array.array('B', struct.pack('II', command, 0))
     address, _ = value.buffer_info()
-    # An interface without the feature has nothing to switch off.
+    # An interface may not have the feature.
     with contextlib.suppress(OSError):
         fcntl.ioctl(control, _SIOCETHTOOL,
                     struct.pack('16sP', interface.encode(), address) + b'\0' * 16)
 
 
 class TwoHosts:
-    """Namespaces ``server`` and ``robot`` with addresses of their own; leaving removes them."""
+    """Namespaces ``server`` and ``robot`` with their own addresses; leaving removes them."""
 
     def __init__(self, quality: Quality):
-        """:raises GdmpError: without the rights or the tools to make them"""
+        """:raises GdmpError: if the rights or the tools to create them are missing"""
         self._quality = quality
         self._names = {host: f'gdmp-{os.getpid()}-{host}' for host in HOSTS}
         self._ends = tuple(f'gd{os.getpid() % 100000}{host[0]}' for host in HOSTS)
@@ -151,7 +152,7 @@ class TwoHosts:
         _ip('netns', 'add', name)
         _ip('link', 'add', end, 'type', 'veth', 'peer', 'name', inside)
         for interface in (end, inside):
-            _plain_checksums(interface)
+            _disable_offload(interface)
         _ip('link', 'set', inside, 'netns', name)
         _ip('link', 'set', end, 'up')
         for words in (('link', 'set', 'lo', 'up'), ('link', 'set', inside, 'up'),

@@ -1,4 +1,4 @@
-"""Operates a server on the host it runs on: waits until it holds, executes, says how it ended."""
+"""Executes the skill of a server once, on the host of the server."""
 from __future__ import annotations
 
 import sys
@@ -8,19 +8,19 @@ from gdmp_ros.ros.clients.server_client import Operator
 
 
 def main(timeout: str) -> int:
-    """Execute the loaded skill once, and say so: ``executing``, then ``ended with N``."""
-    operator = Operator()
+    """Execute the loaded skill; print ``executing``, then ``ended with N``."""
+    client = ServerClient()
     try:
-        operator.wait_status('holding', 120.0)
-        operator.execute()
+        client.wait_status('holding', 120.0)
+        client.execute()
         print('executing', flush=True)
-        result = operator.result(float(timeout))
+        result = client.result(float(timeout))
         print(f'ended with {result.error_code} {result.error_string}', flush=True)
     except GdmpError as error:
         print(f'error: {error}', flush=True)
         return 1
     finally:
-        operator.close()
+        client.close()
     return 0
 
 

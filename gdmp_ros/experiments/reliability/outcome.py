@@ -1,4 +1,4 @@
-"""What a trial measured, and whether that is good enough."""
+"""Measurements of a trial, and requirements that failed."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -11,9 +11,9 @@ class Outcome:
     """
     Measurements and claims of one trial.
 
-    :ivar measured: name with unit, and figure
-    :ivar failed: what does not hold
-    :ivar missing: why it could not be tried, empty if it was
+    :ivar measured: values by name with unit
+    :ivar failed: requirements that do not hold
+    :ivar missing: why the trial was not possible; empty if it was
     """
 
     measured: dict[str, float | str] = field(default_factory=dict)
@@ -22,17 +22,17 @@ class Outcome:
 
     @property
     def holds(self) -> bool | None:
-        """None where it could not be tried."""
+        """Whether all requirements hold; None if the trial was not possible."""
         return None if self.missing else not self.failed
 
     def need(self, name: str, value: float, good: Callable[[float], bool]) -> None:
-        """Keep a figure; it has to be finite and good."""
+        """Keep a value; it has to be finite and good."""
         self.measured[name] = value
         if not (math.isfinite(value) and good(value)):
             self.failed.append(f'{name}: {value:.4g}')
 
     def claim(self, what: str, holds: bool) -> None:
-        """Keep a claim that is true or not."""
+        """Keep a claim that is true or false."""
         self.measured[what] = 'yes' if holds else 'no'
         if not holds:
             self.failed.append(what)

@@ -1,4 +1,4 @@
-"""Tries faults one after another and writes the table: fault, what was measured, verdict."""
+"""Tries faults one after another and writes a table: fault, measurements, verdict."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ WORDS = {True: 'holds', False: 'FAILS', None: 'not tried'}
 
 def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
     """
-    Try faults; the report is brought up to date after each.
+    Try faults; the report is written again after each.
 
-    :returns: whether all that could be tried hold
+    :returns: whether all trials that were possible hold
     :raises DataError: if the folder cannot be written
     """
     interrupt_on_sigterm()
@@ -48,13 +48,12 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
 
 
 def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
-    """Try one fault on a DDS domain of its own; a trial that breaks down has failed."""
+    """Try one fault in its own DDS domain; a trial that raises an exception has failed."""
     before = dict(os.environ)
-    domain = Domain()
     try:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        with Trial(folder, domain.environment(), skill) as trial:
+        with Domain() as domain, Trial(folder, domain.environment(), skill) as trial:
             return fault(name)(trial, quick)
     except GdmpError as error:
         return Outcome(failed=[str(error)])
@@ -62,7 +61,6 @@ def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
         traceback.print_exc()
         return Outcome(failed=[f'{type(error).__name__}: {error}'])
     finally:
-        domain.release()
         os.environ.clear()
         os.environ.update(before)
 
@@ -82,7 +80,7 @@ def _write(folder: Path, outcomes: dict[str, Outcome]) -> None:
     document = {name: {'fault': (fault(name).__doc__ or '').strip(), 'holds': one.holds,
                        'measured': one.measured, 'failed': one.failed, 'missing': one.missing}
                 for name, one in outcomes.items()}
-    lines = ['| fault | what was measured | verdict |', '|---|---|---|']
+    lines = ['| fault | measured | verdict |', '|---|---|---|']
     lines += [f'| {entry["fault"]} | {_figures(one)} | {_verdict(one)} |'
               for entry, one in zip(document.values(), outcomes.values())]
     write_json(folder / 'faults.json', document)

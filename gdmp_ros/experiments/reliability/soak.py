@@ -1,4 +1,4 @@
-"""Hours of work in one run: random skills, goals, tempo changes and pauses, all watched."""
+"""A long run with random skills, goals, tempo changes and pauses, monitored."""
 from __future__ import annotations
 
 import json
@@ -14,8 +14,9 @@ from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.experiments.reliability.monitor import WINDOW_S
 from gdmp_ros.experiments.reliability.outcome import Outcome
-from gdmp_ros.experiments.reliability.trial import FRAME, goal_of, SERVER, short_skill, SIM, Trial
+from gdmp_ros.experiments.reliability.trial import FRAME, goal_of, short_skill, Trial
 from gdmp_ros.realtime.statistics import punctuality_of
+from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
@@ -26,16 +27,16 @@ from gdmp_ros.view import plots
 CLASSES = ('GShape', 'Angle', 'CShape', 'Sine', 'WShape', 'Leaf_1')
 SAMPLE_S = 5.0
 PERIOD_NS = 1_000_000
-#: Memory is judged in runs long enough for a warm-up of this share of them [min].
+#: Memory is judged in runs of at least this duration [min], after this fraction of the run.
 JUDGED_MIN, WARM_UP = 10.0, 0.25
 MIB = 1 << 20
 
 
 def run(minutes: float, folder: Path, seed: int) -> bool:
     """
-    Work for so many minutes; write ``soak.json`` and ``soak.png``.
+    Run for a number of minutes; write ``soak.json`` and ``soak.png``.
 
-    :returns: whether everything that was asked for holds
+    :returns: whether all requirements hold
     :raises DataError: if the folder cannot be written
     """
     interrupt_on_sigterm()
@@ -50,13 +51,9 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     print('learning six skills', flush=True)
     skills = [short_skill(folder / 'skills', float(rng.uniform(2.5, 5.0)), name)
               for name in CLASSES]
-    domain = Domain()
-    try:
-        with Trial(folder, domain.environment(), skills[0]) as trial:
-            samples, deeds = _work(trial, minutes, skills, rng)
-    finally:
-        domain.release()
-    document = _document(folder, minutes, samples, deeds)
+    with Domain() as domain, Trial(folder, domain.environment(), skills[0]) as trial:
+        samples, actions = _work(trial, minutes, skills, rng)
+    document = _document(folder, minutes, samples, actions)
     outcome = judge(document)
     document.update(measured=outcome.measured, failed=outcome.failed, holds=outcome.holds)
     write_json(folder / 'soak.json', document)
@@ -71,14 +68,14 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
 
 def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Generator
           ) -> tuple[list[dict[str, float]], dict[str, int]]:
-    """Give the nodes work until they have streamed long enough; what was sampled, and done."""
+    """Use the nodes until they have streamed long enough; returns samples and actions."""
     folder, wanted = trial.folder, round(minutes * 60_000)
-    trial.start_sim()
+    trial.start_arm()
     trial.start_server()
-    trial.holding()
+    trial.wait_holding()
     trial.children.start('monitor', 'gdmp_ros.experiments.reliability.monitor', [
         str(folder / 'monitor.json'), FRAME])
-    trial.operator.wait('the monitor', lambda: 'watching' in trial.log('monitor'), 60.0)
+    trial.wait('the monitor', lambda: 'monitoring' in trial.log('monitor'), 60.0)
     trial.children.start('bare', 'gdmp_ros.realtime.bare_loop', [str(folder / 'bare.npy'),
                                                         str(2 * wanted + 100_000)])
     trial.spend(1.0)
@@ -89,7 +86,7 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
         while (done := trial.state.ticks - first) < wanted:
             trial.children.check()
             if time.monotonic() - begun > 1.25 * 60.0 * minutes + 60.0:
-                break  # the stream has slowed down, or ended: the figures will say so
+                break  # the stream is too slow or has ended: the figures show it
             for _ in range(done // 1000 - shown // 1000):
                 step(1000)
             shown = done
@@ -100,12 +97,12 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
     samples.append(_sample(trial, time.monotonic() - begun))
     for name in ('monitor', 'bare'):
         trial.children.stop(name, timeout=60.0)
-    return samples, worker.deeds
+    return samples, worker.actions
 
 
 def _sample(trial: Trial, seconds: float) -> dict[str, float]:
     state, result = trial.state, {'seconds': seconds}
-    for name in (SERVER, SIM):
+    for name in (SERVER, ARM):
         process = psutil.Process(trial.children.processes[name].pid)
         result[f'{name} memory'] = process.memory_info().rss
         result[f'{name} cpu'] = sum(process.cpu_times()[:2])
@@ -114,26 +111,26 @@ def _sample(trial: Trial, seconds: float) -> dict[str, float]:
 
 
 class Worker:
-    """Does one small thing after the other, as an operator might."""
+    """Does random things with the nodes, as a user might."""
 
     def __init__(self, trial: Trial, skills: list[Path], rng: np.random.Generator):
-        self.deeds = dict.fromkeys(('motions', 'reached', 'skills loaded', 'goals switched',
+        self.actions = dict.fromkeys(('motions', 'reached', 'skills loaded', 'goals switched',
                                     'tempo changes', 'pauses'), 0)
         self._trial, self._skills, self._rng = trial, skills, rng
         self._skill = skills[0]
         self._running = False
 
     def work(self, until: float) -> None:
-        """Go on until it is time to look, on the monotonic clock [s]."""
+        """Continue until a time of the monotonic clock [s]."""
         while time.monotonic() < until:
             if not self._running:
                 self._begin()
-            elif self._trial.operator.done():
-                result = self._trial.operator.result(1.0)
-                self.deeds['reached'] += result.error_code == result.SUCCESSFUL
+            elif self._trial.client.done():
+                result = self._trial.client.result(1.0)
+                self.actions['reached'] += result.error_code == result.SUCCESSFUL
                 self._running = False
             else:
-                self._meddle()
+                self._act()
             self._trial.spend(float(self._rng.uniform(0.1, 0.5)))
 
     def _begin(self) -> None:
@@ -141,34 +138,34 @@ class Worker:
         if self._rng.random() < 0.5:
             self._skill = self._skills[self._rng.integers(len(self._skills))]
             self._trial.call(LoadSkill, f'{SERVER}/load_skill', path=str(self._skill))
-            self.deeds['skills loaded'] += 1
-        self._trial.operator.execute()
+            self.actions['skills loaded'] += 1
+        self._trial.client.execute()
         self._running = True
-        self.deeds['motions'] += 1
+        self.actions['motions'] += 1
 
-    def _meddle(self) -> None:
+    def _act(self) -> None:
         from gdmp_msgs.srv import SetSpeed
         from std_srvs.srv import SetBool
         choice = self._rng.random()
         if choice < 0.15:
             goal = goal_of(self._skill)
             goal[:3] += self._rng.uniform(-0.06, 0.06, 3)
-            self._trial.operator.goal_pose(goal, FRAME)
-            self._trial.operator.goal_stiffness(np.diag(self._rng.uniform(200.0, 800.0, 3)))
-            self.deeds['goals switched'] += 1
+            self._trial.client.goal_pose(goal, FRAME)
+            self._trial.client.goal_stiffness(np.diag(self._rng.uniform(200.0, 800.0, 3)))
+            self.actions['goals switched'] += 1
         elif choice < 0.22:
             self._trial.call(SetSpeed, f'{SERVER}/set_speed',
                              scale=float(self._rng.uniform(0.5, 1.3)))
-            self.deeds['tempo changes'] += 1
+            self.actions['tempo changes'] += 1
         elif choice < 0.26:
             for paused in (True, False):
                 self._trial.call(SetBool, f'{SERVER}/pause', data=paused)
                 self._trial.spend(0.4)
-            self.deeds['pauses'] += 1
+            self.actions['pauses'] += 1
 
 
 def _document(folder: Path, minutes: float, samples: list[dict[str, float]],
-              deeds: dict[str, int]) -> dict[str, Any]:
+              actions: dict[str, int]) -> dict[str, Any]:
     seen = json.loads((folder / 'monitor.json').read_text())
     ticks = np.load(folder / 'bare.npy')
     bare = punctuality_of(ticks, PERIOD_NS)
@@ -177,29 +174,29 @@ def _document(folder: Path, minutes: float, samples: list[dict[str, float]],
     per_window = np.add.reduceat(skipped, np.searchsorted(ticks[:-1, 0], edges))
     (folder / 'bare.npy').unlink()
     (folder / 'monitor.json').unlink()
-    return {'minutes': minutes, 'samples': samples, 'deeds': deeds, 'seen': seen,
+    return {'minutes': minutes, 'samples': samples, 'actions': actions, 'seen': seen,
             'bare': {**bare._asdict(), 'missed_per_window': per_window.tolist()}}
 
 
 def judge(document: dict[str, Any]) -> Outcome:
-    """Hold the figures of a run against what is asked for."""
+    """Compare the figures of a run with the requirements."""
     outcome, samples, seen = Outcome(), document['samples'], document['seen']
     limits, arm = LimitSettings(), Arm().limits
     first, last, bare = samples[0], samples[-1], document['bare']
     ticks, missed = last['ticks'] - first['ticks'], last['missed'] - first['missed']
-    share, bare_share = (missed / (ticks + missed),
+    missed_part, bare_part = (missed / (ticks + missed),
                          bare['missed'] / (bare['ticks'] + bare['missed']))
     outcome.need('ticks', ticks, lambda v: v >= 0.99 * 60_000 * document['minutes'])
     outcome.need('references lost', seen['lost'], lambda v: v == 0)
     outcome.need('states of the arm', seen['states'],
                  lambda v: v >= 0.9 * 60_000 * document['minutes'])
-    outcome.need('least states in a window', min(w['states'] for w in seen['windows'][:-1]),
+    outcome.need('smallest number of states in a window', min(w['states'] for w in seen['windows'][:-1]),
                  lambda v: v >= 500 * WINDOW_S)
-    outcome.need('missed ticks [%]', 100 * share, lambda v: v <= 100 * bare_share + 0.5)
-    outcome.measured['missed ticks of a bare loop [%]'] = 100 * bare_share
+    outcome.need('missed ticks [%]', 100 * missed_part, lambda v: v <= 100 * bare_part + 0.5)
+    outcome.measured['missed ticks of a bare loop [%]'] = 100 * bare_part
     rate = ticks / (last['seconds'] - first['seconds'])
     outcome.need('rate [Hz]', rate, lambda v: v >= bare['rate_hz'] - 5.0)
-    for name in (SERVER, SIM):
+    for name in (SERVER, ARM):
         memory = np.array([sample[f'{name} memory'] for sample in samples]) / MIB
         growth = _growth(memory)
         outcome.need(f'{name}: memory grew by [MiB]', growth,
@@ -209,7 +206,7 @@ def judge(document: dict[str, Any]) -> Outcome:
             (last[f'{name} cpu'] - first[f'{name} cpu']) / (last['seconds'] - first['seconds']))
     windows = seen['windows']
     torque = np.max([w['torque'] for w in windows], axis=0)
-    outcome.need('torque [share of the limit]', float((torque / arm.torque).max()),
+    outcome.need('torque [fraction of the limit]', float((torque / arm.torque).max()),
                  lambda v: v <= 1.0)
     outcome.need('torque rate [Nm per tick]', max(w['rate'] for w in windows),
                  lambda v: v <= limits.torque_rate + 1e-9)
@@ -219,11 +216,11 @@ def judge(document: dict[str, Any]) -> Outcome:
     inside = min(float((arm.upper - np.max([w['upper'] for w in windows], axis=0)).min()),
                  float((np.min([w['lower'] for w in windows], axis=0) - arm.lower).min()))
     outcome.need('distance to joint limits [rad]', inside, lambda v: v >= 0.0)
-    outcome.need('least energy in the tank [J]', min(w['tank'] for w in windows),
+    outcome.need('smallest energy in the tank [J]', min(w['tank'] for w in windows),
                  lambda v: v >= 0.0)
-    deeds = document['deeds']
-    outcome.measured.update(deeds)
-    outcome.need('motions that did not reach their goal', deeds['motions'] - deeds['reached'],
+    actions = document['actions']
+    outcome.measured.update(actions)
+    outcome.need('motions that did not reach their goal', actions['motions'] - actions['reached'],
                  lambda v: v <= 1)
     return outcome
 
@@ -241,7 +238,7 @@ def draw(document: dict[str, Any], path: Path) -> None:
     at = (np.arange(len(windows)) + 1) * WINDOW_S / 60.0
     figure, axes = plots.panels(4, 1, (7.5, 1.9))
     memory, missed, speed, tank = axes[:, 0]
-    for name, style, ink in ((SERVER, '-', plots.INK[0]), (SIM, '--', plots.INK[1])):
+    for name, style, ink in ((SERVER, '-', plots.INK[0]), (ARM, '--', plots.INK[1])):
         values = np.array([sample[f'{name} memory'] for sample in samples]) / MIB
         memory.plot(minutes, values - values[int(WARM_UP * len(values))], style, color=ink,
                     label=name)
@@ -256,13 +253,13 @@ def draw(document: dict[str, Any], path: Path) -> None:
     missed.set(ylabel=f'ticks missed\nin {WINDOW_S:g} s')
     missed.legend(fontsize=7)
     speed.plot(at, [w['joint_speed'] for w in windows], color=plots.INK[0],
-               label='fastest joint [rad/s]')
+               label='largest joint speed [rad/s]')
     speed.plot(at, [w['speed'] for w in windows], color=plots.INK[1], ls='--',
-               label='tool [m/s]')
+               label='tool speed [m/s]')
     speed.axhline(LimitSettings().joint_speed, color='0.5', ls=':', lw=0.8,
-                  label='limit of the joints')
-    speed.set(ylabel='fastest')
+                  label='joint speed limit')
+    speed.set(ylabel='largest speed')
     speed.legend(fontsize=7, ncols=3)
     tank.plot(at, [w['tank'] for w in windows], color=plots.INK[0])
-    tank.set(ylabel='least energy\nin the tank [J]', xlabel='time [min]')
+    tank.set(ylabel='smallest energy\nin the tank [J]', xlabel='time [min]')
     plots.save(figure, path)

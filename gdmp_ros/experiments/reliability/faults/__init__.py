@@ -1,4 +1,4 @@
-"""Every fault that is tried, in the order of the table."""
+"""All faults, in the order of the table."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import Trial
 
 Fault = Callable[[Trial, bool], Outcome]
-#: Name, and where it is tried.
+#: Name, and module and function of its trial.
 FAULTS = {
     'server-killed': 'processes.server_killed',
     'simulation-killed': 'processes.simulation_killed',
@@ -33,8 +33,8 @@ FAULTS = {
 
 
 def fault(name: str) -> Fault:
-    """Return the trial of a fault."""
+    """Trial of a fault; its docstring describes it."""
     module, function = FAULTS[name].split('.')
-    found: Fault = getattr(importlib.import_module(f'gdmp_ros.experiments.reliability.faults.{module}'),
-                           function)
+    trials = importlib.import_module(f'{__name__}.{module}')
+    found: Fault = getattr(trials, function)
     return found

@@ -1,4 +1,4 @@
-"""Clocks that jump, and clocks that are mixed."""
+"""Clocks that jump, and simulated time mixed with wall time."""
 from __future__ import annotations
 
 import importlib.util
@@ -7,50 +7,49 @@ from pathlib import Path
 from rosgraph_msgs.msg import Clock
 
 from gdmp_ros.experiments.reliability.outcome import Outcome
-from gdmp_ros.experiments.reliability.trial import SERVER, SIM, Trial
+from gdmp_ros.experiments.reliability.trial import Trial
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.util.atomic_write import write_text
-
-NS = 1_000_000_000
 
 
 def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     """/clock jumps forwards and backwards in mid-motion"""
     outcome = Outcome()
-    trial.start(sim={'pace': 'fast'}, server={'use_sim_time': True})
-    node = trial.operator.node
+    trial.start(arm={'pace': 'fast'}, server={'use_sim_time': True})
+    node = trial.client.node
     publisher = node.create_publisher(Clock, '/clock', reliable(10))
-    trial.operator.wait('the server to listen', lambda: publisher.get_subscription_count() > 0,
+    trial.wait('the server to subscribe', lambda: publisher.get_subscription_count() > 0,
                         10.0)
-    trial.operator.execute()
-    trial.progress(0.2)
+    trial.client.execute()
+    trial.wait_progress(0.2)
     stamp = trial.state.header.stamp
-    now = stamp.sec * NS + stamp.nanosec
-    for jump in (10 * NS, -5 * NS, 3600 * NS, -now, -now - 5 * NS):
+    now = stamp.sec * messages.NS + stamp.nanosec
+    for jump in (10 * messages.NS, -5 * messages.NS, 3600 * messages.NS, -now, -now - 5 * messages.NS):
         for _ in range(5):
             publisher.publish(Clock(clock=messages.stamp_of(now + jump)))
             trial.spend(0.02)
     outcome.claim('the motion reaches its goal', trial.succeeded())
-    outcome.claim('the server says that the time jumped',
+    outcome.claim('the server reports the time jump',
                   'the time jumped by' in trial.log(SERVER))
     trial.spend(0.5)
-    trial.closing(outcome)
+    trial.finish(outcome)
     return outcome
 
 
 def mixed_clocks(trial: Trial, quick: bool) -> Outcome:
     """An arm on simulated time, a server on wall time"""
     outcome = Outcome()
-    trial.start_sim(pace='fast')
+    trial.start_arm(pace='fast')
     trial.start_server()
-    trial.holding()
+    trial.wait_holding()
     trial.record()
-    trial.operator.execute()
+    trial.client.execute()
     trial.succeeded()
-    outcome.claim('the arm says what is mixed', 'simulated and wall time are mixed'
-                  in trial.log(SIM))
-    run = trial.closing(outcome, None, follows=False)
+    outcome.claim('the arm reports the mixed clocks', 'simulated and wall time are mixed'
+                  in trial.log(ARM))
+    run = trial.finish(outcome, None, follows=False)
     outcome.need('references followed', int((run.applied > 0).sum()), lambda v: v == 0)
     path = run.poses[:, :3] - run.poses[0, :3]
     outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
@@ -58,7 +57,7 @@ def mixed_clocks(trial: Trial, quick: bool) -> Outcome:
 
 
 def faketime_library() -> Path | None:
-    """Where libfaketime is, None where it is not installed."""
+    """Path of libfaketime; None if it is not installed."""
     found = importlib.util.find_spec('libfaketime')
     folders = found.submodule_search_locations if found is not None else None
     for folder in folders or ():
@@ -75,21 +74,21 @@ def wall_clock(trial: Trial, quick: bool) -> Outcome:
         return outcome
     setting = trial.folder / 'time'
     write_text(setting, '+0')
-    trial.start_sim()
+    trial.start_arm()
     trial.start_server(environment={
         'LD_PRELOAD': str(library), 'FAKETIME_TIMESTAMP_FILE': str(setting),
         'FAKETIME_CACHE_DURATION': '1', 'FAKETIME_DONT_FAKE_MONOTONIC': '1',
         'DONT_FAKE_MONOTONIC': '1'})
-    trial.holding()
+    trial.wait_holding()
     trial.record()
-    trial.operator.execute()
-    trial.progress(0.3)
+    trial.client.execute()
+    trial.wait_progress(0.3)
     write_text(setting, '+3600')
-    trial.operator.wait('the arm to say that the stamps are of another time', lambda: (
-        's in the future, expected within' in trial.log(SIM)), 10.0)
-    outcome.measured['the arm says that the stamps are of another time'] = 'yes'
+    trial.wait('the arm to report the wrong stamps', lambda: (
+        's in the future, expected within' in trial.log(ARM)), 10.0)
+    outcome.measured['the arm reports the wrong stamps'] = 'yes'
     write_text(setting, '+0')
     outcome.claim('the server finishes its motion', trial.succeeded())
     trial.spend(5.0)
-    trial.closing(outcome)
+    trial.finish(outcome)
     return outcome

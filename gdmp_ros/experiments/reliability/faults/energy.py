@@ -1,4 +1,4 @@
-"""A stiffness profile made to shake the arm against a stiff contact."""
+"""A stiffness profile that adds energy in a stiff contact."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from gdmp_ros.control.settings import (
     TankSettings,
 )
 from gdmp_ros.control.stability import growth_margin
-from gdmp_ros.control.target import DAMPING_RATIO, STIFFNESS, TARGET_SIZE
+from gdmp_ros.control.target import resting_target, STIFFNESS
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import Trial
 from gdmp_ros.sim.arm import Arm
@@ -23,17 +23,17 @@ from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import hard_table
 from gdmp_ros.view import plots
 
-#: Stiffness across the table when the adversary wants little, and much [N/m].
+#: Smallest and largest stiffness normal to the table [N/m].
 LOW, HIGH = 150.0, 3000.0
 DAMPING, TANK_J, SECONDS = 0.1, 1.0, 6.0
-#: The table's top is so far below the tool, and the reference a little above it [m].
+#: Distance of the table, and of the reference above it, below the initial tool position [m].
 TABLE_BELOW, REFERENCE_BELOW = 0.05, 0.045
 _PERIOD = 1e-3
 
 
 @dataclass(frozen=True)
 class History:
-    """Energies and what happened, every tick: J, m, N/m."""
+    """Energies [J], height [m], stiffness [N/m] and contact at every tick."""
 
     times: np.ndarray
     kinetic: np.ndarray
@@ -46,27 +46,26 @@ class History:
 
     @property
     def robot(self) -> np.ndarray:
-        """Kinetic energy and spring."""
+        """Kinetic energy and energy in the spring."""
         return np.asarray(self.kinetic + self.spring)
 
 
 def adversary(last: Tick | None, target: np.ndarray) -> float:
-    """Stiffness that pumps: much on the way to the reference, little away from it [N/m]."""
+    """Stiffness that adds energy: large on the way to the reference, small away from it [N/m]."""
     if last is None:
         return LOW
     away = last.measurement.pose[2] - target[2]
     return HIGH if away * last.twist[2] < 0.0 else LOW
 
 
-def shaken(passive: bool, seconds: float = SECONDS) -> History:
-    """Follow a reference just above the table with the adversary's stiffness."""
+def simulate(passive: bool, seconds: float = SECONDS) -> History:
+    """Follow a reference just above the table with the adversarial stiffness."""
     arm = Arm(hard_table(TABLE_BELOW))
     loop = ClosedLoop(arm, ControllerSettings(
         guard=GuardSettings(jump_stiffness=10.0), limits=LimitSettings(stiffness_rate=200.0),
         tank=TankSettings(TANK_J, TANK_J, passive=passive)))
     start = arm.measure().pose.copy()
-    target = np.zeros(TARGET_SIZE)
-    target[:7], target[DAMPING_RATIO] = start, DAMPING
+    target = resting_target(start, damping_ratio=DAMPING)
     target[2] -= REFERENCE_BELOW
     rows, last = [], None
     for k in range(round(seconds / _PERIOD)):
@@ -86,9 +85,9 @@ def shaken(passive: bool, seconds: float = SECONDS) -> History:
 
 def margin(history: History) -> float:
     """
-    Kronander's and Billard's measure of the profile along the table's normal.
+    `growth_margin` of the profile along the normal of the table.
 
-    Positive: nothing assures that it is stable.
+    If it is positive the profile is not known to be stable.
     """
     arm = Arm().measure()
     inverse = (arm.jacobian @ np.linalg.solve(arm.inertia, arm.jacobian.T))[2:3, 2:3]
@@ -98,33 +97,33 @@ def margin(history: History) -> float:
 
 
 def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
-    """A stiffness profile that shakes the arm against a stiff contact"""
+    """A stiffness profile that adds energy in a stiff contact"""
     outcome = Outcome()
-    plain, ours = shaken(False), shaken(True)
+    plain, ours = simulate(False), simulate(True)
     total = ours.robot + ours.tank
     last = plain.times > SECONDS - 2.0
-    outcome.need('plain law: largest energy of arm and spring [J]', float(plain.robot.max()),
+    outcome.need('without the tank: largest energy of arm and spring [J]', float(plain.robot.max()),
                  lambda v: v > 5.0)
-    outcome.need('plain law: bounces of the last 2 s [m]', float(np.ptp(plain.height[last])),
+    outcome.need('without the tank: amplitude in the last 2 s [m]', float(np.ptp(plain.height[last])),
                  lambda v: v > 0.05)
-    outcome.need('ours: largest energy of arm and spring [J]', float(ours.robot.max()),
+    outcome.need('with the tank: largest energy of arm and spring [J]', float(ours.robot.max()),
                  lambda v: v < total[0])
-    outcome.need('ours: least energy in the tank [J]', float(ours.tank.min()),
+    outcome.need('with the tank: smallest energy in the tank [J]', float(ours.tank.min()),
                  lambda v: v > -0.01)
-    outcome.need('ours: growth of the sum with the tank [J]', float(total.max() - total[0]),
+    outcome.need('with the tank: growth of the total energy [J]', float(total.max() - total[0]),
                  lambda v: v < 0.01)
-    outcome.need('ours: energy in the last 2 s [J]', float(ours.robot[last].max()),
+    outcome.need('with the tank: energy in the last 2 s [J]', float(ours.robot[last].max()),
                  lambda v: v < 0.3)
-    outcome.need('plain law: growth margin of the profile [N/m/s]', margin(plain),
+    outcome.need('growth margin of the profile [N/m/s]', margin(plain),
                  lambda v: v > 0.0)
     draw(plain, ours, trial.folder.parent / 'adversarial-stiffness.png')
     return outcome
 
 
 def draw(plain: History, ours: History, path: Path) -> None:
-    """Energies, heights and stiffness, plain law and ours side by side."""
+    """Energies, heights and stiffness, without and with the tank."""
     figure, axes = plots.panels(3, 2, (5.4, 2.5))
-    for column, (history, title) in enumerate(((plain, 'plain impedance law'),
+    for column, (history, title) in enumerate(((plain, 'without the energy tank'),
                                                (ours, 'with the energy tank'))):
         energy, height, stiffness = axes[:, column]
         energy.plot(history.times, history.robot, color=plots.INK[0], label='arm and spring')
@@ -136,7 +135,7 @@ def draw(plain: History, ours: History, path: Path) -> None:
         height.plot(history.times, 1e3 * history.height, color=plots.INK[0], lw=0.8)
         height.axhline(-1e3 * REFERENCE_BELOW, color='0.5', ls='--', lw=0.8)
         height.set(ylabel='tool, from the start [mm]')
-        stiffness.plot(history.times, history.requested, color='0.75', lw=0.6, label='asked for')
+        stiffness.plot(history.times, history.requested, color='0.75', lw=0.6, label='requested')
         stiffness.plot(history.times, history.stiffness, color=plots.INK[0], lw=0.8,
                        label='applied')
         stiffness.set(ylabel='stiffness [N/m]', xlabel='time [s]')

@@ -1,4 +1,4 @@
-"""Skill files, bags and disks that change, break or fill up while they are in use."""
+"""Skill files, bags and disks that change, break or fill up during use."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -6,9 +6,9 @@ import shutil
 import subprocess
 
 from gdmp_ros.data import lasa, recordings, runs
-from gdmp_ros.experiments.reliability import motion
 from gdmp_ros.experiments.reliability.outcome import Outcome
-from gdmp_ros.experiments.reliability.trial import FRAME, RECORDER, SERVER, Trial
+from gdmp_ros.experiments.reliability.trial import FRAME, judge_limits, Trial
+from gdmp_ros.ros.testbed import RECORDER, SERVER
 
 
 def skill_file(trial: Trial, quick: bool) -> Outcome:
@@ -18,8 +18,8 @@ def skill_file(trial: Trial, quick: bool) -> Outcome:
     shutil.copy(trial.skill, path)
     text = path.read_text()
     trial.start(server={'skill': str(path)})
-    trial.operator.execute()
-    trial.progress(0.1)
+    trial.client.execute()
+    trial.wait_progress(0.1)
     for what, change in (('truncated', lambda: path.write_text(text[:len(text) // 2])),
                          ('changed', lambda: path.write_text(text.replace('[', '{', 3))),
                          ('removed', path.unlink)):
@@ -28,9 +28,9 @@ def skill_file(trial: Trial, quick: bool) -> Outcome:
         outcome.claim(f'{what}: refused, naming the file',
                       not reply.success and path.name in reply.message)
     outcome.claim('the motion under way reaches its goal', trial.succeeded())
-    trial.operator.execute()
+    trial.client.execute()
     outcome.claim('the skill in memory can be executed again', trial.succeeded())
-    trial.closing(outcome, None)
+    trial.finish(outcome, None)
     return outcome
 
 
@@ -39,7 +39,7 @@ def bag_file(trial: Trial, quick: bool) -> Outcome:
     from gdmp_msgs.srv import LearnSkill
     outcome = Outcome()
     trial.start()
-    trial.operator.execute()
+    trial.client.execute()
     for storage in ('mcap', 'sqlite3'):
         bag = trial.folder / f'bag_{storage}'
         recordings.write(bag, lasa.robot_demonstrations('GShape')[0], FRAME, 10 ** 18,
@@ -54,7 +54,7 @@ def bag_file(trial: Trial, quick: bool) -> Outcome:
         outcome.claim(f'{storage} removed: refused, naming the bag',
                       not reply.success and bag.name in reply.message)
     outcome.claim('the motion under way reaches its goal', trial.succeeded())
-    trial.closing(outcome, None)
+    trial.finish(outcome, None)
     return outcome
 
 
@@ -76,19 +76,19 @@ def disk_full(trial: Trial, quick: bool) -> Outcome:
 
 
 def _fill(trial: Trial, disk: Path, outcome: Outcome) -> Outcome:
-    trial.start_sim()
+    trial.start_arm()
     trial.start_server()
-    trial.holding()
+    trial.wait_holding()
     bag = disk / 'run'
-    trial.record(bag, keep_free=6.0)
+    trial.record(bag, ['--keep-free', '6'])
     recorder = trial.children.processes[RECORDER]
-    trial.operator.execute()
-    trial.operator.wait('the disk to fill', lambda: recorder.poll() is not None, 60.0)
+    trial.client.execute()
+    trial.wait('the disk to fill', lambda: recorder.poll() is not None, 60.0)
     outcome.need('exit code of the recorder', recorder.returncode, lambda v: v == 1)
-    outcome.claim('it says so', 'the disk is nearly full' in trial.log(RECORDER))
+    outcome.claim('it reports the reason', 'the disk is nearly full' in trial.log(RECORDER))
     run = runs.read(bag)
     outcome.need('references kept', len(run.sequences), lambda v: v > 2000)
     outcome.need('references lost', runs.lost(run), lambda v: v == 0)
-    motion.judge(run, outcome)
+    judge_limits(run, outcome)
     outcome.claim('the motion reaches its goal', trial.succeeded())
     return outcome

@@ -1,4 +1,4 @@
-"""Processes that die, stand still, come late or come back."""
+"""Processes that are killed, stopped, started late or started again."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -9,38 +9,39 @@ import time
 import numpy as np
 import psutil
 
+from gdmp_ros.data import run_analysis
 from gdmp_ros.data.runs import ONE_STREAM, Run
-from gdmp_ros.experiments.reliability import motion
 from gdmp_ros.experiments.reliability.outcome import Outcome
-from gdmp_ros.experiments.reliability.trial import now_ns, SERVER, short_skill, SIM, Trial
+from gdmp_ros.experiments.reliability.trial import judge_limits, short_skill, Trial
+from gdmp_ros.ros.testbed import ARM, SERVER
 
 
 def server_killed(trial: Trial, quick: bool) -> Outcome:
     """Server killed (SIGKILL) in mid-motion and started again"""
     outcome = Outcome()
     trial.start()
-    trial.operator.execute()
-    trial.progress(0.4)
-    killed = now_ns()
+    trial.client.execute()
+    trial.wait_progress(0.4)
+    killed = time.time_ns()
     trial.children.kill(SERVER)
     trial.spend(3.0)
     trial.start_server()
-    trial.holding()
-    trial.operator.execute()
+    trial.wait_holding()
+    trial.client.execute()
     outcome.claim('the next motion reaches its goal', trial.succeeded())
     run = trial.recorded()
     before = run.reference_stamps < killed
     outcome.need('references lost before the fault',
                  float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
                  lambda v: v == 0)
-    outcome.need('at rest after [s]', motion.at_rest(_until(run, killed + 3_000_000_000), killed),
+    outcome.need('time to rest [s]', run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed),
                  lambda v: v < 2.5)
-    motion.judge(run, outcome)
+    judge_limits(run, outcome)
     return outcome
 
 
 def _until(run: Run, ns: int) -> Run:
-    """First part of a run's states."""
+    """The states of a run before a stamp."""
     kept = run.state_stamps < ns
     return replace(run, state_stamps=run.state_stamps[kept], twists=run.twists[kept])
 
@@ -49,18 +50,18 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     """Simulation killed (SIGKILL) under a moving server and started again"""
     outcome = Outcome()
     trial.start()
-    trial.operator.execute()
-    trial.progress(0.3)
+    trial.client.execute()
+    trial.wait_progress(0.3)
     ticks = trial.state.ticks
-    trial.children.kill(SIM)
+    trial.children.kill(ARM)
     trial.spend(1.0)
     outcome.need('references a second without the arm', trial.state.ticks - ticks,
                  lambda v: v > 900)
-    trial.start_sim()
-    trial.operator.wait('the new arm', lambda: trial.log(SIM).count('the arm follows') == 2, 60.0)
+    trial.start_arm()
+    trial.wait('the new arm', lambda: trial.log(ARM).count('the arm follows') == 2, 60.0)
     outcome.claim('the server finishes its motion', trial.succeeded())
     trial.spend(6.0)
-    trial.closing(outcome)
+    trial.finish(outcome)
     return outcome
 
 
@@ -69,8 +70,8 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
     outcome = Outcome()
     trial.start(server={'speed_rate': 5.0})
     for seconds in (0.05, 0.3) if quick else (0.05, 0.1, 0.2, 0.5, 1.0, 5.0):
-        trial.operator.execute()
-        trial.progress(0.4)
+        trial.client.execute()
+        trial.wait_progress(0.4)
         process = trial.children.processes[SERVER]
         process.send_signal(signal.SIGSTOP)
         try:
@@ -78,9 +79,9 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
         finally:
             process.send_signal(signal.SIGCONT)
         outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
-    outcome.claim('the server says that the time jumped',
+    outcome.claim('the server reports the time jump',
                   'the time jumped by' in trial.log(SERVER))
-    trial.closing(outcome, 0.01)
+    trial.finish(outcome, 0.01)
     return outcome
 
 
@@ -88,19 +89,19 @@ def late_discovery(trial: Trial, quick: bool) -> Outcome:
     """The arm appears long after the server and its operator"""
     outcome = Outcome()
     trial.start_server()
-    trial.operator.wait('the server', lambda: trial.operator.state is not None, 120.0)
-    trial.operator.execute()
-    result = trial.operator.result(10.0)
+    trial.wait('the server', lambda: trial.client.state is not None, 120.0)
+    trial.client.execute()
+    result = trial.client.result(10.0)
     outcome.claim('a start without an arm is refused with the reason',
                   result.error_code == result.INVALID_GOAL
                   and 'no measured pose' in result.error_string)
     trial.spend(1.0 if quick else 8.0)
-    trial.start_sim()
-    trial.holding()
+    trial.start_arm()
+    trial.wait_holding()
     trial.record()
-    trial.operator.execute()
+    trial.client.execute()
     outcome.claim('then the motion reaches its goal', trial.succeeded())
-    trial.closing(outcome, None)
+    trial.finish(outcome, None)
     return outcome
 
 
@@ -113,19 +114,19 @@ def restarts(trial: Trial, quick: bool) -> Outcome:
     codes = []
     for number in range(count):
         trial.start_server()
-        trial.holding()
+        trial.wait_holding()
         if number % 2:
             trial.children.kill(SERVER)
         else:
             codes.append(trial.children.stop(SERVER))
     outcome.need('restarts', count, lambda v: v >= 3)
     outcome.measured['exit codes'] = ' '.join(map(str, sorted(set(codes))))
-    outcome.claim('every end it was asked for is clean', not any(codes))
-    outcome.need('shared-memory files more than before, per kill', (
+    outcome.claim('all exit codes are 0', not any(codes))
+    outcome.need('new shared-memory files per kill', (
         _shared_files() - shared) / (count // 2), lambda v: v == 0)
-    outcome.need('memory of the simulation grew by, per restart [KiB]',
+    outcome.need('growth of the memory of the simulation per restart [KiB]',
                  (_memory(trial) - memory) / count / 1024, lambda v: v < 256)
-    run = trial.closing(outcome, None)
+    run = trial.finish(outcome, None)
     path = run.poses[:, :3] - run.poses[0, :3]
     outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
     return outcome
@@ -136,7 +137,7 @@ def _shared_files() -> int:
 
 
 def _memory(trial: Trial) -> int:
-    return int(psutil.Process(trial.children.processes[SIM].pid).memory_info().rss)
+    return int(psutil.Process(trial.children.processes[ARM].pid).memory_info().rss)
 
 
 def two_servers(trial: Trial, quick: bool) -> Outcome:
@@ -147,16 +148,16 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     trial.start_server('second_server', skill=str(other), extra=[
         '-r', '__node:=second_server', '-r', '~/reference:=/trajectory_server/reference'],
         start_from='skill', execute_on_activate=True)
-    trial.operator.wait('the second server', lambda: 'does not follow' in trial.log(SIM), 60.0)
-    trial.operator.execute()
+    trial.wait('the second server', lambda: 'does not follow' in trial.log(ARM), 60.0)
+    trial.client.execute()
     outcome.claim('the first reaches its goal', trial.succeeded())
     trial.spend(3.0)
-    outcome.claim('the arm says so', 'more than one publisher of references (published by '
-                  '/second_server, /trajectory_server)' in trial.log(SIM))
-    outcome.claim('the servers say so', '2 nodes publish references' in trial.log(SERVER))
-    run = trial.closing(outcome)
+    outcome.claim('the arm reports it', 'more than one publisher of references (published by '
+                  '/second_server, /trajectory_server)' in trial.log(ARM))
+    outcome.claim('the servers report it', '2 nodes publish references' in trial.log(SERVER))
+    run = trial.finish(outcome)
     followed = run.applied[run.applied > 0].astype(np.int64)
     foreign = np.abs(followed - int(run.sequences[0])) > ONE_STREAM
-    outcome.need('references of the second that were followed', int(foreign.sum()),
+    outcome.need('references of the second server that were followed', int(foreign.sum()),
                  lambda v: v == 0)
     return outcome
