@@ -1,4 +1,4 @@
-"""How the figures are taken: settings, medians, one core, subjects to measure."""
+"""How benchmarks are measured: settings, medians, one core, skills to measure."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -15,14 +15,13 @@ import numpy as np
 
 from gdmp_ros import __version__
 from gdmp_ros.data import lasa
-from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.manifolds import (
-    Euclidean,
-    Manifold,
-    Product,
-    SymmetricPositiveDefinite,
-    UnitQuaternion,
-)
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.util.profiles import minimum_jerk
 
 POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation'))
@@ -31,13 +30,13 @@ POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation')
 @dataclass(frozen=True)
 class Settings:
     """
-    What may be asked for.
+    Options of the benchmarks.
 
     :ivar repetitions: of every timing; the median is reported
-    :ivar seconds: how long `stream` streams
+    :ivar seconds: duration of `stream`
     :ivar jobs: processes for `accuracy`
-    :ivar dask: address of a Dask scheduler to work on instead
-    :ivar resume: file of finished parts of `accuracy`
+    :ivar dask: address of a Dask scheduler to use instead
+    :ivar resume: file with finished parts of `accuracy`
     """
 
     repetitions: int = 9
@@ -57,7 +56,7 @@ def pose_with_stiffness(size: int) -> Product:
 
 def demonstration(manifold: Manifold, duration: float, seed: int = 0,
                   samples: int = 1000) -> Demonstration:
-    """A smooth motion through all directions, at rest at both ends."""
+    """A smooth motion in all directions, at rest at both ends."""
     rng = np.random.default_rng(seed)
     base = manifold.random_point(rng)
     first, second = manifold.random_tangent(base, rng), manifold.random_tangent(base, rng)
@@ -71,13 +70,13 @@ def demonstration(manifold: Manifold, duration: float, seed: int = 0,
 
 def skill(manifold: Manifold, duration: float, n_basis: int = 50, seed: int = 0,
           connection: str = 'parallel') -> Skill:
-    """What is learned from `demonstration`."""
+    """Skill learned from `demonstration`."""
     return Skill.learn(demonstration(manifold, duration, seed), n_basis, connection=connection)
 
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Stay on one core, without pauses for the garbage collector."""
+    """Use one core, without garbage collection."""
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(before)})
     gc.collect()
@@ -94,9 +93,9 @@ def median_time(prepare: Callable[[], Callable[[], object]], calls: int,
     """
     Median over ``repetitions`` of the mean time of a call [s].
 
-    :param prepare: makes the call anew for each repetition
-    :param clock: `time.thread_time` leaves out what else the machine does, but also what other
-        threads do for the call
+    :param prepare: returns the call, once for each repetition
+    :param clock: `time.thread_time` does not count other load of the machine, but also not the
+        work of other threads for the call
     """
     times = []
     for _ in range(repetitions):
@@ -109,7 +108,7 @@ def median_time(prepare: Callable[[], Callable[[], object]], calls: int,
 
 
 def environment() -> dict[str, object]:
-    """Where the figures come from."""
+    """Versions and machine."""
     return {'gdmp_ros': __version__, 'python': platform.python_version(),
             'numpy': np.__version__, 'numba': version('numba'), 'machine': platform.machine(),
             'kernel': platform.release(), 'cpus': os.cpu_count()}

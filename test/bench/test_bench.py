@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gdmp_ros.experiments.bench import accuracy, goal_switch, tempo
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.cli.bench import SUBJECTS
 from test.commands import gdmp
 
-SETTINGS = measure.Settings(repetitions=7, classes=('GShape', 'Sine'))
+SETTINGS = timing.Settings(repetitions=7, classes=('GShape', 'Sine'))
 bench = partial(gdmp, 'bench')
 
 
@@ -73,10 +73,10 @@ def test_a_peer_that_is_missing_is_named_with_its_remedy(monkeypatch):
     from gdmp_ros.errors import DataError
     monkeypatch.setitem(sys.modules, 'movement_primitives.dmp', None)
     with pytest.raises(DataError, match=r'gdmp_ros\[bench\]'):
-        peers.CartesianPeer(measure.demonstration(measure.POSE, 1.0, samples=50), 10)
+        peers.CartesianPeer(timing.demonstration(timing.POSE, 1.0, samples=50), 10)
 
 
 def test_subjects_are_smooth_and_at_rest_at_both_ends():
-    shown = measure.demonstration(measure.pose_with_stiffness(3), 2.0)
-    skill = measure.skill(measure.pose_with_stiffness(3), 2.0)
+    shown = timing.demonstration(timing.pose_with_stiffness(3), 2.0)
+    skill = timing.skill(timing.pose_with_stiffness(3), 2.0)
     assert np.linalg.norm(skill.velocity) < 1e-2 and len(shown.times) == 1000

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.development import distances
 from gdmp_ros.errors import ParameterError
@@ -36,7 +36,7 @@ def relative_error(method, shown):
 
 @pytest.mark.parametrize('kind, manifold', MADE_FOR, ids=lambda x: getattr(x, '__name__', str(x)))
 def test_each_method_follows_and_reaches_a_switched_goal(kind, manifold):
-    shown = measure.demonstration(manifold, 2.0, samples=500)
+    shown = timing.demonstration(manifold, 2.0, samples=500)
     method = kind(shown)
     assert relative_error(method, shown) < 1e-4
     goal = manifold.geodesic(shown.points[-1], shown.points[200], 0.3)
@@ -47,7 +47,7 @@ def test_each_method_follows_and_reaches_a_switched_goal(kind, manifold):
 
 @pytest.mark.parametrize('kind', METHODS, ids=lambda k: k.name)
 def test_methods_refuse_spaces_they_were_not_made_for(kind):
-    shown = measure.demonstration(Sphere(2), 1.0, samples=50)
+    shown = timing.demonstration(Sphere(2), 1.0, samples=50)
     if kind.handles(shown):
         assert relative_error(kind(shown, 20), shown) < 1e-2
     else:
@@ -77,7 +77,7 @@ def test_explicit_transport_moves_as_the_parallel_frame_does(rng):
 
 
 def test_a_goal_switched_at_the_very_start_is_reached_too():
-    shown = measure.demonstration(S3, 2.0, samples=500)
+    shown = timing.demonstration(S3, 2.0, samples=500)
     method = LogError(shown)
     goal = S3.geodesic(shown.points[-1], shown.points[200], 0.3)
     for dt in (method.dt, 1e-3):
@@ -87,7 +87,7 @@ def test_a_goal_switched_at_the_very_start_is_reached_too():
 
 
 def test_backward_differences_cost_accuracy():
-    shown = measure.demonstration(S3, 2.0, samples=300)
+    shown = timing.demonstration(S3, 2.0, samples=300)
     matched, backward = (relative_error(LogError(shown, differences=d), shown)
                          for d in ('matched', 'backward'))
     assert backward > 5.0 * matched
@@ -102,7 +102,7 @@ def test_only_the_shorter_logarithm_makes_the_log_error_primitive_jump():
 
 
 def test_the_classical_primitive_leaves_the_sphere_before_it_is_mended():
-    shown = measure.demonstration(S3, 2.0, samples=500)
+    shown = timing.demonstration(S3, 2.0, samples=500)
     points, raw = Classical(shown).rollout(499)
     norms = np.linalg.norm(raw, axis=1)
     assert np.abs(norms - 1.0).max() > 1e-7

@@ -1,7 +1,7 @@
 """
-What `gdmp bench` measures: one module each, all alike.
+Benchmarks of `gdmp bench`, one module each.
 
-A module has ``TITLE``, ``run(settings) -> dict`` (what ``--json`` writes), ``rows(document)`` (the
-table: heads, then lines) and, where there is something to see, ``draw(document, axes)``.
-Peers are measured in the same run, in the same process, on the same core.
+A module has ``TITLE``, ``run(settings) -> dict`` (written by ``--json``), ``rows(document)`` (the
+table: heading, then lines) and optionally ``draw(document, axes)``. Other libraries are measured
+in the same run, in the same process, on the same core.
 """

@@ -1,5 +1,5 @@
 """
-How exactly handwriting is reproduced on every manifold, with both connections, for any time step.
+Reproduction error of handwriting on every manifold, with both connections and several time steps.
 
 The first demonstration of each LASA class; mean geodesic error / span (largest distance from the
 start). Separate rows: covariance profiles of each class by Gaussian mixture regression, on SPD(2).
@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.data import lasa
-from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.primitive import CONNECTIONS
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.experiments import timing
 from gdmp_ros.util.parallel import Journal, map_tasks
 
 TITLE = 'mean error / span over LASA classes'
 STEPS_MS = (1, 2, 5, 10)
-#: The name of the separate rows.
+#: Name of the separate rows.
 COVARIANCES = 'SPD2 covariances'
 
 
@@ -34,8 +34,8 @@ def one_class(task: tuple[str, str, str, int]) -> list[float]:
     return [float(reproduction_error(skill, shown, ms * 1e-3)[0]) for ms in STEPS_MS]
 
 
-def run(settings: measure.Settings) -> dict[str, Any]:
-    """The rows, keys as in the file."""
+def run(settings: timing.Settings) -> dict[str, Any]:
+    """Figures; the keys are those of the file."""
     cells = [(mapping, connection) for mapping in (*lasa.MAPPINGS, COVARIANCES)
              for connection in CONNECTIONS]
     tasks = {f'{name} {mapping} {connection}': (name, mapping, connection, settings.n_basis)
@@ -55,7 +55,7 @@ def run(settings: measure.Settings) -> dict[str, Any]:
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
-    """Table: heads, then lines."""
+    """Table: heading, then lines."""
     cells = dict.fromkeys((r['manifold'], r['connection']) for r in document['rows'])
     lines = [[*cell, *(f'{r["mean_relative_error"]:.2e}' for r in document['rows']
                        if (r['manifold'], r['connection']) == cell)] for cell in cells]

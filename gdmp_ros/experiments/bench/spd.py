@@ -1,4 +1,4 @@
-"""What transport costs on SPD(m): both connections, an explicit one, and a peer's maps."""
+"""Time of a step on SPD(m): both connections, explicit transport, and maps of pymanopt."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -7,22 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.experiments import timing as measure
-from gdmp_ros.experiments.baselines import Baseline, TransportedAlong, TransportedToStart
+from gdmp_ros.experiments import timing
+from gdmp_ros.experiments.baselines.baseline import Baseline
+from gdmp_ros.experiments.baselines.transported import TransportedAlong, TransportedToStart
 from gdmp_ros.experiments.bench.peers import spd_manifold
 from gdmp_ros.experiments.bench.step import measure_step
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 TITLE = 'one step on SPD(m), 50 basis functions'
 SIZES = tuple(range(2, 21))
 
 
-def run(settings: measure.Settings) -> dict[str, Any]:
-    """The figures, keys as in the file; times in µs."""
+def run(settings: timing.Settings) -> dict[str, Any]:
+    """Figures; the keys are those of the file, times in µs."""
     lines = []
     for m in SIZES:
         times = step_times(m, settings.repetitions)
-        with measure.one_core():
+        with timing.one_core():
             times.update(_maps(SymmetricPositiveDefinite(m), settings.repetitions))
         lines.append({'m': m, **times, 'ratio': times['parallel_us'] / times['published_us']})
     return {'rows': lines}
@@ -32,34 +33,34 @@ def step_times(m: int, repetitions: int) -> dict[str, float]:
     """
     Time of one step on SPD(m), by method [µs].
 
-    The methods take turns, so that what else the machine does meets all of them, and only their
-    own time counts.
+    The methods alternate, so that other load of the machine affects all of them equally; only the
+    time of the thread counts.
     """
     manifold = SymmetricPositiveDefinite(m)
-    shown = measure.demonstration(manifold, 5.0, samples=300)
-    ours = {name: measure.skill(manifold, 5.0, connection=name)
+    shown = timing.demonstration(manifold, 5.0, samples=300)
+    ours = {name: timing.skill(manifold, 5.0, connection=name)
             for name in ('parallel', 'published')}
     theirs = {'explicit': TransportedToStart(shown, 50), 'along': TransportedAlong(shown, 50)}
     taken: dict[str, list[float]] = {}
-    with measure.one_core():
+    with timing.one_core():
         for _ in range(repetitions):
             for name, skill in ours.items():
                 taken.setdefault(name, []).append(measure_step(
                     skill, 1, clock=time.thread_time))
             for name, method in theirs.items():
                 taken.setdefault(name, []).append(
-                    1e6 * measure.median_time(_from_start(method), 300, 1, time.thread_time))
+                    1e6 * timing.median_time(_from_start(method), 300, 1, time.thread_time))
     return {f'{name}_us': float(np.median(times)) for name, times in taken.items()}
 
 
 def _maps(manifold: SymmetricPositiveDefinite, repetitions: int) -> dict[str, float]:
-    """Logarithm and exponential, ours and pymanopt's [µs]."""
-    rng, peer = np.random.default_rng(0), spd_manifold(manifold.m)
+    """Logarithm and exponential, of gdmp_ros and of pymanopt [µs]."""
+    rng, peer = np.random.default_rng(0), spd_manifold(manifold.size)
     a, b = manifold.random_point(rng), manifold.random_point(rng)
     ours, theirs = manifold.log(a, b), peer.log(a, b)
     timed = {'log_us': lambda: manifold.log(a, b), 'peer_log_us': lambda: peer.log(a, b),
              'exp_us': lambda: manifold.exp(a, ours), 'peer_exp_us': lambda: peer.exp(a, theirs)}
-    return {key: measure.median_time(_always(call), 100, repetitions) * 1e6
+    return {key: timing.median_time(_always(call), 100, repetitions) * 1e6
             for key, call in timed.items()}
 
 
@@ -75,7 +76,7 @@ def _from_start(method: Baseline) -> Callable[[], Callable[[], object]]:
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
-    """Table: heads, then lines."""
+    """Table: heading, then lines."""
     heads = ['m', 'parallel µs', 'published µs', 'ratio', 'transport to the start µs',
              'along µs', 'log µs',
              'pymanopt', 'exp µs', 'pymanopt']

@@ -1,4 +1,4 @@
-"""What a step costs, `Rollout.advance` and all, beside the peer's."""
+"""Time of a step (`Rollout.advance` from Python), compared with movement_primitives."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp import Batch, Rollout, Skill
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.dmp.batch import Batch
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.bench.peers import CartesianPeer
-from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 TITLE = 'one step of a 5 s skill, 50 basis functions, dt 1 ms'
 DT, DURATION, CALLS, BATCH = 1e-3, 5.0, 1500, 200
@@ -19,19 +21,19 @@ SPD_SIZES = (2, 3, 4, 6, 10, 20)
 
 def measure_step(learned: Skill, repetitions: int, moving: bool = False,
                  clock: Callable[[], float] = time.perf_counter) -> float:
-    """Median time of ``Rollout.advance(1 ms)`` from Python [µs]; see `measure.median_time`."""
+    """Median time of ``Rollout.advance(1 ms)`` from Python [µs]; see `timing.median_time`."""
     def prepare() -> Callable[[], object]:
         rollout = Rollout(learned)
         if moving:
             rollout.retarget(learned.manifold.geodesic(learned.goal, learned.start, 0.2))
         return lambda: rollout.advance(DT)
 
-    return measure.median_time(prepare, CALLS, repetitions, clock) * 1e6
+    return timing.median_time(prepare, CALLS, repetitions, clock) * 1e6
 
 
 def measure_batch(repetitions: int) -> float:
     """Median time of a 1 ms step of 200 pose + stiffness skills in one call [µs]."""
-    learned = [measure.skill(measure.pose_with_stiffness(3), DURATION, seed=seed)
+    learned = [timing.skill(timing.pose_with_stiffness(3), DURATION, seed=seed)
                for seed in range(8)]
 
     def prepare() -> Callable[[], object]:
@@ -39,27 +41,27 @@ def measure_batch(repetitions: int) -> float:
                        for i in range(BATCH)])
         return lambda: batch.advance(DT)
 
-    return measure.median_time(prepare, 200, repetitions) * 1e6
+    return timing.median_time(prepare, 200, repetitions) * 1e6
 
 
 def measure_peer(repetitions: int) -> float:
-    """Median time of the peer's pose-only step [µs]."""
-    peer = CartesianPeer(measure.demonstration(measure.POSE, DURATION), 50, DT)
+    """Median time of a step of the peer, pose only [µs]."""
+    peer = CartesianPeer(timing.demonstration(timing.POSE, DURATION), 50, DT)
     peer.learn()
 
     def prepare() -> Callable[[], object]:
         peer.begin()
         return peer.step
 
-    return measure.median_time(prepare, CALLS // 3, repetitions) * 1e6
+    return timing.median_time(prepare, CALLS // 3, repetitions) * 1e6
 
 
-def run(settings: measure.Settings) -> dict[str, Any]:
-    """The figures, keys as in the file."""
+def run(settings: timing.Settings) -> dict[str, Any]:
+    """Figures; the keys are those of the file."""
     count = settings.repetitions
-    pose, three, six = (measure.skill(manifold, DURATION) for manifold in (
-        measure.POSE, measure.pose_with_stiffness(3), measure.pose_with_stiffness(6)))
-    with measure.one_core():
+    pose, three, six = (timing.skill(manifold, DURATION) for manifold in (
+        timing.POSE, timing.pose_with_stiffness(3), timing.pose_with_stiffness(6)))
+    with timing.one_core():
         return {
             'pose_us': measure_step(pose, count),
             'pose_stiffness_us': measure_step(three, count),
@@ -68,12 +70,12 @@ def run(settings: measure.Settings) -> dict[str, Any]:
             'batch200_us': measure_batch(count),
             'peer_pose_us': measure_peer(count),
             'spd_us': {str(m): measure_step(
-                measure.skill(SymmetricPositiveDefinite(m), DURATION), count)
+                timing.skill(SymmetricPositiveDefinite(m), DURATION), count)
                 for m in SPD_SIZES}}
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
-    """Table: heads, then lines."""
+    """Table: heading, then lines."""
     ours = [('pose', 'pose_us'), ('pose + SPD(3) stiffness', 'pose_stiffness_us'),
             ('pose + SPD(6) stiffness', 'pose_stiffness6_us'),
             ('… with the goal moving', 'pose_stiffness6_moving_us'),
@@ -87,7 +89,7 @@ def rows(document: dict[str, Any]) -> list[list[str]]:
 
 
 def draw(document: dict[str, Any], axes: Any) -> None:
-    """Costs as bars, the peer's last."""
+    """Times as bars."""
     keys = ['pose_us', 'pose_stiffness_us', 'pose_stiffness6_us', 'peer_pose_us']
     names = ['pose', 'pose +\nSPD(3)', 'pose +\nSPD(6)', 'movement_primitives\npose']
     values = np.array([document[key] for key in keys])

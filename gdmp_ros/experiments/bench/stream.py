@@ -12,7 +12,7 @@ import psutil
 
 from gdmp_ros.data import lasa, recordings
 from gdmp_ros.data.bags import NS
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.optional_imports import optional_import, ROS
@@ -23,7 +23,7 @@ PERIOD_NS = 1_000_000
 NODES = ('trajectory_server', 'panda_sim')
 
 
-def run(settings: measure.Settings) -> dict[str, Any]:
+def run(settings: timing.Settings) -> dict[str, Any]:
     """Stream a skill again and again for ``settings.seconds`` and look at every tick."""
     domain = Domain()
     try:

@@ -10,7 +10,7 @@ from gdmp_ros.data import lasa, letters
 from gdmp_ros.data.lasa import COVARIANCES
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.evaluation import mean_distance
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.baselines import Baseline, METHODS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
@@ -110,7 +110,7 @@ def run(settings: Settings) -> Data:
             if method.name not in results[0]:
                 continue
             figures = np.array([result[method.name] for result in results])
-            with measure.one_core():
+            with timing.one_core():
                 step = 1e6 * step_time(method(shown), 300)
             labels.append((data_set, method.name))
             values.append([*np.nanmean(figures, axis=0), step])

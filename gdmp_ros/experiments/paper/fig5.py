@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.baselines import Baseline, Classical, LogError, LogErrorShorter, Ours
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import DT, DURATION, S3, shown
@@ -45,7 +45,7 @@ def run(settings: Settings) -> Data:
     data = {name: method.rollout(cycles)[0] for name, method in methods.items()}
     timed = {'ours': methods['ours'], 'log_error': methods['matched'],
              'classical': Classical(demonstration)}
-    with measure.one_core():
+    with timing.one_core():
         seconds = {f'step_{name}': np.array(step_time(method)) for name, method in timed.items()}
     return {**data, **seconds, 'same': same_differencing(demonstration),
             'shown': demonstration.points}
@@ -56,7 +56,7 @@ def step_time(method: Baseline, cycles: int = 500) -> float:
     def prepare() -> Any:
         method.reset(1e-3)
         return lambda: method.output(method.step())
-    return measure.median_time(prepare, cycles, 7)
+    return timing.median_time(prepare, cycles, 7)
 
 
 def angular_velocity(points: np.ndarray) -> np.ndarray:

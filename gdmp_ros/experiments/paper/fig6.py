@@ -8,7 +8,7 @@ import numpy as np
 
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp import Demonstration
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.baselines import (
     Baseline,
     Ours,
@@ -65,7 +65,7 @@ def run(settings: Settings) -> Data:
                 distance.setdefault(label, []).append(log_euclidean(
                     path[::5].reshape(-1, 2, 2), shown.points[::5]))
                 at_control_rate.setdefault(label, []).append(_at_control_rate(method, shown))
-                with measure.one_core():
+                with timing.one_core():
                     steps.setdefault(label, []).append(step_time(method, 300))
             fine = shown.at(np.arange(shown.times[0], shown.times[-1], CONTROL_S))
             resampled = Demonstration(CONTROL_S * np.arange(len(fine)), fine, shown.manifold)

@@ -7,7 +7,7 @@ import numpy as np
 
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.evaluation import mean_distance
-from gdmp_ros.experiments import timing as measure
+from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.baselines import (
     AbuDakkaQuaternion,
     Baseline,
@@ -54,7 +54,7 @@ ON_IT, EXACT = 1e-9, 1e-3
 
 def demonstration(column: str) -> Demonstration:
     """A smooth motion on a space."""
-    return measure.demonstration(COLUMNS[column], 2.0, seed=3, samples=500)
+    return timing.demonstration(COLUMNS[column], 2.0, seed=3, samples=500)
 
 
 def cell(row: str, column: str) -> tuple[bool, float, float]:
