@@ -131,6 +131,8 @@ class Motion(NamedTuple):
 
 
 _SIZES, _SCALARS, _FACTOR = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR))
+#: Index of the flag ``finished`` in a memory.
+FINISHED = _SIZES + (SCALARS.names or ()).index('finished')
 _FRAMES, _POINTS, _TANGENTS = (len(part._fields) for part in (Frames, Points, Tangents))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from gdmp_ros.dmp.goal import switch_goal
 from gdmp_ros.dmp.initial import initialise, new_memory, Start
 from gdmp_ros.dmp.integrator import advance
-from gdmp_ros.dmp.layout import Motion, parts
+from gdmp_ros.dmp.layout import FINISHED, Motion, parts
 from gdmp_ros.dmp.obstacles import store_obstacles
 from gdmp_ros.dmp.options import check_range, MAX_SPEED, merged_options, Options
 from gdmp_ros.dmp.primitive import Primitive, Trajectory
@@ -83,9 +83,19 @@ class Rollout:
         :param dt: 0 or more [s]; the path does not depend on how time is cut into steps
         """
         out = np.empty(self.state_size)
+        self.advance_to(dt, out)
+        return State(out, self._manifold)
+
+    def advance_to(self, dt: float, out: np.ndarray) -> None:
+        """
+        Let ``dt`` seconds pass and write the numbers of the state to ``out``.
+
+        For loops that do not allocate.
+
+        :param out: shape ``(state_size,)``; see `State.numbers`
+        """
         out[0] = dt
         advance(self.memory, out)
-        return State(out, self._manifold)
 
     def sample(self, times: np.ndarray) -> Trajectory:
         """
@@ -215,7 +225,7 @@ class Rollout:
         From the nominal end on, as soon as every factor is within its tolerance of the goal; or at
         ``s >= max(2, s_switch + 1)``, then with the flag ``not_settled``. A new goal clears it.
         """
-        return bool(self.motion.scalars.finished)
+        return bool(self.memory.item(FINISHED))
 
     @property
     def flags(self) -> set[str]:

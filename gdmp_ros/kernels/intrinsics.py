@@ -6,7 +6,7 @@ Each view function works in plain Python too, so that the same layout code serve
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
@@ -39,30 +39,36 @@ class Record:
     NumPy's own records take ten times as long for it. All fields have one type.
     """
 
-    __slots__ = ('_numbers', '_index')
+    __slots__ = ('numbers',)
 
-    def __init__(self, numbers: np.ndarray, dtype: np.dtype):
+    def __init__(self, numbers: np.ndarray):
         """:param numbers: a view of the memory, one number for each field"""
-        object.__setattr__(self, '_numbers', numbers)
-        object.__setattr__(self, '_index', _field_index(dtype))
+        self.numbers = numbers
 
-    def __getattr__(self, name: str) -> Any:
-        return self._numbers.item(self._index[name])
-
-    def __setattr__(self, name: str, value: float) -> None:
-        self._numbers[self._index[name]] = value
+    if TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any: ...
 
 
 @functools.cache
-def _field_index(dtype: np.dtype) -> dict[str, int]:
-    return {name: i for i, name in enumerate(dtype.names or ())}
+def _record_class(dtype: np.dtype) -> type[Record]:
+    """Subclass with one property for each field."""
+    def field(index: int) -> property:
+        def get(record: Record) -> Any:
+            return record.numbers.item(index)
+
+        def set_(record: Record, value: float) -> None:
+            record.numbers[index] = value
+        return property(get, set_)
+    fields: dict[str, Any] = {name: field(i) for i, name in enumerate(dtype.names or ())}
+    return type('Record', (Record,), {'__slots__': (), **fields})
 
 
 def records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
     """``count`` records of a structured ``dtype`` in a flat float64 array; see `matrix_at`."""
     fields = len(dtype.names)
     numbers = memory[at:at + count * fields].view(dtype[0])
-    return [Record(numbers[i * fields:(i + 1) * fields], dtype) for i in range(count)]
+    record_class = _record_class(dtype)
+    return [record_class(numbers[i * fields:(i + 1) * fields]) for i in range(count)]
 
 
 def without_refcount(array):  # type: ignore[no-untyped-def]

@@ -39,6 +39,9 @@ NEAR_M, NEAR_RAD = 0.02, 0.1
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 _AT_REST = 1e-6  # m/s, rad/s
+# Looked up once: this is done in every tick.
+MOVING, PAUSED, STOPPING, HOLDING = (Status.MOVING, Status.PAUSED, Status.STOPPING,
+                                     Status.HOLDING)
 
 
 class Player:
@@ -64,6 +67,7 @@ class Player:
         self._rollout: Rollout | None = None
         self._target: np.ndarray | None = None
         self._goal: np.ndarray | None = None
+        self._numbers = np.empty(0)
         self._speed = 1.0
         self._measured: np.ndarray | None = None
         self._copy_wanted = False
@@ -187,26 +191,30 @@ class Player:
         :returns: `gdmp_ros.control.target.TARGET_SIZE` numbers, valid until the next tick; None
             while there is nothing to hold
         """
-        self._requests.carry_out()
+        if self._requests.waiting:
+            self._requests.carry_out()
         rollout, target = self._rollout, self._target
         if rollout is None or target is None:
             return target
-        self._stop_phase(rollout)
+        if self._measured is not None:
+            self._stop_phase(rollout)
         if self._copy_wanted:
             self._copy_wanted, self._copy = False, rollout.copy()
-        self._playing.fill(rollout.advance(dt), target)
-        if self._status is Status.STOPPING and rollout.speed == 0.0:
-            self._status, self._rollout = Status.HOLDING, None
-            target[TWIST:STIFFNESS] = 0.0
-        elif self._status in (Status.MOVING, Status.HOLDING):
-            self._status = Status.HOLDING if rollout.finished else Status.MOVING
+        rollout.advance_to(dt, self._numbers)
+        self._playing.fill(self._numbers, target)
+        if self._status is STOPPING:
+            if rollout.speed == 0.0:
+                self._status, self._rollout = HOLDING, None
+                target[TWIST:STIFFNESS] = 0.0
+        elif self._status is not PAUSED:
+            self._status = HOLDING if rollout.finished else MOVING
         return target
 
     # What follows runs inside a tick.
 
     def _hold(self, target: np.ndarray) -> None:
         self._target, self._rollout, self._goal = target, None, None
-        self._status = Status.HOLDING
+        self._status = HOLDING
 
     def _begin(self, tool: ToolSkill, rollout: Rollout, measured: np.ndarray | None,
                number: int) -> None:
@@ -214,12 +222,13 @@ class Player:
             target = self._begin_at(tool, rollout, measured)
         except GdmpError:
             self._rollout = None
-            self._status = Status.IDLE if self._target is None else Status.HOLDING
+            self._status = Status.IDLE if self._target is None else HOLDING
             raise
         else:
             rollout.set_speed(self._speed)
             self._playing, self._rollout, self._target = tool, rollout, target
-            self._goal, self._status = rollout.goal, Status.MOVING
+            self._goal, self._status = rollout.goal, MOVING
+            self._numbers = np.empty(rollout.state_size)
         finally:
             # Last: who sees the number also sees what belongs to it.
             self.motion = number
@@ -266,19 +275,19 @@ class Player:
 
     def _set_speed(self, scale: float) -> None:
         self._speed = scale
-        if self._rollout is not None and self._status in (Status.MOVING, Status.HOLDING):
+        if self._rollout is not None and self._status in (MOVING, HOLDING):
             self._rollout.set_speed(scale)
 
     def _pause(self, paused: bool) -> None:
-        before, after = ((Status.MOVING, Status.PAUSED) if paused
-                         else (Status.PAUSED, Status.MOVING))
+        before, after = ((MOVING, PAUSED) if paused
+                         else (PAUSED, MOVING))
         if self._rollout is not None and self._status is before:
             self._status = after
             self._rollout.set_speed(0.0 if paused else self._speed)
 
     def _stop(self) -> None:
         if self._rollout is not None:
-            self._status = Status.STOPPING
+            self._status = STOPPING
             self._rollout.set_speed(0.0)
 
     def _stop_phase(self, rollout: Rollout) -> None:

@@ -41,12 +41,16 @@ class _Request(NamedTuple):
 
 
 class Requests:
-    """Requests from any thread, carried out in order by one thread."""
+    """
+    Requests from any thread, carried out in order by one thread.
+
+    :ivar waiting: requests that have not been carried out
+    """
 
     def __init__(self, refusals: Refusals):
         """:param refusals: counts requests that turn out to be impossible"""
         self._refusals = refusals
-        self._waiting: deque[_Request] = deque()
+        self.waiting: deque[_Request] = deque()
 
     def add(self, carry_out: Callable[[], None], after: Mapping[Status, Status]) -> None:
         """
@@ -55,22 +59,22 @@ class Requests:
         :param after: status after it by the status before it
         :raises ParameterError: if nobody carries the requests out
         """
-        if len(self._waiting) >= MAX_WAITING:
+        if len(self.waiting) >= MAX_WAITING:
             raise ParameterError(f'{MAX_WAITING} requests are waiting: no tick carries them out')
-        self._waiting.append(_Request(carry_out, after))
+        self.waiting.append(_Request(carry_out, after))
 
     def status_after(self, status: Status) -> Status:
         """Status when the waiting requests will have been carried out."""
-        for request in tuple(self._waiting):
+        for request in tuple(self.waiting):
             status = request.after.get(status, status)
         return status
 
     def carry_out(self) -> None:
         """Carry out all requests."""
-        while self._waiting:
+        while self.waiting:
             # Removed afterwards: until then `status_after` still counts it.
             try:
-                self._waiting[0].carry_out()
+                self.waiting[0].carry_out()
             except GdmpError as error:
                 self._refusals.add(str(error))
-            self._waiting.popleft()
+            self.waiting.popleft()

@@ -200,7 +200,7 @@ class Streamer:
         player = self.player
         if player is None:
             return None
-        if self._measured is not None and player.status is Status.IDLE:
+        if player.target is None and self._measured is not None and player.status is Status.IDLE:
             player.hold(self._measured[0])
         return player.tick(dt)
 

@@ -9,8 +9,8 @@ import numpy as np
 from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import DataError, ManifoldError
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
@@ -66,6 +66,8 @@ class ToolSkill:
         self.manifold = skill.manifold
         self.stiffness_size = rest[0].size if rest else 0
         self.settings = settings
+        self._velocity = 2 + skill.manifold.point_size
+        self._acceleration = self._velocity + skill.manifold.tangent_size
 
     def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
         """
@@ -147,16 +149,31 @@ class ToolSkill:
                                 'translational stiffness only')
         return np.ascontiguousarray(full[:3, :3])
 
-    def fill(self, state: State, target: np.ndarray) -> None:
-        """Write a state as pose, twist, acceleration and 6×6 stiffness."""
-        point, v, a = state.point, state.velocity, state.acceleration
-        target[POSE:POSE + 7] = point[:7]
-        target[TWIST:TWIST + 6] = v[:6]
-        target[ACCELERATION:ACCELERATION + 6] = a[:6]
+    def fill(self, numbers: np.ndarray, target: np.ndarray) -> None:
+        """
+        Write a state as pose, twist, acceleration and 6×6 stiffness.
+
+        :param numbers: of the state (`gdmp_ros.dmp.State`)
+        """
+        _write_target(numbers, self._velocity, self._acceleration, self.stiffness_size, target)
+
+
+@kernel
+def _write_target(numbers, velocity, acceleration, stiffness_size, target):
+    """
+    Write the numbers of a state to a target.
+
+    :param numbers: time, phase, point, velocity, acceleration
+    :param velocity: index of the velocity in them
+    :param acceleration: index of the acceleration in them
+    """
+    for i in range(7):
+        target[POSE + i] = numbers[2 + i]
+    for i in range(6):
         # Half-angle to rotation vector.
-        target[TWIST + 3:TWIST + 6] *= 2.0
-        target[ACCELERATION + 3:ACCELERATION + 6] *= 2.0
-        if self.stiffness_size == 6:
-            target[STIFFNESS:STIFFNESS + 36] = point[7:]
-        elif self.stiffness_size == 3:
-            target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)[:3, :3] = point[7:].reshape(3, 3)
+        factor = 1.0 if i < 3 else 2.0
+        target[TWIST + i] = factor * numbers[velocity + i]
+        target[ACCELERATION + i] = factor * numbers[acceleration + i]
+    for i in range(stiffness_size):
+        for j in range(stiffness_size):
+            target[STIFFNESS + 6 * i + j] = numbers[9 + stiffness_size * i + j]

@@ -1,22 +1,26 @@
 """
 Reference for the CPU load of the server: a process that only sleeps and publishes the same bytes.
 
-``publish`` sends a serialised reference at 1 kHz; ``subscribe`` receives it twice, as the arm and
-a recorder receive those of the server, so that sending costs the same.
+``publish`` sends references at 1 kHz as the server does, from a template with stamp, sequence
+number and numbers; nothing is computed. ``subscribe`` receives them twice, as the arm and a
+recorder receive those of the server, so that sending costs the same.
 """
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 
 from gdmp_msgs.msg import Reference
+import numpy as np
 import rclpy
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 
+from gdmp_ros.control.target import resting_target
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.ros.lifecycle import DEEP, reliable
+from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
 from gdmp_ros.ros.polling import PolledGroup, take
 from gdmp_ros.util.processes import stop_event
 
@@ -31,12 +35,18 @@ def publish() -> None:
     stop = stop_event()
     message = Reference()
     message.header.frame_id = 'panda_link0'
-    data = serialize_message(message)
+    numbers = resting_target(np.array([0.5, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]))
+    template = SerializedTemplate(message, len(numbers), fill_reference)
     publisher = Node('bare_publisher').create_publisher(Reference, TOPIC, reliable(DEEP))
     while not stop.is_set() and publisher.get_subscription_count() < SUBSCRIBERS:
         time.sleep(0.05)
     print('publishing', flush=True)
-    run_periodic(lambda *_: publisher.publish(data), PERIOD_NS, MonotonicClock(), stop.is_set)
+    sequence = itertools.count(1)
+
+    def step(deadline_ns: int, now_ns: int) -> None:
+        publisher.publish(template.bytes(numbers, deadline_ns, next(sequence)))
+
+    run_periodic(step, PERIOD_NS, MonotonicClock(), stop.is_set)
     rclpy.shutdown()
 
 

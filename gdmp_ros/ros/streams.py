@@ -1,8 +1,6 @@
 """Topics that are published in every tick."""
 from __future__ import annotations
 
-import math
-import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -17,8 +15,8 @@ from gdmp_ros.ros.messages import (
     SerializedTemplate,
 )
 
-#: Interval at which the number of subscribers is checked [s].
-CHECK_S = 0.01
+#: Interval of the check for subscribers, in messages.
+CHECK_EVERY = 10
 
 
 class Stream:
@@ -28,20 +26,19 @@ class Stream:
     Without subscribers no message is made; the topics are volatile.
     """
 
-    def __init__(self, publisher: Any, message: SerializedTemplate):
-        self._publisher = publisher
-        self._message = message
+    def __init__(self, publisher: Any, template: SerializedTemplate):
+        self._publisher, self._template = publisher, template
         self._has_subscribers = False
-        self._checked = -math.inf
+        self._until_check = 0
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> None:
         """Publish, if there are subscribers."""
-        now = time.monotonic()
-        if now - self._checked >= CHECK_S:
-            self._checked = now
+        if self._until_check == 0:
+            self._until_check = CHECK_EVERY
             self._has_subscribers = self._publisher.get_subscription_count() > 0
+        self._until_check -= 1
         if self._has_subscribers:
-            self._publisher.publish(self._message.bytes(numbers, stamp_ns, sequence))
+            self._publisher.publish(self._template.bytes(numbers, stamp_ns, sequence))
 
 
 def pose_stream(node: ManagedNode, topic: str, frame: str) -> Stream:

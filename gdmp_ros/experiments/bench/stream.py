@@ -1,11 +1,10 @@
-"""How punctually the nodes stream: server and simulation beside a bare loop that only sleeps."""
+"""Lateness and CPU load of the nodes, compared with a bare loop that only sleeps."""
 from __future__ import annotations
 
-import os
 from pathlib import Path
 import tempfile
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 import psutil
@@ -16,68 +15,69 @@ from gdmp_ros.experiments import timing
 from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.optional_imports import optional_import, ROS
-from gdmp_ros.util.processes import ChildProcesses
 
-TITLE = '1 kHz over DDS: lateness beside a bare sleeping loop, CPU'
+if TYPE_CHECKING:
+    from gdmp_ros.ros.testbed import NodeTestbed
+
+TITLE = '1 kHz over DDS: lateness compared with a bare sleeping loop, CPU'
 PERIOD_NS = 1_000_000
 NODES = ('trajectory_server', 'panda_sim')
 
 
 def run(settings: timing.Settings) -> dict[str, Any]:
-    """Stream a skill again and again for ``settings.seconds`` and look at every tick."""
-    domain = Domain()
-    try:
-        with tempfile.TemporaryDirectory(prefix='gdmp-stream-') as folder:
-            return _stream(Path(folder), settings.seconds, domain.environment())
-    finally:
-        domain.release()
-
-
-def _stream(folder: Path, seconds: float, environment: dict[str, str]) -> dict[str, Any]:
-    os.environ.update(environment)  # before rclpy is loaded: this process joins the same domain
+    """Stream a skill repeatedly for ``settings.seconds``, and evaluate every tick."""
     with optional_import(ROS):
-        from gdmp_ros.ros.clients.server_client import Operator
+        from gdmp_ros.ros.testbed import NodeTestbed
+    with tempfile.TemporaryDirectory(prefix='gdmp-stream-') as name, Domain() as domain:
+        folder = Path(name)
+        with NodeTestbed(folder, domain.environment()) as bed:
+            window, document = _stream(bed, folder, settings.seconds)
+        return _with_lateness(document, folder, window)
+
+
+def _file(folder: Path, name: str) -> str:
+    return str(folder / f'{name}.npy')
+
+
+def _stream(bed: NodeTestbed, folder: Path, seconds: float
+            ) -> tuple[tuple[int, int], dict[str, Any]]:
     bag = folder / 'demonstration'
-    recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', 10 ** 9 * NS)
-    files = {name: folder / f'{name}.npy' for name in (*NODES, 'bare')}
-    with ChildProcesses(environment, folder / 'logs') as children:
-        children.start_node('panda_sim', 'gdmp_ros.ros.arm.node', {
-            'lateness_file': str(files['panda_sim'])})
-        children.start_node('trajectory_server', 'gdmp_ros.ros.server.node', {
-            'demonstrations': [str(bag)], 'measured_pose_topic': '/panda_sim/measured_pose',
-            'lateness_file': str(files['trajectory_server'])})
-        children.start('bare', 'gdmp_ros.realtime.bare_loop', [str(files['bare'])])
-        operator = Operator(check=children.check)
-        try:
-            operator.wait_status('holding', 300.0)
-            begun, used = time.monotonic_ns(), _used(children)
-            motions = 0
-            while time.monotonic_ns() - begun < seconds * NS:
-                operator.execute()
-                operator.result(60.0)
-                motions += 1
-            ended, spent = time.monotonic_ns(), _used(children)
-            scheduler = operator.state.scheduler if operator.state else ''
-        finally:
-            operator.close()
+    recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0',
+                     recordings.EPOCH_NS)
+    bed.children.start('bare', 'gdmp_ros.realtime.bare_loop', [_file(folder, 'bare')])
+    bed.start(arm={'lateness_file': _file(folder, 'panda_sim')},
+              server={'demonstrations': [str(bag)],
+                      'lateness_file': _file(folder, 'trajectory_server')}, record=False)
+    begun, used, motions = time.monotonic_ns(), _cpu_seconds(bed), 0
+    while time.monotonic_ns() - begun < seconds * NS:
+        bed.client.execute()
+        bed.client.result(60.0)
+        motions += 1
+    ended, used_then = time.monotonic_ns(), _cpu_seconds(bed)
     elapsed = (ended - begun) / NS
-    document: dict[str, Any] = {'seconds': elapsed, 'motions': motions, 'scheduler': scheduler}
-    for name, file in files.items():
-        ticks = np.load(file)
-        inside = (ticks[:, 0] >= begun) & (ticks[:, 0] <= ended)
-        document[name] = punctuality_of(ticks[inside], PERIOD_NS)._asdict()
-        if name in used:
-            document[name]['cpu'] = (spent[name] - used[name]) / elapsed
+    cpu = {name: (used_then[name] - used[name]) / elapsed for name in NODES}
+    return (begun, ended), {'seconds': elapsed, 'motions': motions,
+                            'scheduler': bed.state.scheduler,
+                            **{name: {'cpu': cpu[name]} for name in NODES}}
+
+
+def _with_lateness(document: dict[str, Any], folder: Path, window: tuple[int, int]
+                   ) -> dict[str, Any]:
+    for name in (*NODES, 'bare'):
+        ticks = np.load(_file(folder, name))
+        inside = (ticks[:, 0] >= window[0]) & (ticks[:, 0] <= window[1])
+        document[name] = {**punctuality_of(ticks[inside], PERIOD_NS)._asdict(),
+                          **document.get(name, {})}
     return document
 
 
-def _used(children: ChildProcesses) -> dict[str, float]:
-    return {name: sum(psutil.Process(children.processes[name].pid).cpu_times()[:2])
+def _cpu_seconds(bed: NodeTestbed) -> dict[str, float]:
+    return {name: sum(psutil.Process(bed.children.processes[name].pid).cpu_times()[:2])
             for name in NODES}
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
-    """Table: heads, then lines."""
+    """Table: heading, then lines."""
     lines = []
     for name in (*NODES, 'bare'):
         d = document[name]
@@ -89,7 +89,7 @@ def rows(document: dict[str, Any]) -> list[list[str]]:
 
 
 def draw(document: dict[str, Any], axes: Any) -> None:
-    """Lateness of the three."""
+    """Lateness of the three processes."""
     names = (*NODES, 'bare')
     for i, (key, hatch) in enumerate((('p50_us', ''), ('p99_us', '/'), ('max_us', 'x'))):
         axes.bar(np.arange(3) + 0.27 * (i - 1), [document[n][key] for n in names], 0.25,

@@ -1,4 +1,4 @@
-"""The demonstration's pictures."""
+"""Pictures of the demonstration."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -7,8 +7,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
+from gdmp_ros.data.run_analysis import tracking
 from gdmp_ros.data.runs import Run
-from gdmp_ros.experiments.demo.report import tracking_errors
 from gdmp_ros.view import plots
 
 
@@ -21,8 +21,13 @@ def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,
     plots.save(_lateness(lateness), folder / 'lateness.png')
 
 
+def _began(run: Run) -> int:
+    """Stamp of the first reference that moves [ns]."""
+    return int(run.reference_stamps[int(np.argmax(run.moving))])
+
+
 def _seconds(run: Run, stamps: np.ndarray) -> np.ndarray:
-    return np.asarray((stamps - run.reference_stamps[int(np.argmax(run.moving))]) * 1e-9)
+    return np.asarray((stamps - _began(run)) * 1e-9)
 
 
 def _path(run: Run) -> Figure:
@@ -36,12 +41,13 @@ def _path(run: Run) -> Figure:
 
 
 def _tracking(run: Run, switch_s: float, ends_ns: int) -> Figure:
-    errors = tracking_errors(run, ends_ns)
+    tracked = tracking(run, _began(run), ends_ns)
+    times = _seconds(run, run.state_stamps[tracked.states])
     figure = Figure(figsize=(8, 5), layout='constrained')
-    rows = ((errors.position * 1e3, 'position error [mm]'), (errors.rotation, 'rotation [rad]'))
+    rows = ((tracked.position * 1e3, 'position error [mm]'), (tracked.rotation, 'rotation [rad]'))
     for i, (values, label) in enumerate(rows):
         axes = figure.add_subplot(2, 1, i + 1)
-        axes.plot(errors.times, values, color=plots.INK[0], lw=1.2, label='arm − reference')
+        axes.plot(times, values, color=plots.INK[0], lw=1.2, label='arm − reference')
         _mark_switch(axes, switch_s)
         axes.set(xlabel='time since the motion began [s]', ylabel=label)
         axes.legend()

@@ -1,4 +1,4 @@
-"""The demonstration from bags to report."""
+"""The demonstration, from recorded bags to a report."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,27 +13,30 @@ import numpy as np
 import psutil
 
 from gdmp_ros import __version__
-from gdmp_ros.cli.record import EPOCH_NS
-from gdmp_ros.data import lasa, recordings, runs
+from gdmp_ros.control.settings import LimitSettings
+from gdmp_ros.data import lasa, recordings, run_analysis, runs
 from gdmp_ros.data.bags import NS
-from gdmp_ros.dmp import Skill
 from gdmp_ros.dmp.evaluation import reproduction_error
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.experiments.demo import pictures, report
-from gdmp_ros.manifolds import Product, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros.experiments.demo import pictures
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
-from gdmp_ros.ros.testbed import session
+from gdmp_ros.ros.testbed import ARM, NodeTestbed, SERVER
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
+from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view.films import render_to
 
 FRAME = 'panda_link0'
 PERIOD_NS = 1_000_000
-#: Where the goal goes in mid-motion, from where it was, and its stiffness.
+#: Goal switch at mid-motion: change of position and orientation, and new stiffness.
 GOAL_STEP_M = np.array([0.03, -0.11, 0.04])
-GOAL_TURN_RAD = np.array([0.25, 0.2, 0.3])
+GOAL_ROTATION_RAD = np.array([0.25, 0.2, 0.3])
 GOAL_STIFFNESS = np.diag([300.0, 700.0, 350.0])
 #: Recorded before the motion begins and after it has finished [s].
 LEAD_S, TAIL_S = 0.5, 1.0
@@ -41,7 +44,7 @@ LEAD_S, TAIL_S = 0.5, 1.0
 
 @dataclass(frozen=True)
 class Switch:
-    """A goal switch: the new goal and how far it is from the old one [m, rad, geodesic]."""
+    """A goal switch: the new goal, and its distance from the old one [m, rad, geodesic]."""
 
     pose: np.ndarray
     stiffness: np.ndarray
@@ -52,49 +55,55 @@ class Switch:
 
 @dataclass(frozen=True)
 class Timeline:
-    """When what happened, wall time [ns]; the streamed window in monotonic time [ns]; how."""
+    """
+    Times of the execution, and CPU load in between.
+
+    :ivar switched: goal switch, wall time [ns]
+    :ivar finished: end of the motion, wall time [ns]
+    :ivar window: of the evaluation, steady time [ns]
+    :ivar cpu: cores used by each process
+    """
 
     switched: int
     finished: int
     window: tuple[int, int]
     scheduler: str
+    cpu: dict[str, float]
 
 
 def run_demo(folder: Path, name: str) -> int:
     """
     Run everything.
 
+    :param name: LASA class
     :returns: exit code
-    :raises GdmpError: if something ended early or did not happen in time
+    :raises GdmpError: if a process ended early or something did not happen in time
     """
     interrupt_on_sigterm()
     _clear(folder)
-    print(f'demonstrations: LASA {name}, recorded as rosbag2')
+    print(f'demonstrations: LASA {name}, recorded as rosbag2', flush=True)
     bags = _record(folder, name)
     recording = recordings.read(bags[0])
     skill = Skill.learn(recording.demonstration)
     error = float(reproduction_error(skill, recording.demonstration)[0])
     skill.save(folder / 'skill.json')
     switch = _switch(skill)
-    domain = Domain()
-    try:
-        timeline, cpu = _stream(folder, bags[0], switch, domain.environment())
-    finally:
-        domain.release()
-    print('reading the recorded bag')
-    run = runs.read(folder / 'run')
-    document = _report(folder, run, timeline, switch, cpu)
+    with Domain() as domain, NodeTestbed(folder, domain.environment()) as bed:
+        timeline = _stream(bed, bags[0], switch)
+        print('reading the recorded bag', flush=True)
+        run = bed.recorded()
+    document = _report(folder, run, timeline, switch)
     document['learning'] = {'mean_relative_error': error, 'demonstration': bags[0].name}
     write_json(folder / 'report.json', document)
-    print('drawing')
+    print('drawing', flush=True)
     _draw(folder, run, timeline, document)
-    _closing_table(document)
+    _print_table(document)
     print(f'report, pictures and bag: {folder}')
     return 0
 
 
 def _clear(folder: Path) -> None:
-    """Remove what an earlier run wrote, and nothing else."""
+    """Remove the results of an earlier run, and nothing else."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in ('demonstrations', 'run', 'logs'):
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -110,54 +119,61 @@ def _record(folder: Path, name: str) -> list[Path]:
     shown = lasa.robot_demonstrations(name)
     bags = [folder / 'demonstrations' / f'{name}_{i + 1}' for i in range(len(shown))]
     for i, (bag, demonstration) in enumerate(zip(bags, shown)):
-        recordings.write(bag, demonstration, FRAME, EPOCH_NS + i * 60 * NS)
+        recordings.write(bag, demonstration, FRAME, recordings.EPOCH_NS + i * 60 * NS)
     return bags
 
 
 def _switch(skill: Skill) -> Switch:
     manifold = cast(Product, skill.manifold)
     position, orientation, stiffness = manifold.split(skill.goal)
-    turned = UnitQuaternion().exp(orientation, 0.5 * GOAL_TURN_RAD)
-    return Switch(np.concatenate([position + GOAL_STEP_M, turned]), GOAL_STIFFNESS,
-                  float(np.linalg.norm(GOAL_STEP_M)), float(np.linalg.norm(GOAL_TURN_RAD)),
+    rotated = UnitQuaternion().exp(orientation, 0.5 * GOAL_ROTATION_RAD)
+    return Switch(np.concatenate([position + GOAL_STEP_M, rotated]), GOAL_STIFFNESS,
+                  float(np.linalg.norm(GOAL_STEP_M)), float(np.linalg.norm(GOAL_ROTATION_RAD)),
                   SymmetricPositiveDefinite(3).distance(stiffness, GOAL_STIFFNESS))
 
 
-def _stream(folder: Path, bag: Path, switch: Switch, environment: dict[str, str]
-            ) -> tuple[Timeline, dict[str, float]]:
-    """Start everything, execute, switch the goal, stop everything."""
-    with session(folder, environment, {'lateness_file': str(folder / 'sim.npy')}, {
-            'demonstrations': [str(bag)], 'lateness_file': str(folder / 'server.npy')}
-                 ) as (operator, children):
-        children.start('bare', 'gdmp_ros.realtime.bare_loop', [str(folder / 'bare.npy')])
-        operator.spend(1.0)
-        timeline, cpu = _perform(operator, switch, children)
-        children.stop('bare')
-    return timeline, cpu
+def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
+    """Start all processes, execute the skill and switch its goal."""
+    print('starting simulation, server and recorder', flush=True)
+    bed.start(arm={'lateness_file': str(bed.folder / 'sim.npy')},
+              server={'demonstrations': [str(bag)],
+                      'lateness_file': str(bed.folder / 'server.npy')})
+    bed.children.start('bare', 'gdmp_ros.realtime.bare_loop', [str(bed.folder / 'bare.npy')])
+    for name in ('subscribe', 'publish'):
+        bed.children.start(f'bare_{name}', 'gdmp_ros.ros.bare_publisher', [name])
+    bed.wait_log('bare_publish', 'publishing', 30.0)
+    bed.spend(1.0)
+    timeline = _execute(bed, switch)
+    for name in ('bare', SERVER, ARM):  # they write their lateness at the end
+        bed.children.stop(name)
+    return timeline
 
 
-def _perform(operator: Any, switch: Switch, children: ChildProcesses
-             ) -> tuple[Timeline, dict[str, float]]:
-    processes = {'server': psutil.Process(children.processes['trajectory_server'].pid),
-                 'sim': psutil.Process(children.processes['panda_sim'].pid)}
-    begun, used = time.monotonic_ns(), {n: sum(p.cpu_times()[:2]) for n, p in processes.items()}
-    operator.spend(LEAD_S)
-    print('executing the skill')
-    operator.execute()
-    operator.wait('half of the motion', lambda: operator.state.progress >= 0.5, 60.0)
-    print('switching the goal of pose and stiffness')
+def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
+    begun, used = time.monotonic_ns(), _cpu_seconds(bed)
+    bed.spend(LEAD_S)
+    print('executing the skill', flush=True)
+    bed.client.execute()
+    bed.wait_progress(0.5)
+    print('switching the goal of pose and stiffness', flush=True)
     switched = time.time_ns()
-    operator.goal_pose(switch.pose, FRAME)
-    operator.goal_stiffness(switch.stiffness)
-    result = operator.result(60.0)
+    bed.client.goal_pose(switch.pose, FRAME)
+    bed.client.goal_stiffness(switch.stiffness)
+    result = bed.client.result(60.0)
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
-    operator.spend(TAIL_S)
-    ended = time.monotonic_ns()
+    bed.spend(TAIL_S)
+    ended, used_then = time.monotonic_ns(), _cpu_seconds(bed)
     seconds = (ended - begun) * 1e-9
-    cpu = {n: (sum(p.cpu_times()[:2]) - used[n]) / seconds for n, p in processes.items()}
-    return Timeline(switched, finished, (begun, ended), operator.state.scheduler), cpu
+    return Timeline(switched, finished, (begun, ended), bed.state.scheduler,
+                    {name: (used_then[name] - used[name]) / seconds for name in used})
+
+
+def _cpu_seconds(bed: NodeTestbed) -> dict[str, float]:
+    processes = {'server': SERVER, 'sim': ARM, 'bare': 'bare_publish'}
+    return {name: sum(psutil.Process(bed.children.processes[process].pid).cpu_times()[:2])
+            for name, process in processes.items()}
 
 
 def _window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
@@ -166,32 +182,52 @@ def _window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
     return np.asarray(ticks[inside])
 
 
-def _micros(figures: Punctuality) -> dict[str, float]:
-    return {'p50': figures.p50_us, 'p99': figures.p99_us, 'max': figures.max_us}
-
-
-def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch,
-            cpu: dict[str, float]) -> dict[str, Any]:
-    from gdmp_ros.sim.arm import Arm
-    server = punctuality_of(_window(folder, 'server', timeline), PERIOD_NS)
-    bare = punctuality_of(_window(folder, 'bare', timeline), PERIOD_NS)
-    arm, began = Arm().limits, run.reference_stamps[int(np.argmax(run.moving))]
+def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch) -> dict[str, Any]:
+    began = int(run.reference_stamps[int(np.argmax(run.moving))])
+    goal = run_analysis.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
-        'stream': {'rate_hz': server.rate_hz, 'bare_rate_hz': bare.rate_hz, 'ticks': server.ticks,
-                   'missed': server.missed, 'bare_missed': bare.missed, 'lost': report.lost(run),
-                   'lateness_us': _micros(server), 'bare_lateness_us': _micros(bare),
-                   'scheduler': timeline.scheduler, 'cpu': cpu},
-        'tracking': report.tracking(run, timeline.finished),
+        'stream': _stream_figures(folder, run, timeline),
+        'tracking': _tracking_figures(run, began, timeline.finished),
         'goal_switch': {'at_s': (timeline.switched - began) * 1e-9,
                         'finished_s': (timeline.finished - began) * 1e-9,
-                        **report.at_goal(run, timeline.finished, switch.pose, switch.stiffness),
-                        'step_m': switch.step_m, 'step_rad': switch.step_rad,
-                        'step_stiffness': switch.step_stiffness},
-        'limits': report.limits(run, arm.lower, arm.upper, arm.torque),
+                        'final_position_error_m': goal.position,
+                        'final_rotation_error_rad': goal.rotation,
+                        'final_stiffness_distance': goal.stiffness, 'step_m': switch.step_m,
+                        'step_rad': switch.step_rad, 'step_stiffness': switch.step_stiffness},
+        'limits': _limits(run),
         'environment': {'gdmp_ros': __version__, 'python': platform.python_version(),
                         'kernel': platform.release(), 'cpus': os.cpu_count(),
                         'numpy': np.__version__},
     }
+
+
+def _stream_figures(folder: Path, run: runs.Run, timeline: Timeline) -> dict[str, Any]:
+    server, bare = (punctuality_of(_window(folder, name, timeline), PERIOD_NS)
+                    for name in ('server', 'bare'))
+    return {'rate_hz': server.rate_hz, 'bare_rate_hz': bare.rate_hz, 'ticks': server.ticks,
+            'missed': server.missed, 'bare_missed': bare.missed, 'lost': runs.lost(run),
+            'lateness_us': _micros(server), 'bare_lateness_us': _micros(bare),
+            'scheduler': timeline.scheduler, 'cpu': timeline.cpu}
+
+
+def _micros(figures: Punctuality) -> dict[str, float]:
+    return {'p50': figures.p50_us, 'p99': figures.p99_us, 'max': figures.max_us}
+
+
+def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, float]:
+    tracked = run_analysis.tracking(run, began, finished)
+    return {'position_rmse_m': run_analysis.rms(tracked.position),
+            'rotation_rmse_rad': run_analysis.rms(tracked.rotation),
+            'position_max_m': float(tracked.position.max()),
+            'rotation_max_rad': float(tracked.rotation.max()),
+            'stiffness_rel_error': run_analysis.stiffness_error(run, tracked)}
+
+
+def _limits(run: runs.Run) -> dict[str, bool]:
+    figures = run_analysis.limit_figures(run, Arm().limits)
+    return {'torque_ok': figures.torque <= 1.0,
+            'torque_rate_ok': figures.torque_rate <= LimitSettings().torque_rate + 1e-9,
+            'joint_ok': figures.joint_distance >= 0.0}
 
 
 def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, Any]) -> None:
@@ -204,23 +240,24 @@ def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, A
         print(missing)
 
 
-def _closing_table(document: dict[str, Any]) -> None:
+def _print_table(document: dict[str, Any]) -> None:
     s, t, g = document['stream'], document['tracking'], document['goal_switch']
     late, bare = s['lateness_us'], s['bare_lateness_us']
     limits = ', '.join(name for name, held in document['limits'].items() if not held)
-    table('what was measured', ['', 'value', 'bare loop'], [
+    table('measured', ['', 'value', 'bare loop'], [
         ['rate [Hz]', f'{s["rate_hz"]:.1f}', f'{s["bare_rate_hz"]:.1f}'],
         ['ticks missed', f'{s["missed"]} of {s["ticks"]}', s['bare_missed']],
         ['lateness p50 / p99 / max [µs]', ' / '.join(f'{late[k]:.0f}' for k in late),
          ' / '.join(f'{bare[k]:.0f}' for k in bare)],
         ['references lost', s['lost'], ''],
-        ['CPU server / simulation [cores]',
-         f'{s["cpu"]["server"]:.2f} / {s["cpu"]["sim"]:.2f}', ''],
+        ['CPU of the server, of a bare publisher [cores]', f'{s["cpu"]["server"]:.2f}',
+         f'{s["cpu"]["bare"]:.2f}'],
+        ['CPU of the simulation [cores]', f'{s["cpu"]["sim"]:.2f}', ''],
         ['tracking, position / rotation (RMS)',
          f'{t["position_rmse_m"] * 1e3:.1f} mm / {t["rotation_rmse_rad"]:.4f} rad', ''],
         ['goal switched by', f'{g["step_m"]:.2f} m, {g["step_rad"]:.2f} rad, '
                              f'stiffness {g["step_stiffness"]:.2f}', ''],
-        ['at the new goal', f'{g["final_position_error_m"] * 1e3:.2f} mm, '
-                            f'{g["final_rotation_error_rad"]:.4f} rad, '
-                            f'stiffness {g["final_stiffness_distance"]:.4f}', ''],
+        ['distance from the new goal', f'{g["final_position_error_m"] * 1e3:.2f} mm, '
+                                       f'{g["final_rotation_error_rad"]:.4f} rad, '
+                                       f'stiffness {g["final_stiffness_distance"]:.4f}', ''],
         ['limits', f'exceeded: {limits}' if limits else 'all kept', '']])

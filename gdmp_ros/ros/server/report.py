@@ -19,10 +19,10 @@ from gdmp_ros.ros.messages import path_message, set_pose
 PLAN_POSES = 40
 #: Reports between two predicted paths.
 PLAN_EVERY = 5
-#: Reports between two checks who publishes references.
-PUBLISHERS_EVERY = 10
-#: The state contains rate and lateness of this many ticks.
-WINDOW = 1000
+#: Reports between two diagnostics without a change, and between two checks who publishes references.
+DIAGNOSTICS_EVERY = 10
+#: Reports between two evaluations of rate and lateness, and number of ticks for them.
+FIGURES_EVERY, WINDOW = 5, 1000
 
 
 class ServerReport:
@@ -35,14 +35,15 @@ class ServerReport:
         self._plan = node.add_publisher(PathMessage, '~/plan', 1)
         self._diagnostics = node.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._reports = 0
+        self._figures = streamer.lateness.punctuality(WINDOW)
         self._plan_is_shown = False
         self._publishers: list[str] = []
+        self._last_diagnosis: tuple[bytes, str] | None = None
 
-    def state(self, figures: Punctuality | None = None) -> ServerState:
+    def state(self) -> ServerState:
         """The present state."""
-        streamer = self._streamer
+        streamer, figures = self._streamer, self._figures
         lateness, member = streamer.lateness, streamer.member
-        figures = figures or lateness.punctuality(WINDOW)
         message = ServerState(
             status=Status.IDLE, skill=streamer.skill_name, ticks=lateness.ticks,
             missed=lateness.missed, rate_hz=figures.rate_hz, lateness_p50_us=figures.p50_us,
@@ -62,10 +63,11 @@ class ServerReport:
         self._reports += 1
         self._log()
         self._publish_plan()
-        figures = self._streamer.lateness.punctuality(WINDOW)
-        message = self.state(figures)
+        if self._reports % FIGURES_EVERY == 1:
+            self._figures = self._streamer.lateness.punctuality(WINDOW)
+        message = self.state()
         self._state.publish(message)
-        self._publish_diagnostics(message, figures)
+        self._publish_diagnostics(message, self._figures)
         return message
 
     def _log(self) -> None:
@@ -104,13 +106,16 @@ class ServerReport:
             node.get_logger().error(text, throttle_duration_sec=5.0)
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
-        if self._reports % PUBLISHERS_EVERY == 0:
+        if self._reports % DIAGNOSTICS_EVERY == 0:
             self._publishers = node.publishers('~/reference')
         if len(self._publishers) > 1:
             level = max(level, DiagnosticStatus.WARN)
             text = (f'{text}; {len(self._publishers)} nodes publish references: '
                     f'{", ".join(self._publishers)}')
             node.get_logger().warning(text, throttle_duration_sec=5.0)
+        if self._reports % DIAGNOSTICS_EVERY and (level, text) == self._last_diagnosis:
+            return
+        self._last_diagnosis = (level, text)
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal, 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
