@@ -1,12 +1,12 @@
-"""Measure speed, accuracy and calm, beside the peers.
+"""Measure speed, accuracy and smoothness, beside the peers.
 
 step         a step of a roll-out from Python, beside movement_primitives
 learn        learning, beside movement_primitives
-accuracy     reproduction of all LASA classes on five manifolds, for 1 to 10 ms
-goal-switch  accelerations when the goal jumps, beside movement_primitives
+accuracy     reproduction of all LASA classes on five manifolds, for steps of 1 to 10 ms
+goal-switch  accelerations after a goal switch, beside movement_primitives
 tempo        the path when the tempo changes, beside movement_primitives
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
-stream       the nodes' punctuality beside a bare loop (needs ROS)
+stream       the lateness of the nodes beside a bare loop (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
 all          everything, with pictures
 
@@ -22,13 +22,17 @@ from __future__ import annotations
 import argparse
 import importlib
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from gdmp_ros.choices import LASA_CLASSES
+from gdmp_ros.cli.arguments import add_parallel, check_number
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.terminal import table
 
-HELP = 'measure speed, accuracy and calm beside the peers'
+if TYPE_CHECKING:
+    from gdmp_ros.experiments.timing import Settings
+
+#: Benches; the module of each in `gdmp_ros.experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
 
 
@@ -38,45 +42,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=', '.join([*SUBJECTS, 'all']))
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     parser.add_argument('--out', type=Path, default=Path('out/bench'), metavar='DIR',
-                        help='for all: where figures and pictures go (default %(default)s)')
+                        help='for all: folder for figures and pictures (default %(default)s)')
     parser.add_argument('--repetitions', type=int, default=9, metavar='N',
-                        help='of every timing, at least 7; the median counts (default '
+                        help='of every timing, at least 7; the median is reported (default '
                              '%(default)s)')
     parser.add_argument('--seconds', type=float, default=60.0, metavar='S',
-                        help='how long stream streams (default %(default)s)')
+                        help='duration of stream [s] (default %(default)s)')
     parser.add_argument('--class', dest='classes', action='append', metavar='CLASS',
                         help='LASA class for accuracy, may be repeated (default: all 30)')
     parser.add_argument('--n-basis', type=int, default=60, metavar='N',
                         help='basis functions for accuracy (default %(default)s)')
-    add_parallel_arguments(parser)
-
-
-def add_parallel_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare where many tasks are done."""
-    parser.add_argument('--jobs', type=int, default=1, metavar='N',
-                        help='processes; -1: one per core (default %(default)s)')
-    parser.add_argument('--backend', nargs=2, default=(), metavar=('dask', 'ADDRESS'),
-                        help='work on a Dask cluster instead')
-    parser.add_argument('--resume', type=Path, metavar='FILE',
-                        help='keep finished parts here and go on where they stopped')
+    add_parallel(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Measure, print a table, write the files."""
-    from gdmp_ros.data import lasa
+    classes = tuple(options.classes or LASA_CLASSES)
+    for name in classes:
+        if name not in LASA_CLASSES:
+            raise DataError(f'LASA class {name!r} is unknown, expected one of '
+                            f'{", ".join(LASA_CLASSES)}')
+    check_number('--repetitions', options.repetitions, 7)
+    check_number('--seconds', options.seconds, above=0.0, high=86400.0)
     from gdmp_ros.experiments.timing import environment, Settings
     from gdmp_ros.util.parallel import scheduler_address
-    classes = tuple(options.classes or lasa.CLASSES)
-    for name in classes:
-        if name not in lasa.CLASSES:
-            raise DataError(f'LASA class {name!r} is unknown, expected one of '
-                            f'{", ".join(lasa.CLASSES)}')
-    if options.repetitions < 7:
-        raise DataError(f'--repetitions is {options.repetitions}, expected at least 7')
-    if not 0.0 < options.seconds <= 86400.0:
-        raise DataError(f'--seconds is {options.seconds:g}, expected more than 0 to 86400')
     settings = Settings(options.repetitions, options.seconds, options.jobs,
-                        scheduler_address(options.backend), options.resume, classes, options.n_basis)
+                        scheduler_address(options.backend), options.resume, classes,
+                        options.n_basis)
     if options.what != 'all':
         document = _measure(options.what, settings)
         if options.json:
@@ -97,7 +89,7 @@ def _module(what: str) -> Any:
     return importlib.import_module(f'gdmp_ros.experiments.bench.{what.replace("-", "_")}')
 
 
-def _measure(what: str, settings: Any) -> dict[str, Any]:
+def _measure(what: str, settings: Settings) -> dict[str, Any]:
     module = _module(what)
     document: dict[str, Any] = module.run(settings)
     heads, *lines = module.rows(document)
@@ -106,6 +98,7 @@ def _measure(what: str, settings: Any) -> dict[str, Any]:
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
+    from gdmp_ros.util.atomic_write import write_json
     try:
         write_json(path, document)
     except OSError as error:

@@ -1,7 +1,7 @@
-"""Describe an arm as URDF, for robot_state_publisher, RViz and others that read no MJCF.
+"""Write the URDF of an arm, for robot_state_publisher, RViz and other tools that do not read MJCF.
 
-Frames, inertial parameters, limits and simple shapes are those of the model; of meshes the boxes
-around them. A running panda_sim publishes the same on robot_description.
+Frames, inertial parameters, limits and simple shapes are those of the model; a mesh becomes its
+bounding box. A running panda_sim publishes the same on robot_description.
 
 examples:
   gdmp describe -o panda.urdf
@@ -12,10 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.util.atomic_write import write_text
 from gdmp_ros.util.optional_imports import extra, optional_import
-
-HELP = 'describe an arm as URDF'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'Panda by default')
     parser.add_argument('-o', '--output', type=Path, metavar='URDF', help='default: the terminal')
     parser.add_argument('--frame', default='panda_link0', metavar='NAME',
-                        help='of the base link (default %(default)s)')
+                        help='name of the base link (default %(default)s)')
     parser.add_argument('--tool-site', default='tcp', metavar='NAME',
                         help='site that is controlled (default %(default)s)')
 
@@ -39,5 +36,6 @@ def run(options: argparse.Namespace) -> None:
     if options.output is None:
         print(text, end='')
         return
+    from gdmp_ros.util.atomic_write import write_text
     write_text(options.output, text)
     print(f'wrote {options.output}')

@@ -1,8 +1,9 @@
-"""Try what can go wrong on the nodes, as processes, and judge each by what was recorded.
+"""Try faults on the nodes, as processes, and judge each by what was recorded.
 
-server killed, stopped, restarted, started twice; simulation killed; the arm found late; skill
-file, bag and disk broken under them; clocks that jump or are mixed; floods of goals and garbage;
-two hosts with a lossy, slow and cut network; a stiffness profile that tries to shake the arm.
+Server killed, stopped, restarted, started twice; simulation killed; the arm discovered late; skill
+file, bag and disk damaged during operation; clocks that jump or are mixed; floods of goals and of
+invalid messages; two hosts with a lossy, slow and cut network; a stiffness profile that adds
+energy.
 
 examples:
   gdmp faults --out out/faults
@@ -10,8 +11,8 @@ examples:
   gdmp faults server-killed network-cut --quick --out out/faults
 
 Writes faults.json, faults.md (the table), and for each fault a folder with logs and the recorded
-bag. Exit code 1 if one does not hold. A disk that fills up and two hosts need the rights of root;
-where they are missing these are marked as not tried.
+bag. Exit code 1 if one does not hold. A full disk and two hosts need the rights of root; without
+them these are marked as not tried.
 """
 from __future__ import annotations
 
@@ -21,16 +22,14 @@ from pathlib import Path
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
-HELP = 'try what can go wrong on the nodes'
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('what', nargs='*', metavar='FAULT', help='which; all by default')
+    parser.add_argument('what', nargs='*', metavar='FAULT', help='names; all by default')
     parser.add_argument('--out', type=Path, default=Path('out/faults'), metavar='DIR',
-                        help='where table, logs and bags go (default %(default)s)')
-    parser.add_argument('--quick', action='store_true', help='fewer repetitions and shorter waits')
-    parser.add_argument('--list', action='store_true', help='name them and do nothing')
+                        help='folder for table, logs and bags (default %(default)s)')
+    parser.add_argument('--quick', action='store_true', help='fewer repetitions, shorter waits')
+    parser.add_argument('--list', action='store_true', help='print the names and do nothing')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Make a film of a recorded run, or of a skill that the simulated arm executes for it.
+"""Make a film of a recorded run, or of a skill that the simulated arm executes.
 
 The path of the tool is drawn as beads. Without a screen the pictures are drawn by EGL or OSMesa
 (Debian: libegl1 or libosmesa6).
@@ -11,20 +11,27 @@ examples:
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
+from typing import NamedTuple, TYPE_CHECKING
 
-import numpy as np
-
-from gdmp_ros.data import runs
-from gdmp_ros.dmp import Skill
-from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.cli.arguments import add_robot, check_number
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
-HELP = 'make a film of a run, or of a skill'
+if TYPE_CHECKING:
+    import numpy as np
+
 SUFFIXES = ('.mp4', '.webp')
-#: Beads of the path, at most.
+#: Largest number of beads of the path.
 _BEADS = 150
+
+
+class _Motion(NamedTuple):
+    """Times [s], joint positions [rad] and tool positions [m]."""
+
+    times: np.ndarray
+    joints: np.ndarray
+    path: np.ndarray
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,10 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='bag with the state of an arm, or skill file')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILM',
                         help=f'{" or ".join(SUFFIXES)}; .png: the last picture')
-    parser.add_argument('--robot', default='', metavar='NAME',
-                        help='namespace, where a bag has several robots')
+    add_robot(parser)
     parser.add_argument('--speed', type=float, default=1.0, metavar='X',
-                        help='times faster than it was (default %(default)g)')
+                        help='factor of the playback speed (default %(default)g)')
     parser.add_argument('--fps', type=float, default=25.0, metavar='N',
                         help='pictures per second (default %(default)g)')
     parser.add_argument('--model', default='', metavar='MODEL',
@@ -45,18 +51,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Choose the pictures and draw them."""
-    for name, value, most in (('--speed', options.speed, 100.0), ('--fps', options.fps, 120.0)):
-        if not (math.isfinite(value) and 0.0 < value <= most):
-            raise ParameterError(f'{name} is {value:g}, expected more than 0 and at most {most:g}')
+    check_number('--speed', options.speed, above=0.0, high=100.0)
+    check_number('--fps', options.fps, above=0.0, high=120.0)
     if options.output.suffix not in (*SUFFIXES, '.png'):
         raise DataError(f'{options.output}: expected a name ending in {", ".join(SUFFIXES)} or '
                         '.png')
     if not options.output.absolute().parent.is_dir():
         raise DataError(f'{options.output.parent}: there is no such folder')
+    import numpy as np
     with optional_import(extra('sim')):
         from gdmp_ros.view.films import render_to
-        times, joints, path = (_recorded(options) if options.source.is_dir()
-                               or options.source.suffix == '.mcap' else _played(options))
+        times, joints, path = _motion(options)
     wanted = np.arange(times[0], times[-1], options.speed / options.fps)
     shown = joints[np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)]
     still = options.output.suffix == '.png'
@@ -67,18 +72,25 @@ def run(options: argparse.Namespace) -> None:
     print(f'wrote {options.output}: {1 if still else len(shown)} pictures')
 
 
-def _recorded(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s], joints [rad] and positions [m] of a run."""
-    found = runs.read(options.source, options.robot)
-    return (1e-9 * (found.state_stamps - found.state_stamps[0]), found.joints,
-            found.poses[:, :3])
+def _motion(options: argparse.Namespace) -> _Motion:
+    if options.source.is_dir() or options.source.suffix == '.mcap':
+        return _recorded(options)
+    return _executed(options)
 
 
-def _played(options: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s], joints [rad] and positions [m] of a skill that an arm executes."""
+def _recorded(options: argparse.Namespace) -> _Motion:
+    from gdmp_ros.data import runs
+    run = runs.read(options.source, options.robot)
+    return _Motion(1e-9 * (run.state_stamps - run.state_stamps[0]), run.joints, run.poses[:, :3])
+
+
+def _executed(options: argparse.Namespace) -> _Motion:
+    import numpy as np
+
+    from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(options.source)
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.execution import execute
     arm = Arm(options.model)
-    played = execute(skill, arm)
-    return arm.period * np.arange(len(played.joints)), played.joints, played.measured[:, :3]
+    done = execute(skill, arm)
+    return _Motion(arm.period * np.arange(len(done.joints)), done.joints, done.measured[:, :3])

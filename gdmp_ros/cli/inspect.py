@@ -1,4 +1,4 @@
-"""Say what is in a bag or in a skill file.
+"""Show the contents of a bag or of a skill file.
 
 examples:
   gdmp inspect demos/GShape_1
@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from gdmp_ros.data import bags, recordings
-from gdmp_ros.dmp import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 
-HELP = 'say what is in a bag or a skill file'
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gdmp_ros.dmp.skill import Skill
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,17 +25,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Tell bags from skill files by what they are on disk."""
+    """Print a bag if the path is a folder, otherwise a skill."""
     path = options.path
     if not path.exists():
         raise DataError(f'{path}: no such bag or skill file')
     if path.is_dir():
-        _bag(path)
+        _print_bag(path)
     else:
-        _skill(path)
+        _print_skill(path)
 
 
-def _bag(path: Path) -> None:
+def _print_bag(path: Path) -> None:
+    import numpy as np
+
+    from gdmp_ros.data import bags, recordings
     table(str(path), ['topic', 'type', 'messages'], bags.topics(path))
     try:
         recording = recordings.read(path)
@@ -45,28 +48,31 @@ def _bag(path: Path) -> None:
     demonstration = recording.demonstration
     points = demonstration.points
     box = np.ptp(points[:, :3], axis=0)
-    rows: list[list[object]] = [['frame', recording.frame], ['samples', len(points)],
-            ['duration [s]', f'{demonstration.duration:.3f}'],
-            ['spacing', 'uniform' if demonstration.is_uniform else 'irregular (is resampled)'],
-            ['extent x, y, z [m]', ', '.join(f'{side:.3f}' for side in box)]]
+    rows: list[list[object]] = [
+        ['frame', recording.frame], ['samples', len(points)],
+        ['duration [s]', f'{demonstration.duration:.3f}'],
+        ['spacing', 'uniform' if demonstration.is_uniform else 'irregular (is resampled)'],
+        ['extent x, y, z [m]', ', '.join(f'{side:.3f}' for side in box)]]
     if len(demonstration.manifold.factors) > 2:
-        size = demonstration.manifold.factors[2].m
+        size = demonstration.manifold.factors[2].size
         values = np.linalg.eigvalsh(points[:, 7:].reshape(-1, size, size))
         rows.append(['stiffness eigenvalues [N/m, Nm/rad]',
                      f'{values.min():.1f} … {values.max():.1f}'])
     table('demonstration', ['', 'value'], rows)
 
 
-def _skill(path: Path) -> None:
+def _print_skill(path: Path) -> None:
+    from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(path)
+    gains = skill.gains
     rows: list[list[object]] = [
-            ['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
-            ['connection', skill.connection], ['duration [s]', f'{skill.duration:.3f}'],
-            ['basis functions', skill.n_basis], ['grid steps', skill.steps],
-            ['alpha_z, alpha_x, alpha_g', f'{skill.gains.alpha_z:g}, {skill.gains.alpha_x:g}, '
-                                          f'{skill.gains.alpha_g:g}'],
-            ['segments', _segments(skill)],
-            ['start', _numbers(skill.start)], ['goal', _numbers(skill.goal)]]
+        ['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
+        ['connection', skill.connection], ['duration [s]', f'{skill.duration:.3f}'],
+        ['basis functions', skill.n_basis], ['grid steps', skill.steps],
+        ['alpha_z, alpha_x, alpha_g',
+         f'{gains.alpha_z:g}, {gains.alpha_x:g}, {gains.alpha_g:g}'],
+        ['segments', _segments(skill)],
+        ['start', _numbers(skill.start)], ['goal', _numbers(skill.goal)]]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
 
@@ -75,7 +81,7 @@ def _segments(skill: Skill) -> str:
     if len(skill.segments) == 1:
         return '1'
     at = ', '.join(f'{s:.3f}' for s in skill.segments.ends)
-    return f'{len(skill.segments)}, cut at the cut locus at s = {at}'
+    return f'{len(skill.segments)}, split at the cut locus at s = {at}'
 
 
 def _numbers(point: np.ndarray) -> str:

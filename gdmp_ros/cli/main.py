@@ -1,18 +1,52 @@
-"""``gdmp VERB``: what it can do is named by `VERBS`."""
+"""``gdmp VERB``: finds the verb and runs it. Only the module of this verb is imported."""
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import difflib
 import importlib
 import os
 import sys
+from types import ModuleType
 
+from gdmp_ros import __version__
 from gdmp_ros.errors import GdmpError
 
-VERBS = ('record', 'teach', 'takes', 'tune', 'learn', 'convert', 'inspect', 'plot', 'rollout',
-         'film', 'gallery', 'describe', 'execute', 'watch', 'report', 'doctor', 'bench', 'paper',
-         'demo', 'faults', 'soak')
-_EPILOG = """\
+#: Verbs by purpose, with their help; the module of a verb has its name.
+GROUPS = {
+    'demonstrations': {
+        'record': 'write demonstrations from a data set: rosbag2, or on a manifold',
+        'teach': 'guide a simulated arm by hand and record takes',
+        'takes': 'list and compare takes of a demonstration, drop outliers',
+        'convert': 'convert demonstrations and skills from and to other formats',
+    },
+    'skills': {
+        'learn': 'learn a skill from rosbag2 demonstrations',
+        'tune': 'suggest basis functions, gains, stiffness and limits',
+        'inspect': 'show the contents of a bag or a skill file',
+        'plot': 'draw a skill',
+        'rollout': 'roll a skill out, to another goal if asked, as CSV',
+        'gallery': 'make a gallery of skills with pictures',
+    },
+    'robot': {
+        'execute': 'execute the skill of a running server, switch its goal',
+        'watch': 'watch server and arm in the terminal',
+        'report': 'make an HTML page about a bag',
+        'film': 'make a film of a run, or of a skill',
+        'describe': 'write the URDF of an arm',
+        'doctor': 'check this machine and say what to change',
+        'warm-up': 'compile the kernels now, not at the first start',
+    },
+    'experiments': {
+        'demo': 'everything end to end on a simulated Panda',
+        'bench': 'measure speed, accuracy and smoothness beside the peers',
+        'paper': 'reproduce the experiments of the paper',
+        'faults': 'try faults on the nodes',
+        'soak': 'operate the nodes for a long time and watch them',
+    },
+}
+VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
+_EXAMPLES = """\
 a first skill, from handwriting to a motion:
   gdmp record lasa GShape -o demos          write 7 demonstrations as rosbag2
   gdmp inspect demos/GShape_1               look at one
@@ -20,40 +54,54 @@ a first skill, from handwriting to a motion:
   gdmp plot skill.json -o skill.png         see it
   gdmp rollout skill.json --goal-position 0.5 0.1 0.4
 
-a skill of your own, in simulation:
-  gdmp teach -o takes                       lead the arm by hand, a few takes
-  gdmp takes takes                          compare them, drop the bad one
+your own skill, in simulation:
+  gdmp teach -o takes                       guide the arm by hand, a few takes
+  gdmp takes takes                          compare them, drop outliers
   gdmp tune takes                           how to learn from them
   gdmp learn takes -o skill.json
   gdmp execute --load skill.json            on running nodes (panda_sim, trajectory_server)
 
-all of it on a simulated robot:
+everything on a simulated robot:
   gdmp demo
 
-the experiments of the paper:
-  gdmp paper all
-
-what can go wrong on a robot, tried:
-  gdmp faults
-  gdmp soak --minutes 30
+gdmp VERB --help describes a verb, with examples.
 """
 
 
 def parser() -> argparse.ArgumentParser:
-    """Build the parser of all verbs."""
+    """Build the parser of ``gdmp`` without a verb."""
+    verbs = '\n'.join(f'{group}:\n' + '\n'.join(
+        f'  {name:<10}{text}' for name, text in found.items()) for group, found in GROUPS.items())
     result = argparse.ArgumentParser(
-        prog='gdmp', description='Learn robot skills from demonstrations and roll them out.',
-        epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
-    verbs = result.add_subparsers(dest='verb', metavar='VERB', required=True)
-    for name in VERBS:
-        module = importlib.import_module(f'gdmp_ros.cli.{name}')
-        first, _, rest = (module.__doc__ or '').partition('\n')
-        sub = verbs.add_parser(name, help=module.HELP, description=first,
-                               epilog=rest.strip() or None,
-                               formatter_class=argparse.RawDescriptionHelpFormatter)
-        module.add_arguments(sub)
-        sub.set_defaults(run=module.run)
+        prog='gdmp', usage='gdmp VERB [arguments]', epilog=f'{verbs}\n\n{_EXAMPLES}',
+        description='Learn robot skills from demonstrations and roll them out.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument('--version', action='version', version=f'gdmp {__version__}')
     return result
+
+
+def parse(words: Sequence[str]) -> tuple[ModuleType, argparse.Namespace]:
+    """
+    Import a verb and parse its arguments.
+
+    :param words: the verb, then its arguments
+    :returns: its module, which has a function ``run(options)``, and the options
+    :raises SystemExit: after help, or with code 2 if the usage is wrong
+    """
+    name = words[0]
+    if name.startswith('-'):
+        parser().parse_args(words)
+    if name not in VERBS:
+        near = difflib.get_close_matches(name, VERBS, n=1, cutoff=0.5)
+        question = f"did you mean '{near[0]}'?" if near else 'see gdmp --help'
+        parser().error(f"'{name}' is not a verb; {question}")
+    module = importlib.import_module(f'gdmp_ros.cli.{name.replace("-", "_")}')
+    first, _, rest = (module.__doc__ or '').partition('\n')
+    verb = argparse.ArgumentParser(prog=f'gdmp {name}', description=first,
+                                   epilog=rest.strip() or None,
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)
+    module.add_arguments(verb)
+    return module, verb.parse_args(words[1:])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,10 +110,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :returns: exit code: 0 done, 1 refused with a message, 2 wrong usage, 130 interrupted
     """
-    options = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words:
+        parser().print_help()
+        return 0
     try:
-        code = options.run(options)
-        return int(code or 0)
+        module, options = parse(words)
+        # Numba is imported after the arguments have been checked: it takes half a second.
+        from gdmp_ros.util.compile_progress import compilation_reported
+        with compilation_reported():
+            return int(module.run(options) or 0)
     except GdmpError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1

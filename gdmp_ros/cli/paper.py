@@ -33,8 +33,6 @@ from pathlib import Path
 
 from gdmp_ros.errors import DataError
 
-HELP = 'reproduce the experiments of the paper'
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

@@ -8,11 +8,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.dmp import Skill
-from gdmp_ros.view import plots
-
-HELP = 'draw a skill'
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -22,6 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Roll the skill out and draw it."""
+    from gdmp_ros.dmp.skill import Skill
+    from gdmp_ros.view import plots, skill_plots
     skill = Skill.load(options.skill)
     plots.save(skill_plots.skill_figure(skill), options.output)
     print(f'wrote {options.output}')

@@ -1,7 +1,7 @@
-"""Make one HTML page about a bag: a run of the nodes, or a demonstration.
+"""Make an HTML page about a bag: a run of the nodes, or a demonstration.
 
-The page holds the path in space with stiffness ellipsoids, errors, stiffness, energy and lateness
-over time, and what happened when. It is one file, and optional_import no network.
+The page shows the path in space with stiffness ellipsoids; errors, stiffness, energy and lateness
+over time; and the events. It is one file and needs no network.
 
 examples:
   gdmp report out/demo/run -o run.html
@@ -12,22 +12,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.arguments import add_robot
 from gdmp_ros.util.optional_imports import extra, optional_import
-
-HELP = 'make one HTML page about a bag'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='rosbag2 folder')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='HTML')
-    parser.add_argument('--robot', default='', metavar='NAME',
-                        help='namespace, where the bag has several robots')
+    add_robot(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
     with optional_import(extra('report')):
-        from gdmp_ros.view import report_page as page
-    what = page.write(options.bag, options.output, options.robot)
+        from gdmp_ros.view import report_page
+    what = report_page.write(options.bag, options.output, options.robot)
     print(f'wrote {options.output}, about {what}')

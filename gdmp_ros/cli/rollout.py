@@ -1,7 +1,7 @@
 """Roll a skill out and print the path as CSV.
 
-The columns are time, phase and the point's numbers (position, quaternion wxyz, matrices row by
-row).
+The columns are time, phase and the numbers of the point (position, quaternion wxyz, matrices
+row-major).
 
 examples:
   gdmp rollout skill.json --dt 0.01 > path.csv
@@ -13,48 +13,57 @@ import argparse
 import csv
 from pathlib import Path
 import sys
-from typing import TextIO
+from typing import TextIO, TYPE_CHECKING
 
-import numpy as np
-
-from gdmp_ros.dmp import Rollout, Skill
+from gdmp_ros.cli.arguments import check_number
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds import Euclidean, Product
 
-HELP = 'roll a skill out, to another goal if asked, as CSV'
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gdmp_ros.dmp.rollout import Rollout
+    from gdmp_ros.dmp.skill import Skill
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('skill', type=Path, metavar='SKILL')
     parser.add_argument('-o', '--output', type=Path, metavar='CSV', help='default: the terminal')
-    parser.add_argument('--dt', type=float, default=0.01, help='spacing [s] (default %(default)s)')
-    parser.add_argument('--duration', type=float, help='instead of the demonstrated one [s]')
+    parser.add_argument('--dt', type=float, default=0.01,
+                        help='time step [s] (default %(default)s)')
+    parser.add_argument('--duration', type=float,
+                        help='duration [s]; default: as demonstrated')
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                         help='goal of the position factor [m]')
     parser.add_argument('--switch-at', type=float, default=0.0, metavar='S',
-                        help='when the goal switches [s]; 0: from the start')
+                        help='time of the goal switch [s]; 0: from the start')
 
 
 def run(options: argparse.Namespace) -> None:
     """Roll out until the motion is finished."""
-    if not options.dt > 0.0:
-        raise ParameterError(f'dt is {options.dt:g} s, expected more than 0')
+    check_number('dt', options.dt, above=0.0)
+    from gdmp_ros.dmp.rollout import Rollout
+    from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(options.skill)
     goal = _goal(skill, options)
-    at_once = options.switch_at <= 0.0
-    rollout = Rollout(skill, goal=goal if at_once else None, duration=options.duration)
+    from_the_start = options.switch_at <= 0.0
+    rollout = Rollout(skill, goal=goal if from_the_start else None, duration=options.duration)
+    later = None if from_the_start else goal
     if options.output is None:
-        _write(rollout, goal if not at_once else None, options, sys.stdout)
+        _write(rollout, later, options, sys.stdout)
         return
     with options.output.open('w', newline='') as out:
-        _write(rollout, goal if not at_once else None, options, out)
+        _write(rollout, later, options, out)
     print(f'wrote {options.output}')
 
 
 def _goal(skill: Skill, options: argparse.Namespace) -> np.ndarray | None:
+    import numpy as np
+
+    from gdmp_ros.manifolds.euclidean import Euclidean
+    from gdmp_ros.manifolds.product import Product
     if options.goal is not None:
         flat = np.array(options.goal)
         if flat.size != skill.goal.size:

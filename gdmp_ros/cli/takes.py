@@ -1,7 +1,7 @@
-"""List the takes of a demonstration, compare them, and put the bad ones aside.
+"""List the takes of a demonstration, compare them, and drop outliers.
 
-Takes are compared place by place along their paths, so that they may have been shown at different
-tempos. A take that differs from the others much more than they do among each other is named.
+Takes are compared point by point along their paths, so they may differ in tempo. A take is an
+outlier if it differs from the others much more than they differ from each other.
 
 examples:
   gdmp takes takes
@@ -13,44 +13,43 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.data import recordings, takes
+from gdmp_ros.cli.arguments import add_pose_topic
 from gdmp_ros.util.terminal import progress, table
-
-HELP = 'list, compare and drop takes of a demonstration'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('folder', type=Path, metavar='FOLDER', help='of rosbag2 recordings')
     parser.add_argument('--drop', nargs='+', default=[], metavar='TAKE',
-                        help='put takes aside, to FOLDER/dropped')
+                        help='move takes to FOLDER/dropped')
     parser.add_argument('--plot', type=Path, metavar='PNG', help='draw them')
-    parser.add_argument('--pose-topic', default='', metavar='TOPIC',
-                        help='where the bags have several')
+    add_pose_topic(parser)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Drop what is to be dropped, then compare the rest."""
+    """Drop takes, then compare the others."""
+    from gdmp_ros.data import recordings, takes
     for name in options.drop:
-        print(f'put aside: {takes.drop(options.folder, name)}')
-    bags = takes.folder_of(options.folder)
+        print(f'dropped: moved to {takes.drop(options.folder, name)}')
+    bags = takes.takes_in(options.folder)
     with progress('reading', len(bags)) as step:
         shown = []
         for bag in bags:
             shown.append(recordings.read(bag, options.pose_topic))
             step()
     compared = takes.compare(shown)
-    table(str(options.folder), ['take', 'duration [s]', 'path [m]', 'from the others [mm]',
-                                'rotation [rad]', ''],
-          [[one.name, f'{one.duration:.2f}', f'{one.length:.3f}', f'{1e3 * one.away:.1f}',
-            f'{one.turned:.3f}', 'differs' if one.differs else ''] for one in compared])
+    table(str(options.folder), ['take', 'duration [s]', 'path length [m]',
+                                'distance from the others [mm]', 'angle [rad]', ''],
+          [[one.name, f'{one.duration:.2f}', f'{one.length:.3f}', f'{1e3 * one.distance:.1f}',
+            f'{one.angle:.3f}', 'outlier' if one.outlier else ''] for one in compared])
     for one in compared:
-        if one.differs:
-            print(f'{one.name} differs: {one.differs}')
+        if one.outlier:
+            print(f'{one.name} is an outlier: {one.outlier}')
             print(f'  gdmp takes {options.folder} --drop {one.name}')
     if options.plot:
-        from gdmp_ros.view import plots
+        from gdmp_ros.view import plots, skill_plots
         plots.save(skill_plots.takes_figure([one.demonstration for one in shown],
-                                      [one.name for one in compared],
-                                      [bool(one.differs) for one in compared]), options.plot)
+                                            [one.name for one in compared],
+                                            [bool(one.outlier) for one in compared]),
+                   options.plot)
         print(f'wrote {options.plot}')

@@ -1,6 +1,6 @@
-"""Watch a trajectory server and an arm live: rate, lateness, progress, distance to the goal.
+"""Watch a trajectory server and an arm: rate, lateness, progress, distance to the goal.
 
-Where nobody looks (a pipe, a file) it prints one line a second.
+Without a terminal (a pipe, a file) it prints one line per second.
 
 examples:
   gdmp watch
@@ -12,10 +12,8 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.errors import DataError
+from gdmp_ros.cli.arguments import check_number
 from gdmp_ros.util.optional_imports import optional_import, ROS
-
-HELP = 'watch server and arm live in the terminal'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,15 +22,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='trajectory server (default %(default)s)')
     parser.add_argument('--arm', default='panda_sim', metavar='NODE',
                         help='arm (default %(default)s)')
-    parser.add_argument('--seconds', type=float, metavar='S', help='how long (until Ctrl-C)')
+    parser.add_argument('--seconds', type=float, metavar='S',
+                        help='duration [s]; default: until Ctrl-C')
 
 
 def run(options: argparse.Namespace) -> None:
     """Watch."""
-    if options.seconds is not None and not options.seconds > 0.0:
-        raise DataError(f'--seconds is {options.seconds:g}, expected more than 0')
+    if options.seconds is not None:
+        check_number('--seconds', options.seconds, above=0.0)
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):
-        from gdmp_ros.ros.clients import dashboard as watching
-    watching.watch(options.server, options.arm, options.seconds)
+        from gdmp_ros.ros.clients import dashboard
+    dashboard.show(options.server, options.arm, options.seconds)

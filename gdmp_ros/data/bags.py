@@ -20,6 +20,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from gdmp_ros import choices
 from gdmp_ros.control.guard import QUATERNION_TOLERANCE
 from gdmp_ros.errors import DataError, GdmpError
 
@@ -28,7 +29,6 @@ ARRAY = 'std_msgs/msg/Float64MultiArray'
 REFERENCE = 'gdmp_msgs/msg/Reference'
 JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
-STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 NS = 1_000_000_000
 
 
@@ -182,8 +182,8 @@ class BagWriter:
 
     def __init__(self, path: str | Path, storage: str = 'mcap'):
         """:param storage: ``mcap`` or ``sqlite3``"""
-        if storage not in STORAGES:
-            raise DataError(f'bag storage is {storage!r}, expected one of {", ".join(STORAGES)}')
+        if storage not in choices.STORAGES:
+            raise DataError(f'bag storage is {storage!r}, expected one of {", ".join(choices.STORAGES)}')
         self.path = Path(path)
         if self.path.exists():
             raise DataError(f'{self.path}: exists already; remove it or choose another name')
@@ -201,7 +201,7 @@ class BagWriter:
 
     def open(self) -> BagWriter:
         """Begin to write, without a context manager."""
-        self._writer = Writer(self._partial, version=9, storage_plugin=STORAGES[self._storage])
+        self._writer = Writer(self._partial, version=9, storage_plugin=StoragePlugin[self._storage.upper()])
         self._writer.open()
         return self
 

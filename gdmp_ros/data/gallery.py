@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.choices import GALLERY
 from gdmp_ros.data import lasa
 from gdmp_ros.data.recordings import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -74,24 +75,22 @@ def _screw() -> Sequence[Demonstration]:
     return _pose(4.0, positions, 3.0 * np.pi * s)
 
 
-EXAMPLES: dict[str, Example] = {
-    'letter-G': Example('A letter, with stiffness', 'seven strokes become one skill of pose and '
-                      'stiffness: stiff where they agree',
-                      lambda: lasa.robot_demonstrations('GShape')),
-    'letter-S': Example('Another letter', 'the same from another class of strokes',
-                      lambda: lasa.robot_demonstrations('Sshape')),
-    'pick-and-place': Example('Pick and place', 'one demonstration of a pose, without stiffness; '
-                            'the goal can be switched during the motion', _pick_and_place),
-    'polish': Example('Polishing', 'stiff along the table, compliant normal to it', _polish),
-    'screw': Example('Turning a screw', 'one and a half turns: the orientation passes its cut locus, '
-                   'and is split into segments automatically', _screw),
-    'sphere': Example('A curve on a sphere', 'a direction in space: S²',
-                    lambda: lasa.data_set('Worm', 'S2')),
-    'rotation': Example('Rotation matrices', 'a curve on SO(3)',
-                      lambda: lasa.data_set('Leaf_1', 'SO3')),
-    'covariance': Example('A covariance profile', 'symmetric positive definite matrices over '
-                        'time: SPD(2)', lambda: lasa.data_set('Angle', lasa.COVARIANCES)),
-}
+EXAMPLES = dict(zip(GALLERY, (
+    Example('A letter, with stiffness', 'seven strokes become one skill of pose and stiffness: '
+            'stiff where they agree', lambda: lasa.robot_demonstrations('GShape')),
+    Example('Another letter', 'the same from another class of strokes',
+            lambda: lasa.robot_demonstrations('Sshape')),
+    Example('Pick and place', 'one demonstration of a pose, without stiffness; the goal can be '
+            'switched during the motion', _pick_and_place),
+    Example('Polishing', 'stiff along the table, compliant normal to it', _polish),
+    Example('Turning a screw', 'one and a half turns: the orientation passes its cut locus, and '
+            'is split into segments automatically', _screw),
+    Example('A curve on a sphere', 'a direction in space: S²',
+            lambda: lasa.data_set('Worm', 'S2')),
+    Example('Rotation matrices', 'a curve on SO(3)', lambda: lasa.data_set('Leaf_1', 'SO3')),
+    Example('A covariance profile', 'symmetric positive definite matrices over time: SPD(2)',
+            lambda: lasa.data_set('Angle', lasa.COVARIANCES)),
+), strict=True))
 
 
 def learned(name: str) -> Skill:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
+from gdmp_ros import choices
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.mixture import Mixture
@@ -20,17 +21,13 @@ from gdmp_ros.manifolds.rotation import SpecialOrthogonal
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.sphere import Sphere
 
-CLASSES = ('Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape',
-           'JShape_2', 'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape',
-           'RShape', 'Saeghe', 'Sharpc', 'Sine', 'Snake', 'Spoon', 'Sshape', 'Trapezoid', 'Worm',
-           'WShape', 'Zshape', 'Multi_Models_1', 'Multi_Models_2', 'Multi_Models_3',
-           'Multi_Models_4')
+CLASSES = choices.LASA_CLASSES
 #: Positions are divided by this before they are mapped to a manifold, [GDMP] section 5.1.
 SCALE_MM = 50.0
 #: Manifolds of the Riemannian LASA data set.
-MAPPINGS = ('R2', 'S2', 'S3', 'SO3', 'SPD2')
+MAPPINGS = choices.LASA_MANIFOLDS
 #: Another mapping to SPD(2): the covariances of a class over time.
-COVARIANCES = 'covariances'
+COVARIANCES = choices.LASA_COVARIANCES
 
 
 class Stroke(NamedTuple):

@@ -26,8 +26,6 @@ EPOCH_NS = 1_700_000_000 * bags.NS
 REST_S = 0.1
 #: Relative tolerance for the coupling of a 6×6 matrix, and for changes of its rotational block.
 UNCOUPLED = 1e-6
-#: Origins of the stiffness of a skill: `with_stiffness`.
-STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
     """
     Demonstrations with the stiffness from a source, and the name of the source.
 
-    :param source: one of `STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
+    :param source: one of `gdmp_ros.choices.STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
         low where they vary; ``none``; ``auto``: the first of these that is possible
     :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
     :param k_max: largest eigenvalue

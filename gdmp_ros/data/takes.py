@@ -122,6 +122,17 @@ def takes_in(takes: Path) -> list[Path]:
     return found
 
 
+def bags_in(path: Path) -> list[Path]:
+    """
+    Bag at a path, or all bags in a folder.
+
+    :raises DataError: if a folder has none
+    """
+    if path.is_file() or (path / 'metadata.yaml').exists() or not path.is_dir():
+        return [path]
+    return takes_in(path)
+
+
 def drop(takes: Path, name: str) -> Path:
     """
     Move a take to the folder ``dropped`` beside the others, from which nothing is learned.

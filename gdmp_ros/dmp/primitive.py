@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 
-CONNECTIONS = ('parallel', 'published')
 #: Fewest grid intervals per duration (less than 1 ms each for a skill of 4 s).
 MIN_STEPS = 4000
 

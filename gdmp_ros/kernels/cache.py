@@ -38,8 +38,8 @@ _KEPT_VERSIONS = 3
 #: A folder of another version of Python or Numba is removed after so many days without a change.
 _STALE_DAYS = 60.0
 
-#: Called with the name of a kernel before it is compiled; none by default.
-_listeners: list[Callable[[str], None]] = []
+#: Called before a kernel is compiled, with its name, and after; none by default.
+_listeners: list[tuple[Callable[[str], None], Callable[[], None]]] = []
 
 
 def cache_folder() -> Path:
@@ -89,8 +89,14 @@ def remove_stale() -> None:
 
 
 @contextlib.contextmanager
-def on_compile(listener: Callable[[str], None]) -> Iterator[None]:
-    """Call ``listener`` with the name of every kernel that is compiled meanwhile."""
+def on_compile(started: Callable[[str], None], finished: Callable[[], None]) -> Iterator[None]:
+    """
+    Observe the compilation of kernels.
+
+    :param started: called with the name of every kernel that is compiled meanwhile
+    :param finished: called when it is compiled
+    """
+    listener = (started, finished)
     _listeners.append(listener)
     try:
         yield
@@ -124,8 +130,8 @@ def _add_function(digest: Any, function: FunctionType, seen: set[int]) -> None:
 def _add_code(digest: Any, code: CodeType) -> None:
     digest.update(code.co_code)
     digest.update(repr((code.co_names, code.co_varnames, code.co_freevars)).encode())
-    # The first constant of a function is its docstring, or None.
-    is_function = bool(code.co_flags & inspect.CO_NEWLOCALS) and code.co_name != '<lambda>'
+    # The first constant of a function is its docstring or None; <lambda>, <listcomp> have none.
+    is_function = bool(code.co_flags & inspect.CO_NEWLOCALS) and code.co_name[0] != '<'
     for constant in code.co_consts[1:] if is_function else code.co_consts:
         if isinstance(constant, CodeType):
             _add_code(digest, constant)
@@ -221,13 +227,15 @@ class KernelCache(_Cache):
         found = self._files.load_overload(sig, target_context)
         if found is None:
             module = self._function.__module__.removeprefix('gdmp_ros.')
-            for listener in _listeners:
-                listener(f'{module}.{self._function.__name__}')
+            for started, _ in _listeners:
+                started(f'{module}.{self._function.__name__}')
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         self._files.save_overload(sig, data)
         self._remove_older()
+        for _, finished in _listeners:
+            finished()
 
     def _remove_older(self) -> None:
         """Keep the newest versions of this kernel only."""

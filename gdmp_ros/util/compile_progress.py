@@ -1,9 +1,10 @@
-"""Reports the compilation of kernels, which takes up to a minute once and is silent otherwise."""
+"""Reports the compilation of kernels, which takes up to a minute once."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import sys
+import threading
 import time
 
 from gdmp_ros.kernels import on_compile
@@ -19,23 +20,54 @@ def _print(text: str) -> None:
 @contextmanager
 def compilation_reported(report: Callable[[str], None] = _print) -> Iterator[None]:
     """
-    Report kernels that are compiled meanwhile, at the first one and then every two seconds.
+    Report kernels that are compiled meanwhile: at the first one, then every two seconds.
 
-    :param report: takes a line of text
+    :param report: takes a line of text; it is called from another thread
     """
-    begun: list[float] = []
-    last = [-EVERY_S]
+    reporter = _Reporter(report)
+    with on_compile(reporter.started, reporter.finished):
+        try:
+            yield
+        finally:
+            reporter.close()
 
-    def listen(name: str) -> None:
-        now = time.monotonic()
-        if not begun:
-            begun.append(now)
-            report('compiling the kernels, once: this takes up to a minute')
-            last[0] = now
-        elif now - last[0] >= EVERY_S:
-            report(f'compiling the kernels: {name} ({now - begun[0]:.0f} s)')
-            last[0] = now
-    with on_compile(listen):
-        yield
-    if begun and time.monotonic() - begun[0] > EVERY_S:
-        report(f'kernels compiled in {time.monotonic() - begun[0]:.0f} s')
+
+class _Reporter:
+    """Prints lines from a thread of its own: the compiler does not return between two kernels."""
+
+    def __init__(self, report: Callable[[str], None]):
+        self._report = report
+        self._names: list[str] = []
+        self._compiled = 0
+        self._begun = self._ended = 0.0
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def started(self, name: str) -> None:
+        # A kernel that calls another one starts before it and is finished after it.
+        self._names.append(name)
+        if self._thread is None:
+            self._begun = time.monotonic()
+            self._report('compiling the kernels, once: this takes up to a minute')
+            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread.start()
+
+    def finished(self) -> None:
+        if self._names:
+            self._names.pop()
+        self._compiled += 1
+        self._ended = time.monotonic()
+
+    def close(self) -> None:
+        self._closed.set()
+        if self._thread is None:
+            return
+        self._thread.join()
+        self._report(f'{self._compiled} kernels compiled in {self._ended - self._begun:.0f} s')
+
+    def _run(self) -> None:
+        while not self._closed.wait(EVERY_S):
+            names = self._names[-1:]
+            if names:
+                self._report(f'compiling the kernels: {names[0]}, {self._compiled} done '
+                             f'({time.monotonic() - self._begun:.0f} s)')

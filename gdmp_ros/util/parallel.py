@@ -16,6 +16,9 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import progress
 
+#: Time within which a Dask scheduler must answer [s].
+CONNECT_S = 10.0
+
 
 class Journal:
     """Results by key, written to disk as soon as they are known."""
@@ -57,7 +60,7 @@ class Journal:
 
 
 def map_tasks(title: str, function: Callable[[Any], Any], tasks: dict[str, Any], jobs: int = 1,
-           dask: str | None = None, journal: Journal | None = None) -> dict[str, Any]:
+              dask: str | None = None, journal: Journal | None = None) -> dict[str, Any]:
     """
     Apply ``function`` to every task and return the results by key, in the order of the tasks.
 
@@ -95,7 +98,7 @@ def _cluster(address: str | None) -> Any:
     with optional_import(extra('dask')):
         from distributed import Client
     try:
-        client = Client(address, timeout=10)
+        client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise DataError(f'no Dask scheduler answers at {address!r}: {error}') from None
     with client, parallel_config(backend='dask', wait_for_workers_timeout=30):

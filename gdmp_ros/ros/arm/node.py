@@ -234,6 +234,9 @@ class PandaSim(ManagedNode):
             if simulation.steps_left:
                 raise ParameterError(f'{simulation.steps_left} of {request.steps} steps were not '
                                      'made in time')
+            if simulation.steps_dropped:
+                raise ParameterError(f'{simulation.steps_dropped} of {request.steps} steps were '
+                                     'not made: ~/set_pause was called')
             reply.success = True
         except ParameterError as error:
             reply.message = str(error)

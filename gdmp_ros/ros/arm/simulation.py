@@ -31,6 +31,7 @@ class Simulation:
     One thread calls `advance`. Requests come from another thread; `advance` carries them out.
 
     :ivar sequence: number of the reference that is followed, 0 before the first
+    :ivar steps_dropped: ticks of the last `request_steps` that `pause` prevented
     :ivar hand_problem: why a pose of the hand was refused; empty if it was not
     """
 
@@ -51,13 +52,16 @@ class Simulation:
         self._frame, self._references, self._hand_poses = frame, references, hand_poses
         self._reset_requested = False
         self._hand_guide_requested: bool | None = None
-        self._steps_left = 0
+        self.steps_dropped = 0
+        # Only `advance` counts ticks, and only the other thread sets the last one of a request.
+        self._ticks = self._last_tick = 0
         self._hand_ticks = 0
 
     def pause(self, paused: bool) -> None:
         """Pause or continue; steps that are left are not made."""
+        self.steps_dropped += self.steps_left
         self.paused = paused
-        self._steps_left = 0
+        self._last_tick = self._ticks
 
     def request_reset(self) -> None:
         """Put the arm to its first keyframe at the next tick."""
@@ -77,14 +81,15 @@ class Simulation:
             raise ParameterError('the simulation is not paused: call ~/set_pause first')
         if not 1 <= steps <= MAX_STEPS:
             raise ParameterError(f'steps is {steps}, expected 1 to {MAX_STEPS}')
-        if self._steps_left:
-            raise ParameterError(f'{self._steps_left} steps are left of another request')
-        self._steps_left = steps
+        if self.steps_left:
+            raise ParameterError(f'{self.steps_left} steps are left of another request')
+        self.steps_dropped = 0
+        self._last_tick = self._ticks + steps
 
     @property
     def steps_left(self) -> int:
         """Ticks that are left of `request_steps`."""
-        return self._steps_left
+        return max(0, self._last_tick - self._ticks)
 
     def advance(self, stamp_ns: int) -> Tick | None:
         """
@@ -98,7 +103,7 @@ class Simulation:
         if self._hand_guide_requested is not None:
             self._switch_hand_guiding(self._hand_guide_requested)
             self._hand_guide_requested = None
-        if self.paused and self._steps_left == 0:
+        if self.paused and self.steps_left == 0:
             return None
         # All in order: another publisher must not hide the one that is followed.
         for _ in range(MAX_REFERENCES):
@@ -109,8 +114,7 @@ class Simulation:
         if self.loop.hand_guided:
             self._poll_hand()
         tick = self.loop.tick()
-        if self._steps_left:
-            self._steps_left -= 1
+        self._ticks += 1
         return tick
 
     def take_reference(self, message: Reference, now_ns: int) -> None:

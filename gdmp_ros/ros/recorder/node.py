@@ -11,7 +11,8 @@ from gdmp_msgs.msg import RecorderState
 from std_srvs.srv import Trigger
 
 from gdmp_ros.data import takes
-from gdmp_ros.data.bags import BagWriter, STORAGES
+from gdmp_ros.choices import STORAGES
+from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode, run
 from gdmp_ros.ros.parameters import Parameters, Spec
@@ -21,7 +22,7 @@ SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('folder', 'takes', 'folder for the takes, one bag each'),
     Spec('prefix', 'take', 'takes are named PREFIX_001, PREFIX_002, …'),
-    Spec('storage', 'mcap', 'storage format of the bags', choices=tuple(sorted(STORAGES))),
+    Spec('storage', 'mcap', 'storage format of the bags', choices=STORAGES),
     Spec('pose_topic', '/panda_sim/measured_pose', 'geometry_msgs/PoseStamped of the tool'),
     Spec('also', [''], 'more topics to record, as TOPIC=package/msg/Type'),
     Spec('longest', 600.0, 'a take ends after this time', 's', 1.0, 86400.0),

@@ -9,8 +9,8 @@ from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
 
-from gdmp_ros.data import recordings
-from gdmp_ros.dmp.primitive import CONNECTIONS
+from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
+from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -31,16 +31,12 @@ def skill_from_parameters(parameters: Parameters, logger: Any) -> tuple[Skill, s
     if not bags:
         logger.info('no skill yet: waiting for ~/load_skill or ~/learn_skill')
         return None
-    shown = [recordings.read(bag) for bag in bags]
-    for recording in shown:
-        if recording.frame != parameters.frame_id:
-            raise DataError(f'{recording.bag}: poses are in frame {recording.frame!r}, '
-                            f'expected {parameters.frame_id!r}')
-    demonstrations, origin = recordings.with_stiffness(shown, parameters.learned_stiffness)
-    logger.info(f'learning from {len(shown)} demonstrations, stiffness: {origin}')
-    skill = Skill.learn(demonstrations, n_basis=parameters.n_basis,
-                        connection=parameters.connection)
-    return skill, ', '.join(bags)
+    logger.info(f'learning from {len(bags)} demonstrations')
+    settings = LearningSettings(n_basis=parameters.n_basis, connection=parameters.connection,
+                                stiffness=parameters.learned_stiffness, frame=parameters.frame_id)
+    learned = skill_from_bags(bags, settings)
+    logger.info(f'learned; stiffness: {learned.stiffness}')
+    return learned.skill, ', '.join(bags)
 
 
 class LearningProcess:

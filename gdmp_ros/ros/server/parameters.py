@@ -3,8 +3,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gdmp_ros.data.recordings import STIFFNESSES
-from gdmp_ros.dmp.primitive import CONNECTIONS
+from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
 from gdmp_ros.playback.streamer import StreamSettings
 from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of

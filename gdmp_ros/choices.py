@@ -1,0 +1,21 @@
+"""Names that users choose from; nothing is imported here, so that ``gdmp --help`` is fast."""
+
+#: Connections of the transport of frames: exact, or as in [GDMP] section 4.
+CONNECTIONS = ('parallel', 'published')
+#: Sources of the stiffness of a skill; see `gdmp_ros.data.recordings.with_stiffness`.
+STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
+#: Storage plugins of rosbag2.
+STORAGES = ('mcap', 'sqlite3')
+#: Classes of the LASA handwriting data set.
+LASA_CLASSES = (
+    'Angle', 'BendedLine', 'CShape', 'DoubleBendedLine', 'GShape', 'heee', 'JShape', 'JShape_2',
+    'Khamesh', 'Leaf_1', 'Leaf_2', 'Line', 'LShape', 'NShape', 'PShape', 'RShape', 'Saeghe',
+    'Sharpc', 'Sine', 'Snake', 'Spoon', 'Sshape', 'Trapezoid', 'Worm', 'WShape', 'Zshape',
+    'Multi_Models_1', 'Multi_Models_2', 'Multi_Models_3', 'Multi_Models_4')
+#: Manifolds of the Riemannian LASA data set.
+LASA_MANIFOLDS = ('R2', 'S2', 'S3', 'SO3', 'SPD2')
+#: Another mapping to SPD(2): the covariances of a class over time.
+LASA_COVARIANCES = 'covariances'
+#: Skills of the gallery.
+GALLERY = ('letter-G', 'letter-S', 'pick-and-place', 'polish', 'screw', 'sphere', 'rotation',
+           'covariance')

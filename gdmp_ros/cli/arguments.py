@@ -1,0 +1,73 @@
+"""Arguments that several verbs have."""
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from gdmp_ros.choices import STORAGES
+from gdmp_ros.errors import ParameterError
+
+
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Declare ``bags`` and the topic of their poses; see `gdmp_ros.data.takes.bags_in`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
+                        help='rosbag2 folders, or folders of them')
+    add_pose_topic(parser)
+
+
+def add_pose_topic(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--pose-topic``."""
+    parser.add_argument('--pose-topic', default='', metavar='TOPIC',
+                        help='topic of the poses, if a bag has several')
+
+
+def add_bag_output(parser: argparse.ArgumentParser) -> None:
+    """Declare how bags are written."""
+    parser.add_argument('--storage', choices=STORAGES, default='mcap',
+                        help='storage format of the bags (default %(default)s)')
+    parser.add_argument('--frame', default='panda_link0',
+                        help='frame_id of the poses (default %(default)s)')
+
+
+def add_stiffness_range(parser: argparse.ArgumentParser) -> None:
+    """Declare the range of a stiffness that is computed from the variance of takes."""
+    parser.add_argument('--k-min', type=float, default=200.0, metavar='N/M',
+                        help='smallest stiffness from variance [N/m] (default %(default)g)')
+    parser.add_argument('--k-max', type=float, default=800.0, metavar='N/M',
+                        help='largest stiffness from variance [N/m] (default %(default)g)')
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--robot``."""
+    parser.add_argument('--robot', default='', metavar='NAME',
+                        help='namespace of the robot, if a bag has several')
+
+
+def add_parallel(parser: argparse.ArgumentParser) -> None:
+    """Declare where many tasks are done."""
+    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+                        help='processes; -1: one per core (default %(default)s)')
+    parser.add_argument('--backend', nargs=2, default=(), metavar=('dask', 'ADDRESS'),
+                        help='work on a Dask cluster instead')
+    parser.add_argument('--resume', type=Path, metavar='FILE',
+                        help='keep finished parts in this file and continue from it')
+
+
+def check_number(name: str, value: float, low: float = -math.inf, high: float = math.inf,
+                 above: float = -math.inf) -> None:
+    """
+    Check an argument before any work is done.
+
+    :param low: smallest value
+    :param high: largest value
+    :param above: value that must be exceeded
+    :raises ParameterError: if it is not a finite number within the limits
+    """
+    if math.isfinite(value) and low <= value <= high and value > above:
+        return
+    limits = [text for text, exists in ((f'more than {above:g}', above > -math.inf),
+                                        (f'at least {low:g}', low > -math.inf),
+                                        (f'at most {high:g}', high < math.inf)) if exists]
+    raise ParameterError(f'{name} is {value:g}, expected '
+                         f'{" and ".join(limits) or "a finite number"}')

@@ -1,0 +1,79 @@
+"""Learns a skill from demonstrations in bags."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from gdmp_ros.data import recordings
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
+
+
+@dataclass(frozen=True)
+class LearningSettings:
+    """
+    How a skill is learned; the names are those of `Skill.learn` and of `recordings`.
+
+    :ivar stiffness: source of the stiffness, one of `gdmp_ros.choices.STIFFNESSES`
+    :ivar frame: frame that the poses must have; empty for any
+    """
+
+    n_basis: int | str = 60
+    connection: str = 'parallel'
+    tolerance: float = 1e-4
+    smoothing: float | None = None
+    regularization: float = 0.0
+    alpha_g: float = 8.0
+    stiffness: str = 'auto'
+    k_min: float = 200.0
+    k_max: float = 800.0
+    pose_topic: str = ''
+    stiffness_topic: str = ''
+    frame: str = ''
+
+
+class LearnedSkill(NamedTuple):
+    """
+    A skill and what it was learned from.
+
+    :ivar stiffness: source of the stiffness
+    """
+
+    skill: Skill
+    demonstrations: list[Demonstration]
+    stiffness: str
+
+
+def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
+                    step: Callable[[], object] = lambda: None) -> LearnedSkill:
+    """
+    Learn one skill from all bags.
+
+    :param step: called after each bag that has been read
+    :raises GdmpError: if a bag is refused, the frames differ, or nothing can be learned
+    """
+    shown = []
+    for bag in bags:
+        shown.append(recordings.read(bag, settings.pose_topic, settings.stiffness_topic))
+        step()
+    _check_frames(shown, settings.frame)
+    demonstrations, source = recordings.with_stiffness(shown, settings.stiffness, settings.k_min,
+                                                       settings.k_max)
+    skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
+                        tolerance=settings.tolerance, smoothing=settings.smoothing,
+                        regularization=settings.regularization, alpha_g=settings.alpha_g,
+                        provenance={'demonstrations': [str(bag) for bag in bags],
+                                    'frame': shown[0].frame, 'stiffness': source})
+    return LearnedSkill(skill, demonstrations, source)
+
+
+def _check_frames(shown: Sequence[recordings.Recording], expected: str) -> None:
+    for one in shown:
+        if expected and one.frame != expected:
+            raise DataError(f'{one.bag}: poses are in frame {one.frame!r}, expected {expected!r}')
+    frames = sorted({one.frame for one in shown})
+    if len(frames) > 1:
+        raise DataError(f'the demonstrations are in different frames: {", ".join(frames)}')
