@@ -14,9 +14,9 @@ setup(
     maintainer_email='maintainers@gdmp-ros.example.org',
     python_requires='>=3.11,<3.14',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.sim': ['models/*.xml'], f'{NAME}.paper': ['page.html'],
-                  f'{NAME}.report': ['page.html'],
-                  f'{NAME}.realtime': ['*.xml']},
+    package_data={f'{NAME}.sim': ['models/*.xml'], f'{NAME}.util': ['*.xml'],
+                  f'{NAME}.view': ['report.html'],
+                  f'{NAME}.experiments.paper': ['page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -1,7 +1,7 @@
 """Check this machine for streaming at 1 kHz, and say what to change.
 
-Checks Python, kernel, cores, clock, permission for SCHED_FIFO, ROS, DDS, buffers, disk and compiled
-kernels, and measures a loop that only sleeps. Exit code 1 if a finding is bad.
+Checks Python, kernel, cores, clock, permission for SCHED_FIFO, ROS, DDS, buffers, disk and
+compiled kernels, and measures a loop that only sleeps. Exit code 1 if a finding is bad.
 
 examples:
   gdmp doctor

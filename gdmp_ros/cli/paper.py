@@ -49,7 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the experiments; 0 if every claim that could be tried holds."""
-    from gdmp_ros.experiments.paper import IDS, report, Settings
+    from gdmp_ros.experiments.paper import report
+    from gdmp_ros.experiments.paper.experiment import IDS, Settings
     for name in options.what:
         if name not in (*IDS, 'all'):
             raise DataError(f'experiment {name!r} is unknown, expected one of '

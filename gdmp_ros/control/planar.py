@@ -49,7 +49,8 @@ class PlanarArm:
             result.append(q)
         return np.array(result)
 
-    def _move_to(self, point: np.ndarray, q: np.ndarray, rest: np.ndarray, steps: int) -> np.ndarray:
+    def _move_to(self, point: np.ndarray, q: np.ndarray, rest: np.ndarray, steps: int
+                 ) -> np.ndarray:
         for _ in range(steps):
             jacobian = self.jacobian(q)
             inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(2))

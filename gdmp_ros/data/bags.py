@@ -183,7 +183,8 @@ class BagWriter:
     def __init__(self, path: str | Path, storage: str = 'mcap'):
         """:param storage: ``mcap`` or ``sqlite3``"""
         if storage not in choices.STORAGES:
-            raise DataError(f'bag storage is {storage!r}, expected one of {", ".join(choices.STORAGES)}')
+            raise DataError(f'bag storage is {storage!r}, expected one of '
+                            f'{", ".join(choices.STORAGES)}')
         self.path = Path(path)
         if self.path.exists():
             raise DataError(f'{self.path}: exists already; remove it or choose another name')
@@ -201,7 +202,8 @@ class BagWriter:
 
     def open(self) -> BagWriter:
         """Begin to write, without a context manager."""
-        self._writer = Writer(self._partial, version=9, storage_plugin=StoragePlugin[self._storage.upper()])
+        self._writer = Writer(self._partial, version=9,
+                              storage_plugin=StoragePlugin[self._storage.upper()])
         self._writer.open()
         return self
 

@@ -49,8 +49,9 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
     """
     Demonstrations with the stiffness from a source, and the name of the source.
 
-    :param source: one of `gdmp_ros.choices.STIFFNESSES`: ``recorded``; ``variance``: high where the takes agree,
-        low where they vary; ``none``; ``auto``: the first of these that is possible
+    :param source: one of `gdmp_ros.choices.STIFFNESSES`: ``recorded``; ``variance``: high where
+        the takes agree, low where they vary; ``none``; ``auto``: the first of these that is
+        possible
     :param k_min: smallest eigenvalue of a stiffness from variance [N/m]
     :param k_max: largest eigenvalue
     :raises DataError: if these takes do not have this source

@@ -222,5 +222,6 @@ def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: in
 
 def parts(memory: np.ndarray) -> Motion:
     """Cut a memory into its parts, in Python."""
-    motion: Motion = motion_view.py_func(memory)
+    view: Any = motion_view
+    motion: Motion = view.py_func(memory)
     return motion

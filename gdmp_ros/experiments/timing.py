@@ -17,6 +17,7 @@ from gdmp_ros import __version__
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.experiments.baselines.baseline import Baseline
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product
@@ -105,6 +106,14 @@ def median_time(prepare: Callable[[], Callable[[], object]], calls: int,
             call()
         times.append((clock() - begun) / calls)
     return float(np.median(times))
+
+
+def step_time(method: Baseline, cycles: int = 500) -> float:
+    """Median time of a cycle of 1 ms, with the projection that a robot needs [s]."""
+    def prepare() -> Callable[[], object]:
+        method.reset(1e-3)
+        return lambda: method.output(method.step())
+    return median_time(prepare, cycles, 7)
 
 
 def environment() -> dict[str, object]:

@@ -1,9 +1,9 @@
 """
 Where compiled kernels are kept, and when they are compiled again.
 
-Numba stamps a cached function with the size and time of its own file: an edit of a comment compiles
-it again, an edit of a function that it calls in another file does not. Here the stamp is a hash of
-the function's bytecode, of the constants it uses, and of every kernel it calls.
+Numba stamps a cached function with the size and time of its own file: an edit of a comment
+compiles it again, an edit of a function that it calls in another file does not. Here the stamp is
+a hash of the function's bytecode, of the constants it uses, and of every kernel it calls.
 """
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class _Locator(_CacheLocator):
 
 
 class _Implementation(CompileResultCacheImpl):
-    _locator_classes = [_Locator]
+    _locator_classes: list[Any] = [_Locator]
 
 
 class _FileCache(FunctionCache):

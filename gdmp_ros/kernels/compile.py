@@ -15,8 +15,9 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 def kernel(function: Function, **options: Any) -> Function:
     """Compile ``function`` on its first call and keep the machine code on disk."""
-    compiled: Any = numba.njit(nogil=True, error_model='numpy', no_cfunc_wrapper=True,
-                               **options)(function)
+    compile_lazily: Any = numba.njit
+    compiled = compile_lazily(nogil=True, error_model='numpy', no_cfunc_wrapper=True,
+                              **options)(function)
     compiled._cache = KernelCache(cast(FunctionType, function))
     return cast(Function, compiled)
 
@@ -37,9 +38,11 @@ def inlined(function: Function) -> Function:
     A kernel is optimised together with all that it calls, once more for each kernel above it: a
     large function with one caller compiles several times faster as part of that caller.
     """
-    return cast(Function, numba.njit(inline='always', error_model='numpy')(function))
+    compile_lazily: Any = numba.njit
+    return cast(Function, compile_lazily(inline='always', error_model='numpy')(function))
 
 
 def jitable(function: Function) -> Function:
     """Let kernels call ``function`` too; called from Python it is not compiled."""
-    return cast(Function, register_jitable(function))
+    register: Any = register_jitable
+    return cast(Function, register(function))

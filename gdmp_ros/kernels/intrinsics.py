@@ -17,7 +17,7 @@ VECTOR = types.Array(types.float64, 1, 'C')
 POINTER = types.CPointer(types.float64)
 
 
-def numbers_at(memory, at, count):  # type: ignore[no-untyped-def]
+def numbers_at(memory, at, count):
     """
     ``count`` numbers of a flat array from index ``at`` on.
 
@@ -27,7 +27,7 @@ def numbers_at(memory, at, count):  # type: ignore[no-untyped-def]
     return memory[at:at + count]
 
 
-def matrix_at(memory, at, rows, columns):  # type: ignore[no-untyped-def]
+def matrix_at(memory, at, rows, columns):
     """``rows × columns`` numbers of a flat array as a matrix; in kernels without bounds check."""
     return memory[at:at + rows * columns].reshape(rows, columns)
 
@@ -63,7 +63,7 @@ def _record_class(dtype: np.dtype) -> type[Record]:
     return type('Record', (Record,), {'__slots__': (), **fields})
 
 
-def records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
+def records_at(memory, at, count, dtype):
     """``count`` records of a structured ``dtype`` in a flat float64 array; see `matrix_at`."""
     fields = len(dtype.names)
     numbers = memory[at:at + count * fields].view(dtype[0])
@@ -71,7 +71,7 @@ def records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
     return [record_class(numbers[i * fields:(i + 1) * fields]) for i in range(count)]
 
 
-def without_refcount(array):  # type: ignore[no-untyped-def]
+def without_refcount(array):
     """
     The same array without its reference count.
 
@@ -100,8 +100,8 @@ def _array_from(context: Any, builder: Any, kind: Any, data: Any, shape: list[An
 
 
 @intrinsic
-def _numbers_at(typing_context, memory, at, count):  # type: ignore[no-untyped-def]
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+def _numbers_at(typing_context, memory, at, count):
+    def build(context, builder, signature, arguments):
         data = _data_of(context, builder, memory, arguments[0])
         return builder.gep(data, [arguments[1]])
 
@@ -109,10 +109,10 @@ def _numbers_at(typing_context, memory, at, count):  # type: ignore[no-untyped-d
 
 
 @intrinsic
-def _matrix_at(typing_context, memory, at, rows, columns):  # type: ignore[no-untyped-def]
+def _matrix_at(typing_context, memory, at, rows, columns):
     view_type = types.Array(types.float64, 2, 'C')
 
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):
         array, at, rows, columns = arguments
         data = builder.gep(_data_of(context, builder, memory, array), [at])
         size = context.get_constant(types.intp, 8)
@@ -123,10 +123,10 @@ def _matrix_at(typing_context, memory, at, rows, columns):  # type: ignore[no-un
 
 
 @intrinsic
-def _records_at(typing_context, memory, at, count, dtype):  # type: ignore[no-untyped-def]
+def _records_at(typing_context, memory, at, count, dtype):
     view_type = types.Array(dtype.dtype, 1, 'C')
 
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):
         data = builder.gep(_data_of(context, builder, memory, arguments[0]), [arguments[1]])
         size = context.get_constant(types.intp, dtype.dtype.size)
         return _array_from(context, builder, view_type, data, [arguments[2]], [size])
@@ -135,8 +135,8 @@ def _records_at(typing_context, memory, at, count, dtype):  # type: ignore[no-un
 
 
 @intrinsic
-def _without_refcount(typing_context, array):  # type: ignore[no-untyped-def]
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+def _without_refcount(typing_context, array):
+    def build(context, builder, signature, arguments):
         made = context.make_array(array)(context, builder, arguments[0])
         made.meminfo = cgutils.get_null_value(made.meminfo.type)
         made.parent = cgutils.get_null_value(made.parent.type)
@@ -145,26 +145,26 @@ def _without_refcount(typing_context, array):  # type: ignore[no-untyped-def]
     return array(array), build
 
 
-# Not ``inline='always'``: after inlining an overload Numba removes statements that it wrongly takes
+# Not ``inline='always'``: after inlining an overload Numba removes statements that it takes
 # for dead, such as assignments to elements of an attribute of a named tuple.
 
 @overload(numbers_at)
-def _overload_numbers_at(memory, at, count):  # type: ignore[no-untyped-def]
+def _overload_numbers_at(memory, at, count):
     return lambda memory, at, count: _numbers_at(memory, at, count)
 
 
 @overload(matrix_at)
-def _overload_matrix_at(memory, at, rows, columns):  # type: ignore[no-untyped-def]
+def _overload_matrix_at(memory, at, rows, columns):
     return lambda memory, at, rows, columns: _matrix_at(memory, at, rows, columns)
 
 
 @overload(records_at)
-def _overload_records_at(memory, at, count, dtype):  # type: ignore[no-untyped-def]
+def _overload_records_at(memory, at, count, dtype):
     return lambda memory, at, count, dtype: _records_at(memory, at, count, dtype)
 
 
 @overload(without_refcount)
-def _overload_without_refcount(array):  # type: ignore[no-untyped-def]
+def _overload_without_refcount(array):
     return lambda array: _without_refcount(array)
 
 
@@ -193,13 +193,13 @@ def _call(result: Any, context: Any, builder: Any, signature: Any, values: Any) 
 
 
 @intrinsic
-def call_kernel(typing_context, address, size, parts):  # type: ignore[no-untyped-def]
+def call_kernel(typing_context, address, size, parts):
     """
     Call the kernel ``f(size, *arrays)`` at an address.
 
     :param parts: a flat tuple; three entries for each array: numbers, first index, end
     """
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, values):
         _call(types.none, context, builder, signature, values)
         return context.get_dummy_value()
 
@@ -207,22 +207,22 @@ def call_kernel(typing_context, address, size, parts):  # type: ignore[no-untype
 
 
 @intrinsic
-def measure_with_kernel(typing_context, address, size, parts):  # type: ignore[no-untyped-def]
+def measure_with_kernel(typing_context, address, size, parts):
     """Call a kernel as `call_kernel` does, and return the distance that it returns."""
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, values):
         return _call(types.float64, context, builder, signature, values)
 
     return types.float64(types.int64, types.int64, parts), build
 
 
 @intrinsic
-def noinline(typing_context):  # type: ignore[no-untyped-def]
+def noinline(typing_context):
     """
     First statement of a large kernel: keep it out of its callers' machine code.
 
     Otherwise LLVM may copy and optimise it again in every kernel above it.
     """
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def build(context, builder, signature, arguments):
         builder.function.attributes.discard('alwaysinline')
         builder.function.attributes.add('noinline')
         return context.get_dummy_value()

@@ -9,7 +9,7 @@ from gdmp_ros.errors import DataError
 
 
 class Mixture:
-    """Gaussian mixture over (time, position), conditioned on time by Gaussian mixture regression."""
+    """Gaussian mixture over (time, position), conditioned on time (mixture regression)."""
 
     def __init__(self, paths: Sequence[np.ndarray], n_components: int = 8, floor: float = 1e-6):
         """

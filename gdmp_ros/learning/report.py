@@ -113,7 +113,8 @@ def _jumps(times: np.ndarray, curve: np.ndarray, scale: float, gap: float) -> li
     ratio = off / np.maximum(usual, 1e-6 * scale)
     peak = (off >= np.roll(off, 1)) & (off > np.roll(off, -1))
     return [Suspicion(int(i) + 1, float(times[i + 1]),
-                      f'jumps: {ratio[i]:.0f} times further from its neighbours than nearby samples')
+                      f'jumps: {ratio[i]:.0f} times further from its neighbours '
+                       'than nearby samples')
             for i in np.flatnonzero(peak & (ratio > _OUTLIER))]
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import functools
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,16 +80,6 @@ FACTOR = np.dtype([(name, np.int64) for name in (
     *Kernels._fields)])
 
 
-class Factor(Protocol):
-    """What `factor_table` needs to know of a manifold."""
-
-    kernels: Kernels
-    size: int
-    point_size: int
-    tangent_size: int
-    frame_size: int
-
-
 def work_size(size: int) -> int:
     """Numbers of scratch memory that any kernel needs at most at a size."""
     return 8 * (size + 1) ** 2
@@ -108,8 +98,12 @@ def _addresses(kernels: Kernels) -> tuple[int, ...]:
     return tuple(found)
 
 
-def factor_table(factors: Sequence[Factor]) -> np.ndarray:
-    """Table of the factors of a product, dtype `FACTOR`, shape ``(factors,)``."""
+def factor_table(factors: Sequence[Any]) -> np.ndarray:
+    """
+    Table of the factors of a product, dtype `FACTOR`, shape ``(factors,)``.
+
+    :param factors: `gdmp_ros.manifolds.manifold.Manifold`, which is above this file
+    """
     table = np.zeros(len(factors), dtype=FACTOR)
     table['size'] = [factor.size for factor in factors]
     table['work'] = [work_size(factor.size) for factor in factors]

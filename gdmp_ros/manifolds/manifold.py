@@ -49,7 +49,7 @@ class Manifold(PointSpace):
 
         :raises ManifoldError: if it is not a valid size
         """
-        return cls(size)  # type: ignore[call-arg]
+        return cls(size)
 
     @property
     def factors(self) -> tuple[Manifold, ...]:

@@ -70,8 +70,8 @@ def _kernel() -> Finding:
     if _read('/sys/kernel/realtime') == '1':
         return Finding('kernel', GOOD, f'{release}, PREEMPT_RT')
     return Finding('kernel', FAIR, f'{release}, without PREEMPT_RT',
-                   'install a kernel with PREEMPT_RT (Ubuntu: sudo pro enable realtime-kernel); it '
-                   'bounds the lateness, and an arm with 1 kHz commands needs it')
+                   'install a kernel with PREEMPT_RT (Ubuntu: sudo pro enable realtime-kernel): '
+                   'it bounds the lateness, which an arm with 1 kHz commands needs')
 
 
 def _cores() -> Finding:

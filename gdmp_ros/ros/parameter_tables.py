@@ -63,8 +63,9 @@ def _comment(words: str) -> list[str]:
 
 def markdown() -> str:
     """Page with a table for each node."""
-    lines = ['# Parameters', '', 'All parameters of all nodes, for a quick look-up. Generated from the source. '
-             '`ros2 param set` says why a change is refused; a refused change has no effect.', '']
+    lines = ['# Parameters', '', 'All parameters of all nodes, for a quick look-up. Generated '
+             'from the source. `ros2 param set` says why a change is refused; a refused change '
+             'has no effect.', '']
     for node, (title, specs) in NODES.items():
         lines += [f'## `{node}`: {title.lower()}', '',
                   '| parameter | default | unit | range | changes | description |',

@@ -11,6 +11,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -138,9 +139,7 @@ class Parameters:
         self._specs = {spec.name: spec for spec in specs}
         self._newer = {spec.formerly: spec.name for spec in specs if spec.formerly}
         for spec in specs:
-            default = self._former_value(spec)
-            value = node.declare_parameter(spec.name, default, spec.descriptor()).value
-            problem = spec.problem(value)
+            problem = spec.problem(self._declared(spec))
             if problem:
                 raise ParameterError(problem)
         node.add_pre_set_parameters_callback(self._rename)
@@ -152,6 +151,14 @@ class Parameters:
             raise AttributeError(name)
         return self._node.get_parameter(name).value
 
+    def _declared(self, spec: Spec) -> Any:
+        """Declare a parameter and return its value."""
+        default = self._former_value(spec)
+        try:
+            return self._node.declare_parameter(spec.name, default, spec.descriptor()).value
+        except ParameterException as error:  # rclpy checks types and ranges of scalars
+            raise ParameterError(str(error)) from None
+
     def _former_value(self, spec: Spec) -> Any:
         """Value given at start-up under the older name, otherwise the default."""
         if not spec.formerly:
@@ -162,7 +169,12 @@ class Parameters:
         if given is None:
             return spec.default
         self._warn_of_name(spec.formerly)
-        return float(given) if isinstance(spec.default, float) else given
+        # In YAML 20 is an integer.
+        value = float(given) if isinstance(spec.default, float) and type(given) is int else given
+        if type(value) is not type(spec.default):
+            raise ParameterError(f'{spec.formerly} is {given!r}, expected a '
+                                 f'{type(spec.default).__name__}')
+        return value
 
     def _warn_of_name(self, name: str) -> None:
         self._node.get_logger().warning(

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
@@ -46,7 +46,7 @@ class NodeTestbed:
         self.may_end = {RECORDER}
         self.client = ServerClient(check=self.check)
 
-    def __enter__(self) -> NodeTestbed:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -35,7 +35,7 @@ class ClosedLoop:
         self.reset()
 
     def reset(self, position: np.ndarray | None = None) -> None:
-        """Put the arm at rest at ``position`` [rad], by default at its first keyframe, and hold."""
+        """Hold the arm at rest at ``position`` [rad], by default at its first keyframe."""
         self.hand = None
         self.arm.reset(position)
         self.arm.push(np.zeros(6))
@@ -78,7 +78,7 @@ class PositionLoop:
         self._violation = np.zeros(len(LIMITS))
 
     def tick(self, target: PositionTarget) -> PositionState:
-        """Measure, compute and limit the torque, advance by one period; returns the state before."""
+        """Measure, compute and limit the torque, advance; returns the state before."""
         state = self.arm.linear_state(len(target.position))
         torque = position_torque(state, target, self.gains)
         self.arm.step(self.limiter.apply(self.arm.data.qpos, state.velocity, state.bias, torque,

@@ -39,7 +39,7 @@ def load(name: str) -> mujoco.MjSpec:
 
     :param name: MJCF file; ``menagerie:NAME`` or ``menagerie:NAME/ENTRY``, such as
         ``menagerie:franka_fr3``; ``robot_descriptions:NAME``, such as
-        ``robot_descriptions:panda_mj_description``. The latter two are downloaded at their first use
+        ``robot_descriptions:panda_mj_description``. The latter two are downloaded once
     :raises DataError: if there is no such model, or it cannot be downloaded
     """
     source, colon, rest = name.partition(':')

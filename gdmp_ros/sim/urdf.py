@@ -60,9 +60,9 @@ def shapes(arm: Arm) -> list[Shape]:
             kind, size = 'box', model.geom_aabb[i, 3:]
             position = position + _rotation(rotation).apply(model.geom_aabb[i, :3])
 
-        def add(kind: str, extents: list[float], along: float = 0.0, rotation: np.ndarray = rotation,
-                position: np.ndarray = position, body: int = body, colour: np.ndarray = colour
-                ) -> None:
+        def add(kind: str, extents: list[float], along: float = 0.0,
+                rotation: np.ndarray = rotation, position: np.ndarray = position,
+                body: int = body, colour: np.ndarray = colour) -> None:
             centre = position + along * _rotation(rotation).as_matrix()[:, 2]
             result.append(Shape(kind, np.array(extents), body, np.concatenate([centre, rotation]),
                                 colour))

@@ -41,7 +41,8 @@ def about(settings_class: Any) -> dict[str, tuple[Any, About]]:
 
 def numbers_type(settings_class: Any) -> np.dtype:
     """Record type of the numbers and tuples of a settings dataclass, for kernels."""
-    shapes = [(one.name, np.shape(one.default)) for one in fields(settings_class)]
+    defaults: list[tuple[str, Any]] = [(one.name, one.default) for one in fields(settings_class)]
+    shapes = [(name, np.shape(default)) for name, default in defaults]
     return np.dtype([(name, np.float64, shape) if shape else (name, np.float64)
                      for name, shape in shapes])
 

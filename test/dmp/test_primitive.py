@@ -21,8 +21,8 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.data import lasa
+from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.util.profiles import minimum_jerk
 
 CONNECTIONS = ['parallel', 'published']
@@ -55,12 +55,15 @@ def distances(manifold, a, b):
 
 
 @pytest.mark.parametrize('connection', CONNECTIONS)
-@pytest.mark.parametrize('mapping', lasa.MAPPINGS)
-def test_handwriting_is_reproduced_to_8e_5_of_its_span_for_any_dt(mapping, connection):
-    shown = lasa.riemannian(lasa.strokes('GShape')[0], mapping)
+@pytest.mark.parametrize('mapping', [*lasa.MAPPINGS, lasa.COVARIANCES])
+@pytest.mark.parametrize('name', ['GShape', 'Sine'])
+def test_handwriting_is_reproduced_for_any_dt(name, mapping, connection):
+    shown = lasa.data_set(name, mapping)[0]
     skill = Skill.learn(shown, n_basis=60, connection=connection)
+    # Of all 30 classes the covariances are 3e-4 on average; these two are harder.
+    largest = 2e-3 if mapping == lasa.COVARIANCES else 8e-5
     for dt in (1e-3, 2e-3, 5e-3, 10e-3):
-        assert reproduction_error(skill, shown, dt)[0] <= 8e-5
+        assert reproduction_error(skill, shown, dt)[0] <= largest
 
 
 @pytest.mark.parametrize('connection', CONNECTIONS)
@@ -247,24 +250,6 @@ def test_a_switched_goal_is_reached(demonstration, connection, rng):
     assert manifold.distance(state.point, goal) < 1e-6
 
 
-@pytest.mark.parametrize('connection', CONNECTIONS)
-def test_goal_switch_keeps_velocity_and_acceleration_continuous(demonstration, connection, rng):
-    manifold = demonstration.manifold
-    skill = Skill.learn(demonstration, connection=connection)
-    plain, switched = Rollout(skill), Rollout(skill)
-    plain.advance(1.0)
-    before = switched.advance(1.0)
-    switched.retarget(manifold.exp(skill.goal, manifold.random_tangent(skill.goal, rng)))
-    assert np.array_equal(switched.state.point, before.point)
-    step = skill.duration / skill.steps
-    a, b = plain.advance(2.0 * step), switched.advance(2.0 * step)
-    # What one tick of the goal filter explains: alpha_g h of the way, times the system's gain.
-    gain = skill.gains.alpha_z * skill.gains.beta_z * skill.gains.alpha_g
-    allowed = 4.0 * gain / skill.steps / skill.duration ** 2 * 4.0
-    assert np.linalg.norm(b.acceleration - a.acceleration) < allowed
-    assert np.linalg.norm(b.velocity - a.velocity) < allowed * 2.0 * step
-
-
 def test_the_moving_goal_follows_the_closed_form(rng):
     manifold = UnitQuaternion()
     skill = Skill.learn(curve(manifold, manifold.random_point(rng), rng))
@@ -427,9 +412,10 @@ def test_irregular_stamps_are_resampled_and_give_the_same_skill(rng):
     assert distances(manifold, a.points, b.points).max() < 1e-4
 
 
-def test_a_far_goal_drives_published_out_of_the_cone_and_it_is_held(rng):
+@pytest.mark.parametrize('goal, leaves', [(50.0, False), (1.0, True)])
+def test_a_far_goal_drives_published_out_of_the_cone_and_it_is_held(goal, leaves):
     manifold = SymmetricPositiveDefinite(3)
-    start, goal = 1000.0 * np.eye(3), 50.0 * np.eye(3)
+    start, goal = 1000.0 * np.eye(3), goal * np.eye(3)
     times = np.linspace(0.0, 1.0, 200)
     blend = minimum_jerk(times)
     shown = Demonstration(times, np.array([manifold.geodesic(start, 0.9 * start, b)
@@ -437,13 +423,15 @@ def test_a_far_goal_drives_published_out_of_the_cone_and_it_is_held(rng):
     parallel = Rollout(Skill.learn(shown))
     parallel.retarget(goal)
     parallel.advance(4.0)
-    assert manifold.distance(parallel.state.point, goal) < 0.01
+    assert manifold.distance(parallel.state.point, goal) < 0.01 and parallel.flags == set()
     published = Rollout(Skill.learn(shown, connection='published'))
     published.retarget(goal)
     for _ in range(400):
         manifold.check_point(published.advance(0.01).point)
-    if 'held' in published.flags:
-        np.testing.assert_array_equal(published.advance(1.0).point, published.state.point)
+    assert ('held' in published.flags) == leaves
+    if leaves:
+        before = published.state.point.copy()
+        np.testing.assert_array_equal(published.advance(1.0).point, before)
         assert np.linalg.norm(published.state.velocity) == 0.0
     else:
         assert manifold.distance(published.state.point, goal) < 0.01

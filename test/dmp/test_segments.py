@@ -142,7 +142,8 @@ def test_an_opposite_goal_is_reached_along_one_of_the_ways_and_flagged(manifold,
     opposite = manifold.exp(skill.goal, half_turn)
     rollout = Rollout(skill)
     rollout.advance(0.5)
-    rollout.motion.points.goal_new[:] = opposite.reshape(-1)  # the sign of a quaternion is not chosen anew
+    # Otherwise the sign of a quaternion would be chosen anew.
+    rollout.motion.points.goal_new[:] = opposite.reshape(-1)
     rollout.retarget(opposite)
     assert 'cut_locus' in rollout.flags
     path = rollout.sample(np.arange(0.51, 4.0, 0.01)).points

@@ -52,7 +52,8 @@ def test_a_larger_goal_gain_is_faster_and_adds_more():
     assert (np.diff([one.reached for one in switches]) < 0.0).all()
     gain = tuning.smooth_gain(switches)
     assert switches[0].gain < gain < switches[-1].gain
-    assert all((one.acceleration <= tuning.SMOOTH_SWITCH) == (one.gain <= gain) for one in switches)
+    assert all((one.acceleration <= tuning.SMOOTH_SWITCH) == (one.gain <= gain)
+               for one in switches)
 
 
 def test_speeds_are_those_of_the_fastest_demonstration():

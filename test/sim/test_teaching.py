@@ -36,7 +36,7 @@ def test_newtons_law_holds_between_hand_wrist_and_can(taught):
     acceleration = np.gradient(taught.velocities, taught.times, axis=0)
     left = []
     for i in range(50, len(taught.times) - 50, 20):
-        wanted = own.intends(taught.progress[i])[:3]
+        wanted = own.intended_pose(taught.progress[i])[:3]
         force = 400.0 * (wanted - taught.positions[i]) - 40.0 * taught.velocities[i]
         left.append(CAN_MASS * acceleration[i] - taught.forces[i] - force)
     assert np.abs(left).max() < 4.0 * own.tremor

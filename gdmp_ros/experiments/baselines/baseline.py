@@ -1,10 +1,10 @@
 """
-What the compared primitives share: phase, basis functions, regression and goal filter.
+Common parts of the compared primitives: phase, basis functions, regression and goal filter.
 
-Each is stepped by Euler's method at the spacing of its demonstration, the velocity first, as their
-authors do. Derivatives are by default those that this scheme would reproduce exactly, so that the
-methods are compared and not the differencing. One cycle is one kernel function, as ours is, so
-that the methods are compared and not the languages.
+Each is integrated by Euler's method with the spacing of its demonstration, velocity first, as its
+authors do. By default the derivatives are those that this scheme reproduces exactly: the methods
+are compared, not their differencing. A cycle is one kernel, as ours is: the methods are compared,
+not the languages.
 """
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels.compile import kernel
 from gdmp_ros.learning.regression import regress
 from gdmp_ros.manifolds.factors import work_size
 
-#: Where a cycle's numbers lie: s = t/τ, h = dt/τ and the gains.
+#: Index of the numbers of a cycle: s = t/τ, h = dt/τ and the gains.
 S, H, ALPHA_Z, ALPHA_X, ALPHA_G = range(5)
 
 
 @kernel
-def shape(functions, weights, numbers, offset, scale, out):
-    """``scale F - e_0 x``: what makes the motion another than a spring's."""
+def forcing_term(functions, weights, numbers, offset, scale, out):
+    """``scale F - e_0 x``: the forcing term and the start term."""
     x = math.exp(-numbers[ALPHA_X] * numbers[S])
     forcing(functions, weights, numbers[S], x, out)
     for i in range(out.size):
@@ -34,42 +34,42 @@ def shape(functions, weights, numbers, offset, scale, out):
 
 
 @kernel
-def pull(numbers, error, force, velocity):
-    """``τ ż = α_z (β_z (e + force) - z)`` over one cycle; time goes on."""
+def integrate_spring(numbers, error, force, velocity):
+    """``τ ż = α_z (β_z (e + force) - z)`` over one cycle; advances the time."""
     h, alpha_z = numbers[H], numbers[ALPHA_Z]
     for i in range(velocity.size):
-        wanted = 0.25 * alpha_z * (error[i] + force[i])
-        velocity[i] += h * alpha_z * (wanted - velocity[i])
+        target = 0.25 * alpha_z * (error[i] + force[i])
+        velocity[i] += h * alpha_z * (target - velocity[i])
     numbers[S] += h
 
 
 @kernel
 def accelerate(functions, weights, numbers, error, offset, scale, velocity, force):
     """
-    Let τ times the velocity change over one cycle.
+    Integrate τ times the velocity over one cycle.
 
     ``τ ż = α_z (β_z (e - e_0 x + F) - z)`` with ``F = scale Σ w Ψ x / Σ Ψ``.
 
-    :param error: e, from the present point to the goal
-    :param offset: e_0; zeros where the method has no start term
+    :param error: e, from the current point to the goal
+    :param offset: e_0; zeros if the method has no start term
     """
-    shape(functions, weights, numbers, offset, scale, force)
-    pull(numbers, error, force, velocity)
+    forcing_term(functions, weights, numbers, offset, scale, force)
+    integrate_spring(numbers, error, force, velocity)
 
 
 class Baseline:
     """
-    A primitive as others published it, learned from one demonstration.
+    A primitive of another publication, learned from one demonstration.
 
-    Subclasses say which spaces it handles, what its error and velocities are, and how it moves.
+    Subclasses define its spaces, its error and velocities, and one cycle.
     """
 
-    #: How [GDMP] cites it, and where it comes from.
+    #: Name with the citation number of [GDMP], and the publication.
     name: ClassVar[str]
     source: ClassVar[str]
     #: Kinds of manifold it was published for.
     spaces: ClassVar[tuple[str, ...]]
-    #: Whether it has the start term ``e_0 x``, and whether its forcing term is scaled by ``e_0``.
+    #: Whether it has the start term ``e_0 x``; whether its forcing term is scaled by ``e_0``.
     start_term: ClassVar[bool] = True
     scaled: ClassVar[bool] = False
 
@@ -79,12 +79,11 @@ class Baseline:
         Learn.
 
         :param shown: uniform in time; its spacing is the cycle
-        :param differences: ``matched`` to the scheme that steps, or ``backward`` as [GDMP] eq.
-            (20) takes them
-        :raises ParameterError: if the method was not made for that space
+        :param differences: ``matched`` to the integration, or ``backward`` as in [GDMP] eq. (20)
+        :raises ParameterError: if the method is not defined on this space
         """
         if not self.handles(shown):
-            raise ParameterError(f'{self.name} was not made for {shown.manifold!r}')
+            raise ParameterError(f'{self.name} is not defined on {shown.manifold!r}')
         self.manifold, self.duration = shown.manifold, shown.duration
         self._shown = np.array(shown.flat_points)
         self._goal = self._shown[-1].copy()
@@ -96,35 +95,35 @@ class Baseline:
 
     @classmethod
     def handles(cls, shown: Demonstration) -> bool:
-        """Whether the method was made for the space of ``shown``."""
+        """Whether the method is defined on the space of ``shown``."""
         return shown.manifold.kind in cls.spaces
 
     @property
     def dt(self) -> float:
-        """Time of a cycle [s]."""
+        """Duration of a cycle [s]."""
         return self.duration / (len(self._shown) - 1)
 
     def errors(self) -> np.ndarray:
-        """What is left to the goal at each sample, in the method's coordinates."""
+        """Error e at each sample, in the coordinates of the method."""
         raise NotImplementedError
 
     def start_error(self) -> np.ndarray:
-        """Give e_0, what is left from the start to the present goal."""
+        """e_0, from the start to the current goal."""
         raise NotImplementedError
 
     def rates(self) -> np.ndarray:
-        """Velocity between neighbouring samples [1/s], in the method's coordinates."""
+        """Velocity between neighbouring samples [1/s], in the coordinates of the method."""
         raise NotImplementedError
 
     def _step(self) -> None:
-        """Let one cycle pass."""
+        """Advance by one cycle."""
         raise NotImplementedError
 
     def step(self) -> np.ndarray:
         """
-        Let one cycle pass.
+        Advance by one cycle.
 
-        :returns: the flat point as the method's equations leave it
+        :returns: the flat point that the equations of the method give
         """
         self._step()
         if self._moving:
@@ -132,20 +131,20 @@ class Baseline:
         return np.asarray(self._point)
 
     def output(self, raw: np.ndarray) -> np.ndarray:
-        """Give the flat point that a robot would be sent; only [4] has to mend it."""
+        """Flat point for the robot; only [4] has to project it."""
         return raw
 
     def retarget(self, goal: np.ndarray) -> None:
         """Switch to a new goal (shape ``point_shape``)."""
-        self._wanted = self.manifold._flat(self.manifold.align(
+        self._new_goal = self.manifold.flat(self.manifold.align(
             goal, self._goal.reshape(self.manifold.point_shape))).copy()
         self._moving = True
 
     def reset(self, dt: float | None = None) -> None:
         """
-        Go to the start of the demonstration, in its motion.
+        Restart at the first sample of the demonstration, with its velocity.
 
-        :param dt: cycle from now on [s]; the demonstration's spacing by default
+        :param dt: duration of a cycle [s]; the spacing of the demonstration by default
         """
         alpha_z, alpha_x, alpha_g = self._gains
         self._cycle_s = dt or self.dt
@@ -153,7 +152,7 @@ class Baseline:
         self._moving = False
         self._anchor(self._first_error)
         self._start, self._point = self._shown[0].copy(), self._shown[0].copy()
-        self._goal, self._wanted = self._shown[-1].copy(), self._shown[-1].copy()
+        self._goal, self._new_goal = self._shown[-1].copy(), self._shown[-1].copy()
         self._velocity = self._begin.copy()
         self._error, self._force = np.empty((2, self._velocity.size))
 
@@ -163,8 +162,8 @@ class Baseline:
         Run from the start.
 
         :param goal: new goal from cycle ``switch`` on
-        :param dt: of a cycle [s]; the demonstration's spacing by default
-        :returns: points as sent and as the equations leave them, flat, one row per sample
+        :param dt: duration of a cycle [s]; the spacing of the demonstration by default
+        :returns: points for the robot and as the equations give them, flat, one row per sample
         """
         self.reset(dt)
         raw = [self._shown[0].copy()]
@@ -175,28 +174,28 @@ class Baseline:
         return np.array([self.output(point) for point in raw]), np.array(raw)
 
     def _changes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Give τ times the velocity at the beginning of each cycle, and its change over it."""
+        """τ times the velocity at the beginning of each cycle, and its change in the cycle."""
         z = self.duration * self.rates()
         if self._matched:
-            # The first cycle begins as the motion goes on.
+            # Extrapolate the velocity before the first cycle.
             before = np.vstack([2.0 * z[0] - z[1], z[:-1]])
             return before, z - before
         before = np.vstack([z[0], z[:-1]])
         return before, np.diff(before, axis=0, prepend=before[:1])
 
     def _to_weights(self, vectors: np.ndarray) -> np.ndarray:
-        """Carry vectors at the samples to where the weights live."""
+        """Transport vectors at the samples to the tangent space of the weights."""
         return vectors
 
     def _anchor(self, error: np.ndarray) -> None:
-        """Take e_0 as start term and scale, where the method has them."""
+        """Set start term and scale to e_0, if the method has them."""
         self._offset = error.copy() if self.start_term else np.zeros(error.size)
         self._scale = np.ones(error.size)
         if self.scaled:
             self._scale = np.where(np.abs(error) > 1e-9, error, 1e-9)
 
     def learn(self) -> None:
-        """Learn the weights; done when the method is made."""
+        """Learn the weights; called by the constructor."""
         alpha_z, alpha_x, _ = self._gains
         errors, h = self.errors(), self.dt / self.duration
         before, change = self._changes()
@@ -204,12 +203,12 @@ class Baseline:
         s = h * np.arange(len(before))
         self._first_error = np.array(errors[0])
         self._anchor(self._first_error)
-        wanted = (change / h + alpha_z * before) / (0.25 * alpha_z * alpha_z)
-        target = (self._to_weights(wanted - errors[:-1])
+        demanded = (change / h + alpha_z * before) / (0.25 * alpha_z * alpha_z)
+        target = (self._to_weights(demanded - errors[:-1])
                   + np.exp(-alpha_x * s)[:, None] * self._offset)
         self._weights = regress(self._functions, alpha_x, s, target / self._scale)
 
     def _cycle(self) -> tuple[Any, ...]:
-        """Give what `accelerate` takes, in its order."""
+        """Arguments of `accelerate`."""
         return (self._functions, self._weights, self._numbers, self._error, self._offset,
                 self._scale, self._velocity, self._force)

@@ -1,4 +1,4 @@
-"""The classical primitive: every number by itself; its output is made a point afterwards."""
+"""The classical primitive: every number separately; its output is projected to the space."""
 from __future__ import annotations
 
 import numpy as np
@@ -8,22 +8,23 @@ from gdmp_ros.kernels.compile import kernel
 
 
 @kernel
-def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted):
+def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
+          new_goal):
     h = numbers[H]
     for i in range(point.size):
         error[i] = goal[i] - point[i]
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
     for i in range(point.size):
         point[i] += h * velocity[i]
-        goal[i] += h * numbers[ALPHA_G] * (wanted[i] - goal[i])
+        goal[i] += h * numbers[ALPHA_G] * (new_goal[i] - goal[i])
 
 
 class Classical(Baseline):
     """
     ``τ ż = α_z (β_z (g - y - (g - y_0) x + F) - z)`` for each number of a point.
 
-    On a curved space its output leaves the space: it is projected back before it is used, as
-    [GDMP] does with unit quaternions.
+    On a curved space its output leaves the space. It is projected back before use, as [GDMP]
+    does for unit quaternions.
     """
 
     name = '[4] classical, renormalised'
@@ -43,9 +44,9 @@ class Classical(Baseline):
         return np.asarray(self._goal - self._start)
 
     def _step(self) -> None:
-        _step(*self._cycle(), self._point, self._goal, self._wanted)
+        _step(*self._cycle(), self._point, self._goal, self._new_goal)
 
     def output(self, raw: np.ndarray) -> np.ndarray:
         """Nearest point of the space: unit norm, orthonormal, positive definite."""
         manifold = self.manifold
-        return np.asarray(manifold.project(raw.reshape(manifold.point_shape))).reshape(-1)
+        return np.asarray(manifold.nearest_point(raw.reshape(manifold.point_shape))).reshape(-1)

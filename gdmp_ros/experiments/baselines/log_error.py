@@ -5,16 +5,15 @@ import numpy as np
 
 from gdmp_ros.experiments.baselines.baseline import accelerate, Baseline, H
 from gdmp_ros.kernels.compile import kernel
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import quaternion, UnitQuaternion
+from gdmp_ros.manifolds.quaternion import exp, log, UnitQuaternion
 
 S3 = UnitQuaternion()
 
 
 @kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, work):
-    """``e = 2 Log(Q_g * conj(Q))`` goes to 0 as a Euclidean vector; the velocity is -τ ė."""
-    quaternion.apply(ops.LOG, 3, point, goal, error, work)
+    """``e = 2 Log(Q_g * conj(Q))`` converges to 0 in Euclidean space; the velocity is -τ ė."""
+    log(3, point, goal, error, work)
     for i in range(3):
         error[i] *= 2.0
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
@@ -22,14 +21,14 @@ def _step(functions, weights, numbers, error, offset, scale, velocity, force, po
         error[i] -= numbers[H] * velocity[i]
         force[i] = -0.5 * error[i]
     # Q = conj(Exp(e/2)) * Q_g
-    quaternion.apply(ops.EXP, 3, goal, force, point, work)
+    exp(3, goal, force, point, work)
 
 
 class LogError(Baseline):
     """
     A Euclidean primitive in ``e = 2 Log(Q_g * conj(Q))``.
 
-    A new goal acts at once: e and its velocity are taken anew, so that the motion goes on.
+    A new goal acts at once: e and ė are computed again, so that the motion is continuous.
     """
 
     name = '[9] logarithm of the error'
@@ -49,9 +48,9 @@ class LogError(Baseline):
         return np.asarray(2.0 * S3.log(self._start, self._goal))
 
     def reset(self, dt: float | None = None) -> None:
-        """Go to the start."""
+        """Restart at the first sample."""
         super().reset(dt)
-        # Where the motion came from, as it begins.
+        # The point one cycle before the first.
         back = S3.log(self._start, self._goal) + 0.5 * self._cycle_s * self._begin / self.duration
         self._before = S3.exp(self._goal, -back)
 
@@ -60,9 +59,9 @@ class LogError(Baseline):
         _step(*self._cycle(), self._point, self._goal, self._work)
 
     def retarget(self, goal: np.ndarray) -> None:
-        """Take ``e`` and ``ė`` towards the new goal."""
+        """Compute ``e`` and ``ė`` with respect to the new goal."""
         super().retarget(goal)
-        self._goal = self._wanted.copy()
+        self._goal = self._new_goal.copy()
         after, before = (S3.log(q, self._goal) for q in (self._point, self._before))
         self._velocity = -2.0 * self.duration * (after - before) / self._cycle_s
         self._anchor(self.start_error())
@@ -70,9 +69,9 @@ class LogError(Baseline):
 
 class LogErrorShorter(LogError):
     """
-    The same with a logarithm that takes the shorter way round, as many implementations do.
+    The same with a logarithm of the smaller rotation, as many implementations compute it.
 
-    Where the motion passes half a turn from its goal, e then jumps to the other side.
+    Where the motion passes half a turn from its goal, e changes its sign.
     """
 
     name = '[9] with the shorter logarithm'

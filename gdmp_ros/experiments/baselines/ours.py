@@ -1,9 +1,11 @@
-"""G-DMP, stepped cycle by cycle like the methods beside it."""
+"""G-DMP, advanced cycle by cycle like the other methods."""
 from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration, Rollout, Skill
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.experiments.baselines.baseline import Baseline
 
 
@@ -24,11 +26,11 @@ class Ours(Baseline):
                                  self.connection, alpha_g=alpha_g)
 
     def reset(self, dt: float | None = None) -> None:
-        """Go to the start."""
+        """Restart at the first sample."""
         self._rollout, self._cycle_time = Rollout(self.skill), dt or self.dt
 
     def step(self) -> np.ndarray:
-        """Let one cycle pass."""
+        """Advance by one cycle."""
         return self._rollout.advance(self._cycle_time).point.reshape(-1)
 
     def retarget(self, goal: np.ndarray) -> None:

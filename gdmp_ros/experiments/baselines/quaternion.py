@@ -1,32 +1,31 @@
-"""Unit quaternions with the logarithm of the quaternion left to the goal."""
+"""Unit quaternions with the logarithm of the rotation to the goal."""
 from __future__ import annotations
 
 import numpy as np
 
 from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 from gdmp_ros.kernels.compile import kernel
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import quaternion, UnitQuaternion
+from gdmp_ros.manifolds.quaternion import exp, log, UnitQuaternion
 
 S3 = UnitQuaternion()
 
 
 @kernel
-def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted,
-          work):
+def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
+          new_goal, work):
     """``τ η̇ = α_z (β_z 2 Log(g * q̄) - η) + f``, ``τ q̇ = ½ η * q``."""
     h = numbers[H]
-    quaternion.apply(ops.LOG, 3, point, goal, error, work)
+    log(3, point, goal, error, work)
     for i in range(3):
         error[i] *= 2.0
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
     for i in range(3):
         force[i] = 0.5 * h * velocity[i]
-    quaternion.apply(ops.EXP, 3, point, force, point, work)
-    quaternion.apply(ops.LOG, 3, goal, wanted, force, work)
+    exp(3, point, force, point, work)
+    log(3, goal, new_goal, force, work)
     for i in range(3):
         force[i] *= h * numbers[ALPHA_G]
-    quaternion.apply(ops.EXP, 3, goal, force, goal, work)
+    exp(3, goal, force, goal, work)
 
 
 class UdeQuaternion(Baseline):
@@ -51,11 +50,11 @@ class UdeQuaternion(Baseline):
         return np.asarray(2.0 * S3.log(self._start, self._goal))
 
     def _step(self) -> None:
-        _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
+        _step(*self._cycle(), self._point, self._goal, self._new_goal, self._work)
 
 
 class AbuDakkaQuaternion(UdeQuaternion):
-    """The same system with the forcing term scaled by the way from start to goal."""
+    """The same system with the forcing term scaled by the rotation from start to goal."""
 
     name = '[17] quaternion, scaled'
     source = 'Abu-Dakka, Nemec, Jørgensen, Savarimuthu, Krüger, Ude 2015'

@@ -1,33 +1,33 @@
-"""Rotation matrices with the logarithm of the rotation left to the goal."""
+"""Rotation matrices with the logarithm of the rotation to the goal."""
 from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 from gdmp_ros.kernels.compile import kernel
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import rotation, SpecialOrthogonal
 from gdmp_ros.manifolds.linalg import copy_into
+from gdmp_ros.manifolds.rotation import SpecialOrthogonal
 
 SO3 = SpecialOrthogonal(3)
+exp, log = SO3.kernels.exp, SO3.kernels.log
 
 
 @kernel
-def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, wanted,
-          work):
+def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
+          new_goal, work):
     """``τ η̇ = α_z (β_z log(R_g Rᵀ) - η) + f``, ``τ Ṙ = [η] R``."""
     h, moved, rest = numbers[H], work[:9], work[9:]
-    rotation.apply(ops.LOG, 3, point, goal, error, rest)
+    log(3, point, goal, error, rest)
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
     for i in range(3):
         force[i] = h * velocity[i]
-    rotation.apply(ops.EXP, 3, point, force, moved, rest)
+    exp(3, point, force, moved, rest)
     copy_into(moved, point)
-    rotation.apply(ops.LOG, 3, goal, wanted, force, rest)
+    log(3, goal, new_goal, force, rest)
     for i in range(3):
         force[i] *= h * numbers[ALPHA_G]
-    rotation.apply(ops.EXP, 3, goal, force, moved, rest)
+    exp(3, goal, force, moved, rest)
     copy_into(moved, goal)
 
 
@@ -41,7 +41,7 @@ class UdeRotation(Baseline):
 
     @classmethod
     def handles(cls, shown: Demonstration) -> bool:
-        """Only rotations in space."""
+        """Whether the space is SO(3)."""
         return shown.manifold == SO3
 
     def errors(self) -> np.ndarray:
@@ -59,4 +59,4 @@ class UdeRotation(Baseline):
         return SO3.log(self._start.reshape(3, 3), self._goal.reshape(3, 3))
 
     def _step(self) -> None:
-        _step(*self._cycle(), self._point, self._goal, self._wanted, self._work)
+        _step(*self._cycle(), self._point, self._goal, self._new_goal, self._work)

@@ -1,8 +1,8 @@
 """
 SPD matrices with explicit parallel transport by matrix square roots, in every cycle.
 
-Two ways: [18] carries all vectors to the start; the classical way carries them along with the
-point.
+Two methods: [18] transports all vectors to the start; the textbook method transports them along
+with the point.
 """
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ import math
 
 import numpy as np
 
-from gdmp_ros.experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H, pull, shape
+from gdmp_ros.experiments.baselines.baseline import (
+    accelerate,
+    ALPHA_G,
+    Baseline,
+    forcing_term,
+    H,
+    integrate_spring,
+)
 from gdmp_ros.kernels.compile import kernel
-from gdmp_ros.manifolds import operations as ops
-from gdmp_ros.manifolds import spd
 from gdmp_ros.manifolds.linalg import (
     congruence,
     copy_into,
@@ -22,7 +27,10 @@ from gdmp_ros.manifolds.linalg import (
     scratch,
     to_mandel,
 )
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.spectral import compose_pair, symmetric_eigen
+
+exp, log = SymmetricPositiveDefinite.kernels.exp, SymmetricPositiveDefinite.kernels.log
 
 
 @kernel
@@ -50,8 +58,8 @@ def _transporter(m, source, target, out, work):
 
 
 @kernel
-def carry(m, source, target, vector, work):
-    """Carry a tangent (Mandel coordinates) from one point to another."""
+def transport(m, source, target, vector, work):
+    """Transport a tangent (Mandel coordinates) from one point to another."""
     way, matrix, moved, half = (scratch(work, 0, m), scratch(work, 1, m), scratch(work, 2, m),
                                 scratch(work, 3, m))
     _transporter(m, source, target, way, work[4 * m * m:])
@@ -61,46 +69,47 @@ def carry(m, source, target, vector, work):
 
 
 @kernel
-def _move(m, point, vector, fraction, work):
+def move(m, point, vector, fraction, work):
     """``point ← Exp(fraction vector)``."""
     step, rest = work[:vector.size], work[vector.size:]
     for i in range(vector.size):
         step[i] = fraction * vector[i]
-    spd.apply(ops.EXP, m, point, step, point, rest)
+    exp(m, point, step, point, rest)
 
 
 @kernel
-def _filter_goal(m, numbers, goal, wanted, vector, work):
-    spd.apply(ops.LOG, m, goal, wanted, vector, work)
-    _move(m, goal, vector, numbers[H] * numbers[ALPHA_G], work)
+def filter_goal(m, numbers, goal, new_goal, vector, work):
+    """Move the goal towards a new one for one cycle."""
+    log(m, goal, new_goal, vector, work)
+    move(m, goal, vector, numbers[H] * numbers[ALPHA_G], work)
 
 
 @kernel
 def _step_at_start(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
-                   goal, wanted, start, work):
-    """What is left to the goal comes to the start; the velocity goes back to the point."""
-    spd.apply(ops.LOG, m, point, goal, error, work)
-    carry(m, point, start, error, work)
+                   goal, new_goal, start, work):
+    """Transport the error to the start, and the velocity back to the point."""
+    log(m, point, goal, error, work)
+    transport(m, point, start, error, work)
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
     copy_into(velocity, force)
-    carry(m, start, point, force, work)
-    _move(m, point, force, numbers[H], work)
-    _filter_goal(m, numbers, goal, wanted, force, work)
+    transport(m, start, point, force, work)
+    move(m, point, force, numbers[H], work)
+    filter_goal(m, numbers, goal, new_goal, force, work)
 
 
 @kernel
 def _step_along(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
-                goal, wanted, start, work):
-    """The velocity goes along with the point; forcing and start term come to it from the start."""
-    spd.apply(ops.LOG, m, point, goal, error, work)
-    shape(functions, weights, numbers, offset, scale, force)
-    carry(m, start, point, force, work)
-    pull(numbers, error, force, velocity)
+                goal, new_goal, start, work):
+    """Transport the velocity along with the point, and the forcing from the start."""
+    log(m, point, goal, error, work)
+    forcing_term(functions, weights, numbers, offset, scale, force)
+    transport(m, start, point, force, work)
+    integrate_spring(numbers, error, force, velocity)
     before, rest = scratch(work, 0, m), work[m * m:]
     copy_into(point, before)
-    _move(m, point, velocity, numbers[H], rest)
-    carry(m, before, point, velocity, rest)
-    _filter_goal(m, numbers, goal, wanted, force, work)
+    move(m, point, velocity, numbers[H], rest)
+    transport(m, before, point, velocity, rest)
+    filter_goal(m, numbers, goal, new_goal, force, work)
 
 
 class _Transported(Baseline):
@@ -110,10 +119,11 @@ class _Transported(Baseline):
     def _matrices(self) -> np.ndarray:
         return self._shown.reshape(-1, *self.manifold.point_shape)
 
-    def _carried(self, source: np.ndarray, target: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    def _transported(self, source: np.ndarray, target: np.ndarray, vector: np.ndarray
+                     ) -> np.ndarray:
         out = np.array(vector)
-        carry(self.manifold.m, self.manifold._flat(source), self.manifold._flat(target), out,
-              self._work)
+        transport(self.manifold.size, self.manifold.flat(source), self.manifold.flat(target), out,
+                  self._work)
         return out
 
     def start_error(self) -> np.ndarray:
@@ -129,10 +139,10 @@ class _Transported(Baseline):
 
 class TransportedToStart(_Transported):
     """
-    The SPD primitive of Abu-Dakka and Kyrki: all vectors live at the start.
+    The SPD primitive of Abu-Dakka and Kyrki: all vectors are tangents at the start.
 
-    The goal's logarithm is carried there along the straight geodesic in every cycle, the velocity
-    back; the forcing term is scaled by ``Log_{Y_0}(G)``.
+    Every cycle transports the logarithm of the goal to the start along the geodesic, and the
+    velocity back. The forcing term is scaled by ``Log_{Y_0}(G)``.
     """
 
     name = '[18] SPD, transport to the start'
@@ -140,27 +150,27 @@ class TransportedToStart(_Transported):
     scaled = True
 
     def errors(self) -> np.ndarray:
-        """Tangents to the goal, carried to the start."""
+        """Tangents to the goal, transported to the start."""
         matrices = self._matrices
-        return np.array([self._carried(a, matrices[0], self.manifold.log(a, matrices[-1]))
+        return np.array([self._transported(a, matrices[0], self.manifold.log(a, matrices[-1]))
                          for a in matrices])
 
     def rates(self) -> np.ndarray:
-        """Tangents to the next sample, carried to the start [1/s]."""
+        """Tangents to the next sample, transported to the start [1/s]."""
         matrices = self._matrices
-        return np.array([self._carried(a, matrices[0], v)
+        return np.array([self._transported(a, matrices[0], v)
                          for a, v in zip(matrices, self._logs())]) / self.dt
 
     def _step(self) -> None:
-        _step_at_start(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
-                       self._start, self._work)
+        _step_at_start(self.manifold.size, *self._cycle(), self._point, self._goal,
+                       self._new_goal, self._start, self._work)
 
 
 class TransportedAlong(_Transported):
     """
-    The textbook's covariant derivative: the velocity is carried along with the point.
+    The covariant derivative of the textbook: the velocity is transported along with the point.
 
-    Its derivatives are always matched to the scheme.
+    Its derivatives are always matched to the integration.
     """
 
     name = 'SPD, transport along the path'
@@ -177,15 +187,16 @@ class TransportedAlong(_Transported):
 
     def _changes(self) -> tuple[np.ndarray, np.ndarray]:
         matrices, after = self._matrices, self.duration * self.rates()
-        back = self._carried(matrices[1], matrices[0], after[1])
+        back = self._transported(matrices[1], matrices[0], after[1])
         before = [2.0 * after[0] - back]
-        before += [self._carried(a, b, v) for a, b, v in zip(matrices, matrices[1:], after[:-1])]
+        before += [self._transported(a, b, v)
+                   for a, b, v in zip(matrices, matrices[1:], after[:-1])]
         return np.array(before), after - before
 
     def _to_weights(self, vectors: np.ndarray) -> np.ndarray:
         matrices = self._matrices
-        return np.array([self._carried(a, matrices[0], v) for a, v in zip(matrices, vectors)])
+        return np.array([self._transported(a, matrices[0], v) for a, v in zip(matrices, vectors)])
 
     def _step(self) -> None:
-        _step_along(self.manifold.m, *self._cycle(), self._point, self._goal, self._wanted,
+        _step_along(self.manifold.size, *self._cycle(), self._point, self._goal, self._new_goal,
                     self._start, self._work)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.experiments import timing
 from gdmp_ros.util.parallel import Journal, map_tasks

@@ -101,7 +101,8 @@ def rows(document: dict[str, Any]) -> list[list[str]]:
 
 def draw(document: dict[str, Any], axes: Any) -> None:
     """Paths seen from above."""
-    paths = [('gdmp_ros', '-', document['path']),
+    paths: list[tuple[str, Any, Any]] = [
+             ('gdmp_ros', '-', document['path']),
              ('movement_primitives, unchanged', '--', document['peer_unchanged'])]
     paths += [(f'movement_primitives, {one["call"]}', style, one['path'])
               for style, one in zip((':', '-.', (0, (1, 3))), document['peer'].values())]

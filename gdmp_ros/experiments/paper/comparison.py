@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.choices import LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
 from gdmp_ros.data import lasa, letters
-from gdmp_ros.data.lasa import COVARIANCES
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.evaluation import mean_distance
 from gdmp_ros.experiments import timing
-from gdmp_ros.experiments.baselines import Baseline, METHODS
+from gdmp_ros.experiments.baselines.baseline import Baseline
+from gdmp_ros.experiments.baselines.methods import METHODS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
-from gdmp_ros.experiments.paper.fig5 import step_time
-from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.experiments.paper.table1 import off_the_space
 from gdmp_ros.util.parallel import map_tasks
 from gdmp_ros.util.terminal import table
@@ -40,9 +39,9 @@ def data_sets(folder: Path | None) -> list[tuple[str, str]]:
     :param folder: of 2D-Letters, None where there is none
     """
     found = letters.files(folder) if folder else []
-    return [*((mapping, name) for mapping in (*lasa.MAPPINGS, COVARIANCES, TOOL)
-              for name in lasa.CLASSES), (EXAMPLE, ''),
-            *((LETTERS + mapping, str(path)) for mapping in lasa.MAPPINGS for path in found)]
+    return [*((mapping, name) for mapping in (*LASA_MANIFOLDS, LASA_COVARIANCES, TOOL)
+              for name in LASA_CLASSES), (EXAMPLE, ''),
+            *((LETTERS + mapping, str(path)) for mapping in LASA_MANIFOLDS for path in found)]
 
 
 def demonstration(data_set: str, name: str) -> Demonstration:
@@ -67,7 +66,7 @@ def _figures(method: Baseline, shown: Demonstration) -> list[float]:
     manifold, cycles = shown.manifold, len(shown.times) - 1
     points, raw = method.rollout(cycles)
     span = shown.span()
-    error = mean_distance(distances(manifold, points, shown.flat_points)) / span
+    error = mean_distance(manifold.factor_distances(points, shown.flat_points)) / span
     violation = max(off_the_space(manifold, point) for point in raw[::10])
     goal = _new_goal(shown)
     switched, _ = method.rollout(round(END * cycles), goal, round(SWITCH * cycles))
@@ -111,7 +110,7 @@ def run(settings: Settings) -> Data:
                 continue
             figures = np.array([result[method.name] for result in results])
             with timing.one_core():
-                step = 1e6 * step_time(method(shown), 300)
+                step = 1e6 * timing.step_time(method(shown), 300)
             labels.append((data_set, method.name))
             values.append([*np.nanmean(figures, axis=0), step])
             lost.append(np.isnan(figures).any(axis=1).sum())

@@ -1,4 +1,4 @@
-"""What all experiments share."""
+"""Settings, data and verdict of an experiment."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ import numpy as np
 
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
-#: In the paper's order; two that it claims without a figure of its own at the end.
+#: In the order of the paper; two claims without a figure at the end.
 IDS = ('fig2', 'fig3', 'letters', 'fig4', 'fig5', 'baselines', 'fig6', 'fig7', 'fig8', 'fig9',
        'fig10', 'fig11', 'fig12', 'table1', 'theorem1')
-#: What a run leaves: arrays by name.
+#: Results of a run: arrays by name.
 Data = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Settings:
     """
-    What may be asked for.
+    Settings of all experiments.
 
-    :ivar letters: folder of the 2D-Letters data set, None where there is none
-    :ivar ros: robot tasks run through the nodes instead of the same loop without ROS
-    :ivar jobs: processes for what can be divided; -1 for one per core
-    :ivar folder: where recordings and scenes of the robot tasks are kept
+    :ivar letters: folder of the 2D-Letters data set, None without it
+    :ivar ros: run robot tasks through the nodes instead of the same loop without ROS
+    :ivar jobs: number of processes; -1 for one per core
+    :ivar folder: for recordings and scenes of the robot tasks
     """
 
     letters: Path | None = None
@@ -42,9 +42,9 @@ def spd_distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 class Verdict(NamedTuple):
     """
-    Whether a claim holds (None where it could not be tried), and the figures that say so.
+    Whether a claim holds (None if it could not be tried), with the measured figures.
 
-    :ivar notes: sentences for the reader: what to install, what differs from the paper
+    :ivar notes: for the reader: what to install, what differs from the paper
     """
 
     holds: bool | None

@@ -10,8 +10,7 @@ from scipy.signal import savgol_filter
 from gdmp_ros.data.lasa import TOOL
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.experiments.paper.experiment import Data, Settings, spd_distances, Verdict
-from gdmp_ros.learning import force_stiffness
-from gdmp_ros.learning.force_stiffness import ForceRecords
+from gdmp_ros.learning.force_stiffness import force_stiffness, ForceRecords
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.view import plots
@@ -119,7 +118,7 @@ def execute(skill: Skill, beginning: np.ndarray) -> Data:
     from gdmp_ros.sim.scenes import contact_count, watering
     arm = Arm(watering())
     loop = ClosedLoop(arm)
-    player = Player(skill, PlayerSettings(np.diag([400.0] * 3 + [ROTATIONAL] * 3)))
+    player = Player(skill, PlayerSettings(rotational_stiffness=(ROTATIONAL,) * 3))
     loop.reset(beginning)
     rows, period = [], arm.period
     player.start(arm.measure().pose.copy())

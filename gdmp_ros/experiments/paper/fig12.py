@@ -67,7 +67,7 @@ def lead(box: int, seed: int) -> Any:
         wanted = _COURSE(u) + [0.0, 0.0, 0.0734] + shift * minimum_jerk(min(1.0, u / 0.6))
         return np.concatenate([wanted, down])
     arm = Arm(scene())
-    hand = GuidingHand(intends, lambda _: np.diag([600.0] * 3), 60.0, (30.0, 3.0), 0.3, _aside)
+    hand = GuidingHand(intends, lambda _: np.diag([600.0] * 3), 60.0, 30.0, 3.0, 0.3, _aside)
     return demonstrate(arm, 'hand', hand, Timing(DURATION, 0.0, 0.5), np.random.default_rng(seed))
 
 

@@ -1,17 +1,17 @@
 """The Riemannian LASA data set: every class, every demonstration, on every manifold."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from gdmp_ros.choices import CONNECTIONS, LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.dmp.primitive import CONNECTIONS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
-from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.util.parallel import map_tasks
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view import plots
@@ -19,13 +19,12 @@ from gdmp_ros.view import plots
 CLAIM = ('Every demonstration of the 30 LASA classes is reproduced on R², S², S³, SO(3) and '
          'SPD(2) by one formulation.')
 SOURCE = '[GDMP] Fig. 3, section 5.1'
-SETS = (*lasa.MAPPINGS, lasa.COVARIANCES)
-#: What the picture shows, as the paper's does.
+SETS = (*LASA_MANIFOLDS, LASA_COVARIANCES)
+#: Class in the picture, as in the paper.
 PICTURED = 'GShape'
-#: Largest mean error / span that counts as reproduced: of all strokes, of the first of each class,
-#: and of covariances.
+#: Largest mean error / span: of all strokes, of the first of each class, of covariances.
 LIMIT, FIRST_LIMIT, COVARIANCE_LIMIT = 2e-4, 8e-5, 5e-4
-#: The worst single one may be so many times the limit of the mean.
+#: Largest error of one demonstration, relative to the limit of the mean.
 WORST = 10.0
 
 
@@ -35,7 +34,7 @@ def errors(task: tuple[str, str]) -> list[list[float]]:
 
 
 def errors_of(shown: list[Demonstration]) -> list[list[float]]:
-    """Mean error / span of demonstrations, each learned by itself, with each connection."""
+    """Mean error / span of demonstrations, each learned separately, with each connection."""
     return [[float(reproduction_error(Skill.learn(d, connection=connection), d)[0])
              for d in shown] for connection in CONNECTIONS]
 
@@ -43,13 +42,13 @@ def errors_of(shown: list[Demonstration]) -> list[list[float]]:
 def run(settings: Settings) -> Data:
     """Errors of all; curves of one demonstration on each manifold."""
     done = map_tasks('Riemannian LASA', errors, {f'{name} {mapping}': (name, mapping)
-                                              for mapping in SETS for name in lasa.CLASSES},
+                                              for mapping in SETS for name in LASA_CLASSES},
                   settings.jobs)
-    counts = {m: sum(len(lasa.strokes(name)) for name in lasa.CLASSES) if m in lasa.MAPPINGS
-              else len(lasa.CLASSES) for m in SETS}
+    counts = {m: sum(len(lasa.strokes(name)) for name in LASA_CLASSES) if m in LASA_MANIFOLDS
+              else len(LASA_CLASSES) for m in SETS}
     data: Data = {'expected': np.array([counts[m] for m in SETS])}
     data |= {f'errors_{mapping}_{connection}': np.array(
-        [[*done[f'{name} {mapping}'][i]] for name in lasa.CLASSES])
+        [[*done[f'{name} {mapping}'][i]] for name in LASA_CLASSES])
         for mapping in SETS for i, connection in enumerate(CONNECTIONS)}
     for mapping in SETS:
         shown = lasa.data_set(PICTURED, mapping)[0]
@@ -68,47 +67,36 @@ def curves(shown: Demonstration) -> Data:
                   for points in (shown.flat_points, flat)]
     return {'times': times, 'shown': np.array(shown.flat_points), 'made': flat,
             'shown_velocity': velocities[0], 'velocity': velocities[1],
-            'distance': distances(manifold, flat, shown.flat_points)[:, 0]}
+            'distance': manifold.factor_distances(flat, shown.flat_points)[:, 0]}
 
 
 def verdict(data: Data) -> Verdict:
     """Mean over all demonstrations of each manifold and connection; the table by class."""
-    limits = dict.fromkeys(lasa.MAPPINGS, LIMIT) | {lasa.COVARIANCES: COVARIANCE_LIMIT}
-    result = judged(data, limits, lasa.CLASSES)
+    print_errors(data, SETS, LASA_CLASSES)
+    measured: dict[str, Any] = {'classes': len(LASA_CLASSES),
+                                'demonstrations': int(data['expected'][0])}
+    holds = True
+    for mapping, expected in zip(SETS, data['expected']):
+        limit = COVARIANCE_LIMIT if mapping == LASA_COVARIANCES else LIMIT
+        for connection in CONNECTIONS:
+            values = data[f'errors_{mapping}_{connection}']
+            mean, worst = float(values.mean()), float(values.max())
+            measured[f'{mapping}_{connection}_mean'] = mean
+            measured[f'{mapping}_{connection}_largest'] = worst
+            holds = (holds and values.size == expected and mean <= limit
+                     and worst <= WORST * limit)
     first = {f'{m}_{c}_first_of_each_class': float(data[f'errors_{m}_{c}'][:, 0].mean())
-             for m in lasa.MAPPINGS for c in CONNECTIONS}
-    return Verdict(bool(result.holds) and max(first.values()) <= FIRST_LIMIT,
-                   {**result.measured, **first})
+             for m in LASA_MANIFOLDS for c in CONNECTIONS}
+    return Verdict(bool(holds and max(first.values()) <= FIRST_LIMIT), {**measured, **first})
 
 
-def judged(data: Data, limits: dict[str, float], classes: tuple[str, ...],
-           connections: tuple[str, ...] = CONNECTIONS) -> Verdict:
-    """
-    Verdict on errors by manifold and class; prints the table.
-
-    :param limits: largest mean error / span, by manifold
-    :param connections: those that are held against it
-    """
-    sets = list(limits)
-
+def print_errors(data: Data, sets: Sequence[str], classes: Sequence[str]) -> None:
+    """Print the mean error of each class on each manifold."""
     def cell(mapping: str, i: int) -> str:
         means = (1e5 * np.nanmean(data[f'errors_{mapping}_{c}'][i]) for c in CONNECTIONS)
         return '{:.1f} ({:.1f})'.format(*means)
     table('mean error / span, 1e-5: parallel (published)', ['class', *sets],
           [[name, *(cell(m, i) for m in sets)] for i, name in enumerate(classes)])
-    measured: dict[str, Any] = {'classes': len(classes),
-                                'demonstrations': int(data['expected'][0])}
-    holds = True
-    for mapping, expected in zip(sets, data['expected']):
-        for connection in CONNECTIONS:
-            values = data[f'errors_{mapping}_{connection}']
-            mean, worst = float(np.nanmean(values)), float(np.nanmax(values))
-            measured[f'{mapping}_{connection}_mean'] = mean
-            measured[f'{mapping}_{connection}_largest'] = worst
-            holds = holds and np.isfinite(values).sum() == expected and (
-                connection not in connections
-                or (mean <= limits[mapping] and worst <= WORST * limits[mapping]))
-    return Verdict(bool(holds), measured)
 
 
 def draw(data: Data) -> dict[str, Any]:
@@ -118,8 +106,8 @@ def draw(data: Data) -> dict[str, Any]:
             'fig3-errors': spread(data, SETS)}
 
 
-def spread(data: Data, sets: tuple[str, ...]) -> Any:
-    """Box plots of all demonstrations' errors."""
+def spread(data: Data, sets: Sequence[str]) -> Any:
+    """Box plots of the errors of all demonstrations."""
     figure, axes = plots.panels(1, 2, (5.4, 3.6))
     for panel, connection in zip(axes[0], CONNECTIONS):
         groups = {m: data[f'errors_{m}_{connection}'].reshape(-1) for m in sets}
@@ -131,7 +119,7 @@ def spread(data: Data, sets: tuple[str, ...]) -> Any:
 
 
 def profiles(data: Data, sets: list[str]) -> Any:
-    """The paper's grid: rows are manifolds."""
+    """Grid as in the paper: one row per manifold."""
     figure, grid = plots.blank_grid(len(sets), 4, (15.0, 2.7 * len(sets)))
     for row, mapping in enumerate(sets):
         times = data[f'{mapping}_times']
@@ -163,9 +151,9 @@ def _pairs(panel: Any, times: np.ndarray, shown: np.ndarray, made: np.ndarray,
 
 
 def _view(figure: Any, cell: Any, mapping: str, data: Data) -> None:
-    """Where the motion goes: in the plane, on a sphere of directions, as ellipses along it."""
+    """Cartesian view: in the plane, on the sphere, or as ellipses along the path."""
     shown, made = data[f'{mapping}_shown'], data[f'{mapping}_made']
-    if mapping in ('R2', 'SPD2', lasa.COVARIANCES):
+    if mapping in ('R2', 'SPD2', LASA_COVARIANCES):
         panel, plane = figure.add_subplot(cell), data['R2_made']
         panel.plot(*data['R2_shown'].T, '--', color='black', lw=1.0, label='demonstration')
         panel.plot(*plane.T, color=plots.INK[1], lw=1.0, label='reproduction')
@@ -191,7 +179,7 @@ def _view(figure: Any, cell: Any, mapping: str, data: Data) -> None:
 
 
 def _direction(points: np.ndarray, mapping: str) -> np.ndarray:
-    """Points of S² as they are; of rotations where they take the z axis."""
+    """Points of S² unchanged; of rotations the image of the z axis."""
     if mapping == 'S2':
         return points
     if mapping == 'SO3':

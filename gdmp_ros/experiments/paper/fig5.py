@@ -1,4 +1,4 @@
-"""The same quaternion trajectory beside a primitive in the logarithm of the error."""
+"""The quaternion trajectory of Fig. 4, beside a primitive in the logarithm of the error."""
 from __future__ import annotations
 
 from typing import Any
@@ -7,7 +7,10 @@ import numpy as np
 
 from gdmp_ros.dmp import Demonstration, Skill
 from gdmp_ros.experiments import timing
-from gdmp_ros.experiments.baselines import Baseline, Classical, LogError, LogErrorShorter, Ours
+from gdmp_ros.experiments.baselines.baseline import Baseline
+from gdmp_ros.experiments.baselines.classical import Classical
+from gdmp_ros.experiments.baselines.log_error import LogError, LogErrorShorter
+from gdmp_ros.experiments.baselines.ours import Ours
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.experiments.paper.fig4 import DT, DURATION, S3, shown
 from gdmp_ros.manifolds import Euclidean
@@ -16,7 +19,7 @@ from gdmp_ros.view import plots
 CLAIM = ('G-DMP starts without a jump and is as accurate as the primitive of [9] with the same '
          'differencing; both fit into a control cycle of 1 ms.')
 SOURCE = '[GDMP] Fig. 5, section 5.2; [9] Koutras, Doulgeri 2020'
-#: The start, in which a jump is looked for [s].
+#: Interval at the start in which the jump is measured [s].
 START_S = 2.0
 NAMES = {'ours': 'G-DMP', 'same': '[9], our differencing', 'backward': '[9], backward differences',
          'shorter': '[9], shorter logarithm'}
@@ -24,7 +27,7 @@ NAMES = {'ours': 'G-DMP', 'same': '[9], our differencing', 'backward': '[9], bac
 
 def same_differencing(demonstration: Demonstration) -> np.ndarray:
     """
-    [9] in our own engine: a Euclidean primitive in ``e = 2 Log(Q_g * conj(Q))``.
+    [9] with our integration: a Euclidean primitive in ``e = 2 Log(Q_g * conj(Q))``.
 
     :returns: quaternions ``conj(Exp(e/2)) * Q_g``, shape ``(T, 4)``
     """
@@ -35,7 +38,7 @@ def same_differencing(demonstration: Demonstration) -> np.ndarray:
 
 
 def run(settings: Settings) -> Data:
-    """Reproduce with each, and take the time of a step."""
+    """Reproduce with each method, and measure the time of a step."""
     demonstration = shown()
     cycles = len(demonstration.times) - 1
     methods: dict[str, Baseline] = {
@@ -46,17 +49,10 @@ def run(settings: Settings) -> Data:
     timed = {'ours': methods['ours'], 'log_error': methods['matched'],
              'classical': Classical(demonstration)}
     with timing.one_core():
-        seconds = {f'step_{name}': np.array(step_time(method)) for name, method in timed.items()}
+        seconds = {f'step_{name}': np.array(timing.step_time(method))
+                   for name, method in timed.items()}
     return {**data, **seconds, 'same': same_differencing(demonstration),
             'shown': demonstration.points}
-
-
-def step_time(method: Baseline, cycles: int = 500) -> float:
-    """Median time of a cycle of 1 ms, as sent to a robot [s]."""
-    def prepare() -> Any:
-        method.reset(1e-3)
-        return lambda: method.output(method.step())
-    return timing.median_time(prepare, cycles, 7)
 
 
 def angular_velocity(points: np.ndarray) -> np.ndarray:
@@ -93,15 +89,15 @@ def verdict(data: Data) -> Verdict:
                 'step_classical_renormalised_us': 1e6 * float(data['step_classical'])}
     peak = np.linalg.norm(angular_velocity(data['shown']), axis=1).max()
     in_time = max(float(data['step_ours']), float(data['step_log_error'])) < 1e-3
-    holds = (in_time and jumps['ours'] < 0.01 * peak and jumps['shorter'] > 10.0 * jumps['ours']
-             and mean['ours'] <= 1.3 * mean['same'])
+    holds = in_time and jumps['ours'] < 0.01 * peak and mean['ours'] <= 1.3 * mean['same']
     return Verdict(bool(holds), measured, (
-        'Start and goal are 190.7° apart. A logarithm that takes the shorter way round makes e '
-        'jump when the motion passes 180°, just after its start, and [9] jumps with it; with the '
-        'logarithm of [GDMP] eq. (A.5), which reaches 360°, [9] does not jump. Derivatives '
-        'matched to Euler leave [9] no error of discretisation on the grid of the demonstration: '
-        'there its error is a third of ours, both far below what 10 ms of backward differences '
-        'cost.'))
+        'Start and goal are 190.7° apart. The paper shows a jump of [9] at the start. With the '
+        'logarithm of [GDMP] eq. (A.5), which reaches 360°, [9] does not jump. With a logarithm '
+        'that takes the smaller rotation, e changes its sign where the motion passes 180°, and '
+        '[9] jumps; this variant is shown, but it is not part of the verdict. With derivatives '
+        'matched to Euler, [9] has no discretisation error at the samples of the demonstration: '
+        'there its error is a third of ours. Both are far below the error of backward '
+        'differences with 10 ms.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

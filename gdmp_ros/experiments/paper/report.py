@@ -1,4 +1,4 @@
-"""Runs experiments, keeps what they leave and writes the report."""
+"""Runs experiments, stores their data and writes the report."""
 from __future__ import annotations
 
 import base64
@@ -15,24 +15,23 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from gdmp_ros import __version__, compilation
-from gdmp_ros.data import archives
+from gdmp_ros import __version__
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.experiments.paper.experiment import Data, IDS, Settings, Verdict
-from gdmp_ros.util.atomic_write import write_json, write_text
+from gdmp_ros.util.atomic_write import write_archive, write_json, write_text
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view import plots
 
-#: Experiments whose module has another name: ``baselines`` are the methods themselves.
+#: Experiments whose module has another name: ``baselines`` is the room of the methods.
 _MODULES = {'baselines': 'comparison'}
-#: Where modules that may be missing come from.
+#: Origin of modules that may be missing.
 _EXTRAS = {'mujoco': "pip install 'gdmp_ros[sim]'"}
 _PICTURES = {'.png': 'image/png', '.webp': 'image/webp'}
 
 
 def run(ids: Sequence[str], settings: Settings) -> bool:
     """
-    Run experiments one after another; the report is brought up to date after each.
+    Run experiments one after another; the report is updated after each.
 
     :returns: whether every claim that could be tried holds
     :raises DataError: if the folder cannot be written
@@ -41,16 +40,14 @@ def run(ids: Sequence[str], settings: Settings) -> bool:
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         entries = _earlier(folder)
-    if not any(compilation.cache_folder().rglob('*.nbi')):
-        print('compiling the kernels first, once: about a minute and a half', flush=True)
     for number, name in enumerate(ids, 1):
         print(f'[{number}/{len(ids)}] {name} …', flush=True)
         with _writing(folder):
-            # What an earlier run said does not outlive an interrupted one.
+            # If this run is interrupted, the entry of an earlier one must not remain.
             if entries.pop(name, None):
                 _write(folder, entries)
         begun = time.monotonic()
-        entries[name] = _tried(name, settings)
+        entries[name] = _entry(name, settings)
         entries[name]['seconds'] = round(time.monotonic() - begun, 1)
         with _writing(folder):
             _write(folder, entries)
@@ -82,8 +79,8 @@ def _writing(folder: Path) -> Iterator[None]:
         raise DataError(f'{folder}: cannot write the report: {error.strerror}') from None
 
 
-def _tried(name: str, settings: Settings) -> dict[str, Any]:
-    """An experiment's entry; one that cannot be run fails, and says why."""
+def _entry(name: str, settings: Settings) -> dict[str, Any]:
+    """Entry of an experiment; one that cannot be run has failed, with the reason."""
     experiment = module(name)
     try:
         return _one(name, experiment, settings)
@@ -92,7 +89,7 @@ def _tried(name: str, settings: Settings) -> dict[str, Any]:
         reason = f'{error.name} is missing, it comes with {extra}'
     except GdmpError as error:
         reason = str(error)
-    except Exception as error:  # the other experiments go on, whatever happened in this one
+    except Exception as error:  # an error in one experiment does not stop the others
         traceback.print_exc()
         reason = f'{type(error).__name__}: {error}'
     return {'holds': False, 'figures': [], 'claim': experiment.CLAIM, 'measured': {},
@@ -106,27 +103,27 @@ def _one(name: str, experiment: Any, settings: Settings) -> dict[str, Any]:
     verdict: Verdict = experiment.verdict(data)
     figures = []
     if data:
-        archives.write(settings.folder / f'{name}.npz', data)
+        write_archive(settings.folder / f'{name}.npz', data)
         for picture, figure in experiment.draw(data).items():
             plots.save(figure, settings.folder / f'{picture}.png')
         figures = [path.name for path in _belonging(settings.folder, name)]
     return {'holds': verdict.holds, 'figures': figures, 'claim': experiment.CLAIM,
-            'measured': _plain(verdict.measured), 'source': experiment.SOURCE,
+            'measured': _json_value(verdict.measured), 'source': experiment.SOURCE,
             'notes': verdict.notes}
 
 
 def _belonging(folder: Path, name: str) -> list[Path]:
-    """Pictures and films of an experiment (and not of ``fig10`` to ``fig1``)."""
+    """Pictures and films of an experiment; those of ``fig10`` do not belong to ``fig1``."""
     return sorted(path for path in folder.iterdir() if path.suffix in _PICTURES
                   and (path.stem == name or path.stem.startswith(f'{name}-')))
 
 
-def _plain(value: Any) -> Any:
-    """Fit for JSON, which has neither NumPy's numbers nor infinity."""
+def _json_value(value: Any) -> Any:
+    """The same for JSON, which has neither NumPy numbers nor infinity."""
     if isinstance(value, dict):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): _json_value(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(inner) for inner in value]
+        return [_json_value(inner) for inner in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):
@@ -153,7 +150,7 @@ def _write(folder: Path, entries: dict[str, Any]) -> None:
 
 
 def page(folder: Path, entries: dict[str, Any]) -> str:
-    """One self-contained page with all pictures in it."""
+    """One self-contained page with all pictures."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True,
                                      undefined=jinja2.StrictUndefined)
     template = environment.from_string((Path(__file__).parent / 'page.html').read_text())

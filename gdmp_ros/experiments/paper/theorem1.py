@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp import Rollout, Skill
-from gdmp_ros.dmp.primitive import CONNECTIONS, Gains
-from gdmp_ros.dmp.skill import LEAST_STEPS
+from gdmp_ros.dmp.primitive import Gains, MIN_STEPS
 from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
-from gdmp_ros.experiments.paper.fig8 import distances
 from gdmp_ros.manifolds import (
     Euclidean,
     Manifold,
@@ -32,35 +31,35 @@ SPACES: dict[str, Manifold] = {
     'SPD2': SymmetricPositiveDefinite(2), 'SPD3': SymmetricPositiveDefinite(3),
     'R3 x S3 x SPD3': Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3))}
 RUNS, SAMPLES = 40, 400
-#: √V at the start at most: below π nothing comes to the cut locus; without one, anything.
-MOST, MOST_OPEN = 0.95 * math.pi, 4.0
+#: Largest √V at the start: below π the cut locus is not reached; any value without one.
+LARGEST, LARGEST_OPEN = 0.95 * math.pi, 4.0
 #: The proof covers published derivatives only where they are the covariant ones.
 COVERED = {'published': ('R3', 'S3', 'SO3', 'SO5')}
-#: Phase so fast that start term and forcing are over at once: what remains is eq. (29).
+#: So fast a phase that start term and forcing end at once: eq. (29) remains.
 _ALPHA_X = 1e6
 
 
 def unforced(manifold: Manifold, rng: np.random.Generator, connection: str) -> Skill:
     """A skill without forcing: random start, velocity, goal and gain inside the domain."""
     alpha_z = float(np.exp(rng.uniform(np.log(5.0), np.log(100.0))))
-    open_space = all(f.kind in ('euclidean', 'spd') for f in manifold.factors)
-    energy = rng.uniform(0.1, MOST_OPEN if open_space else MOST)
+    open_space = not any(f.has_cut_locus for f in manifold.factors)
+    energy = rng.uniform(0.1, LARGEST_OPEN if open_space else LARGEST)
     share = rng.uniform(0.05, 1.0)
     start = manifold.random_point(rng)
-    way, push = (manifold.random_tangent(start, rng) for _ in range(2))
-    way *= energy * math.sqrt(share) / manifold.norm(start, way)
-    push *= (energy * math.sqrt(1.0 - share) * 0.5 * alpha_z) / manifold.norm(start, push)
-    return pulled(manifold, start, manifold.exp(start, way), push, alpha_z, connection)
+    offset, velocity = (manifold.random_tangent(start, rng) for _ in range(2))
+    offset *= energy * math.sqrt(share) / manifold.norm(start, offset)
+    velocity *= energy * math.sqrt(1.0 - share) * 0.5 * alpha_z / manifold.norm(start, velocity)
+    return spring_skill(manifold, start, manifold.exp(start, offset), velocity, alpha_z,
+                        connection)
 
 
-def pulled(manifold: Manifold, start: np.ndarray, goal: np.ndarray, velocity: np.ndarray,
+def spring_skill(manifold: Manifold, start: np.ndarray, goal: np.ndarray, velocity: np.ndarray,
            alpha_z: float, connection: str) -> Skill:
-    """A skill that is nothing but the spring: ``Z(0)`` is ``velocity``, τ is 1 s."""
-    from gdmp_ros.dmp.skill import in_frame
+    """A skill of the spring alone: ``Z(0)`` is ``velocity``, τ is 1 s."""
     frame = manifold.frame(start)
     return Skill(manifold, connection, Gains(alpha_z, _ALPHA_X), start, goal, frame, 1.0,
-                 in_frame(manifold, frame, velocity), np.zeros((2, manifold.tangent_size)),
-                 LEAST_STEPS)
+                 manifold.to_frame(frame, velocity), np.zeros((2, manifold.tangent_size)),
+                 MIN_STEPS)
 
 
 def energies(skill: Skill, seconds: float) -> tuple[np.ndarray, set[str]]:
@@ -69,7 +68,7 @@ def energies(skill: Skill, seconds: float) -> tuple[np.ndarray, set[str]]:
     path = rollout.sample(np.linspace(0.0, seconds, SAMPLES))
     flat = path.points.reshape(SAMPLES, -1)
     goal = np.broadcast_to(skill.goal.reshape(-1), flat.shape)
-    away = np.sum(distances(manifold, flat, np.array(goal)) ** 2, axis=1)
+    away = np.sum(manifold.factor_distances(flat, np.array(goal)) ** 2, axis=1)
     kinetic = [manifold.norm(p, v) ** 2 for p, v in zip(path.points, path.velocities)]
     return away + np.array(kinetic) / (skill.gains.alpha_z * skill.gains.beta_z), rollout.flags
 
@@ -82,7 +81,7 @@ def trial(task: tuple[str, str]) -> dict[str, Any]:
     for _ in range(RUNS):
         skill = unforced(SPACES[name], rng, connection)
         v, flags = energies(skill, 60.0 / skill.gains.alpha_z)
-        # How far V comes back above what it had already fallen to.
+        # Largest rise of V above its smallest value so far.
         excess = float((v - np.minimum.accumulate(v)).max() / v[0])
         tolerance = (skill.gains.alpha_z / skill.steps) ** 2
         held = 'held' in flags
@@ -104,7 +103,8 @@ def run(settings: Settings) -> Data:
         data[key] = np.array([done[task][key] for task in tasks])
     spd = SymmetricPositiveDefinite(3)
     for connection in CONNECTIONS:
-        far = pulled(spd, 1000.0 * np.eye(3), 50.0 * np.eye(3), np.zeros(6), 60.0, connection)
+        far = spring_skill(spd, 1000.0 * np.eye(3), 50.0 * np.eye(3), np.zeros(6), 60.0,
+                           connection)
         rollout = Rollout(far)
         path = rollout.sample(np.linspace(0.0, 1.0, SAMPLES)).points
         data[f'far_{connection}'] = np.linalg.eigvalsh(path)[:, 0]

@@ -43,7 +43,8 @@ def invalid(rng: np.random.Generator) -> tuple[Any, Any, Any]:
     numbers = np.concatenate([pose, rng.standard_normal(49) * 10.0 ** rng.integers(-3, 300)])
     messages.fill_reference(reference, numbers)
     reference.header.frame_id = frame
-    reference.header.stamp = messages.stamp_of(time.time_ns() + int(rng.integers(-10, 11)) * 10 ** 9)
+    reference.header.stamp = messages.stamp_of(
+        time.time_ns() + int(rng.integers(-10, 11)) * 10 ** 9)
     reference.sequence = int(rng.integers(1 << 60))
     matrix = rng.standard_normal(int(rng.choice([0, 1, 9, 36, 37])))
     return _pose(pose, frame), Float64MultiArray(data=matrix.tolist()), reference

@@ -53,7 +53,8 @@ class Monitor(Node):
         self._extremes, self._opened = Extremes(), time.monotonic()
         reference, state = Reference(), RobotState()
         reference.header.frame_id = state.header.frame_id = frame
-        self._reference = messages.SerializedTemplate(reference, TARGET_SIZE, messages.fill_reference)
+        self._reference = messages.SerializedTemplate(reference, TARGET_SIZE,
+                                                      messages.fill_reference)
         self._state = messages.SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
                                    messages.fill_robot_state)
         self._sequence, self._torque, self._stamp = 0, np.zeros(JOINTS), 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 import sys
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.clients.server_client import Operator
+from gdmp_ros.ros.clients.server_client import ServerClient
 
 
 def main(timeout: str) -> int:

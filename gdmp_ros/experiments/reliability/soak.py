@@ -190,8 +190,8 @@ def judge(document: dict[str, Any]) -> Outcome:
     outcome.need('references lost', seen['lost'], lambda v: v == 0)
     outcome.need('states of the arm', seen['states'],
                  lambda v: v >= 0.9 * 60_000 * document['minutes'])
-    outcome.need('smallest number of states in a window', min(w['states'] for w in seen['windows'][:-1]),
-                 lambda v: v >= 500 * WINDOW_S)
+    outcome.need('smallest number of states in a window',
+                 min(w['states'] for w in seen['windows'][:-1]), lambda v: v >= 500 * WINDOW_S)
     outcome.need('missed ticks [%]', 100 * missed_part, lambda v: v <= 100 * bare_part + 0.5)
     outcome.measured['missed ticks of a bare loop [%]'] = 100 * bare_part
     rate = ticks / (last['seconds'] - first['seconds'])

@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from gdmp_ros.ros.testbed import NodeTestbed, SERVER
 from gdmp_ros.sim.arm import Arm
 
 FRAME = 'panda_link0'
-#: Largest measured speed relative to the speed limit of the reference: the arm oscillates a little.
+#: Largest measured speed relative to the speed limit of the reference: the arm oscillates.
 OSCILLATION = 1.1
 
 
@@ -43,7 +45,11 @@ def judge_limits(run: runs.Run, outcome: Outcome) -> None:
             ('joint speed [rad/s]', figures.joint_speed, 0.0, limits.joint_speed),
             ('speed [m/s]', figures.speed, 0.0, OSCILLATION * limits.speed),
             ('smallest energy in the tank [J]', figures.tank_energy, -0.05, np.inf)):
-        outcome.need(name, value, lambda v, low=smallest, high=largest: low <= v <= high)
+        outcome.need(name, value, partial(_within, smallest, largest))
+
+
+def _within(smallest: float, largest: float, value: float) -> bool:
+    return smallest <= value <= largest
 
 
 class Trial(NodeTestbed):
@@ -55,8 +61,8 @@ class Trial(NodeTestbed):
 
     def start_server(self, name: str = SERVER, *arguments: object, **parameters: object) -> None:
         """Start a trajectory server with the skill; see `NodeTestbed.start_server`."""
-        super().start_server(name, *arguments,  # type: ignore[arg-type]
-                             **{'skill': str(self.skill), **parameters})
+        start: Any = super().start_server
+        start(name, *arguments, **{'skill': str(self.skill), **parameters})
 
     def succeeded(self, timeout: float = 60.0) -> bool:
         """Wait for the end of the motion; whether it reached its goal."""

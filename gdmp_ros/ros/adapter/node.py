@@ -48,7 +48,8 @@ SPECS = (
     Spec('stiffness_parameters', [''], 'names of the six parameters, x y z rx ry rz'),
     Spec('stiffness_min', [1.0, 0.1], 'smallest stiffness of the controller, translational and '
          'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
-    Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad',
+         1e-3, 1e5),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
          'it; 0: never', low=-1, high=99),
 )

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from gdmp_ros.errors import GdmpError
 
-#: Wait before the first call of a service [s]: a reply is lost if the server has not discovered the
+#: Wait before the first call of a service [s]: a reply is lost if the server has not found the
 #: client yet, and a client cannot ask for that.
 DISCOVERY_S = 0.5
 START_UP_S = 120.0

@@ -53,9 +53,11 @@ class Teacher(Client):
         """Start hand guiding, and wait until the recorder is ready."""
         self.wait('the arm', lambda: self.pose is not None, timeout)
         self.request(SetBool, f'{SIM}/teach', data=True)
-        self.wait('the recorder', lambda: bool(self._states) and self._states[-1].status == 'ready',
+        self.wait('the recorder',
+                  lambda: bool(self._states) and self._states[-1].status == 'ready',
                   timeout)
-        self.wait('the arm to subscribe to the hand', lambda: self._hand.get_subscription_count() > 0, 30.0)
+        self.wait('the arm to subscribe to the hand',
+                  lambda: self._hand.get_subscription_count() > 0, 30.0)
 
     def request(self, kind: Any, name: str, **fields: Any) -> str:
         """

@@ -10,8 +10,8 @@ from typing import Any
 from gdmp_msgs.msg import RecorderState
 from std_srvs.srv import Trigger
 
-from gdmp_ros.data import takes
 from gdmp_ros.choices import STORAGES
+from gdmp_ros.data import takes
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode, run
@@ -59,7 +59,8 @@ class TakeRecorder(ManagedNode):
     def activate(self) -> None:
         self._tap = Tap(self, self._topics)
         self._timers = [self.wall_timer(DRAIN_S, self._drain), self.wall_timer(0.1, self._report)]
-        self.get_logger().info(f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
+        self.get_logger().info(
+            f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
 
     def deactivate(self) -> None:
         if self._tap is None:

@@ -9,8 +9,8 @@ from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
 
-from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.choices import CONNECTIONS
+from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode

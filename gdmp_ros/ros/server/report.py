@@ -19,7 +19,7 @@ from gdmp_ros.ros.messages import path_message, set_pose
 PLAN_POSES = 40
 #: Reports between two predicted paths.
 PLAN_EVERY = 5
-#: Reports between two diagnostics without a change, and between two checks who publishes references.
+#: Reports between two diagnostics without a change, and between two checks of the publishers.
 DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
 FIGURES_EVERY, WINDOW = 5, 1000

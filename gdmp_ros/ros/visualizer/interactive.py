@@ -64,7 +64,8 @@ def handle(name: str, description: str, frame: str, scale: float, shapes: Sequen
 class InteractiveMarkers:
     """Serves the markers of a node, and calls back on feedback."""
 
-    def __init__(self, node: ManagedNode, on_feedback: Callable[[InteractiveMarkerFeedback], None]):
+    def __init__(self, node: ManagedNode,
+                 on_feedback: Callable[[InteractiveMarkerFeedback], None]):
         """:param on_feedback: receives feedback about a marker"""
         self._markers: dict[str, InteractiveMarker] = {}
         self._on_feedback = on_feedback

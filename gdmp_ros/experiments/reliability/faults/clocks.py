@@ -26,7 +26,8 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     trial.wait_progress(0.2)
     stamp = trial.state.header.stamp
     now = stamp.sec * messages.NS + stamp.nanosec
-    for jump in (10 * messages.NS, -5 * messages.NS, 3600 * messages.NS, -now, -now - 5 * messages.NS):
+    for jump in (10 * messages.NS, -5 * messages.NS, 3600 * messages.NS, -now,
+                 -now - 5 * messages.NS):
         for _ in range(5):
             publisher.publish(Clock(clock=messages.stamp_of(now + jump)))
             trial.spend(0.02)

@@ -102,10 +102,10 @@ def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
     plain, ours = simulate(False), simulate(True)
     total = ours.robot + ours.tank
     last = plain.times > SECONDS - 2.0
-    outcome.need('without the tank: largest energy of arm and spring [J]', float(plain.robot.max()),
-                 lambda v: v > 5.0)
-    outcome.need('without the tank: amplitude in the last 2 s [m]', float(np.ptp(plain.height[last])),
-                 lambda v: v > 0.05)
+    outcome.need('without the tank: largest energy of arm and spring [J]',
+                 float(plain.robot.max()), lambda v: v > 5.0)
+    outcome.need('without the tank: amplitude in the last 2 s [m]',
+                 float(np.ptp(plain.height[last])), lambda v: v > 0.05)
     outcome.need('with the tank: largest energy of arm and spring [J]', float(ours.robot.max()),
                  lambda v: v < total[0])
     outcome.need('with the tank: smallest energy in the tank [J]', float(ours.tank.min()),

@@ -34,8 +34,8 @@ def server_killed(trial: Trial, quick: bool) -> Outcome:
     outcome.need('references lost before the fault',
                  float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
                  lambda v: v == 0)
-    outcome.need('time to rest [s]', run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed),
-                 lambda v: v < 2.5)
+    rest = run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed)
+    outcome.need('time to rest [s]', rest, lambda v: v < 2.5)
     judge_limits(run, outcome)
     return outcome
 

@@ -1,0 +1,70 @@
+"""The gallery makes skills that can be played, and skill files are what their schema says."""
+import json
+from pathlib import Path
+import re
+
+import jsonschema
+import numpy as np
+import pytest
+
+from gdmp_ros import Skill
+from gdmp_ros.data import gallery
+from test.commands import gdmp
+
+DOCS = Path(__file__).parents[2] / 'docs'
+SCHEMA = json.loads((DOCS / 'skill.schema.json').read_text())
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('gallery')
+    done = gdmp('gallery', '-o', 'here', cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / 'here'
+
+
+def test_every_skill_has_a_file_a_picture_and_a_place_on_the_page(made):
+    page = (made / 'index.md').read_text()
+    for name in gallery.EXAMPLES:
+        skill = Skill.load(made / f'{name}.json')
+        away = skill.manifold.distance(skill.reproduce(0.01).points[-1], skill.goal)
+        assert away < 0.02 * max(1.0, float(np.abs(skill.goal).max())), name
+        assert (made / f'{name}.png').stat().st_size > 10_000
+        assert f']({name}.png)' in page
+    screw = Skill.load(made / 'screw.json')
+    assert len(screw.segments) > 1  # it turns further than half a turn
+    assert Skill.load(made / 'polish.json').manifold.names[-1] == 'stiffness'
+
+
+def test_the_page_of_the_documentation_is_the_one_that_the_command_makes(made):
+    kept = (DOCS / 'gallery' / 'index.md').read_text()
+    assert kept == (made / 'index.md').read_text(), 'gdmp gallery -o docs/gallery'
+    for picture in re.findall(r'\]\(([\w-]+\.png)\)', kept):
+        assert (DOCS / 'gallery' / picture).is_file()
+
+
+def test_skill_files_are_what_the_schema_says(made):
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    for name in gallery.EXAMPLES:
+        jsonschema.validate(json.loads((made / f'{name}.json').read_text()), SCHEMA)
+
+
+@pytest.mark.parametrize('field, value', [
+    ('format', 'other'), ('version', 3), ('manifold', {'kind': 'product', 'factors': []}),
+    ('connection', 'flat'), ('gains', {'alpha_z': 1.0}), ('duration', -1.0), ('steps', 0),
+    ('weights', [[0.0]]), ('provenance', 'me')])
+def test_schema_and_reader_refuse_the_same(made, tmp_path, field, value):
+    document = json.loads((made / 'pick-and-place.json').read_text())
+    document[field] = value
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(document, SCHEMA)
+    path = tmp_path / 'bad.json'
+    path.write_text(json.dumps(document))
+    with pytest.raises(ValueError, match='bad.json'):
+        Skill.load(path)
+
+
+def test_unknown_names_are_told_with_the_known_ones(tmp_path):
+    done = gdmp('gallery', 'oven', '-o', 'x', cwd=tmp_path)
+    assert done.returncode == 1 and 'expected one of letter-G' in done.stderr
+    assert not (tmp_path / 'x').exists()

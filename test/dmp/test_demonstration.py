@@ -1,0 +1,34 @@
+"""Demonstrations with noise, gaps and irregular stamps."""
+import numpy as np
+import pytest
+
+from gdmp_ros import Demonstration, Euclidean, Skill
+from gdmp_ros.dmp.evaluation import reproduction_error
+from test.motions import TOOL, wave
+
+
+@pytest.mark.parametrize('frequency, left', [(2.0, 0.5), (1.0, 16.0 / 17.0), (4.0, 1.0 / 17.0)])
+def test_smoothing_has_the_effect_it_states(frequency, left):
+    times = np.linspace(0.0, 20.0, 4001)
+    shown = Demonstration(times, np.sin(2.0 * np.pi * frequency * times)[:, None], Euclidean(1))
+    smooth = shown.smoothed(2.0).points[1000:3000, 0]
+    kept = np.sqrt(2.0) * np.sqrt(np.mean(smooth ** 2))
+    assert kept == pytest.approx(left, rel=0.02)
+    reference = np.sin(2.0 * np.pi * frequency * times[1000:3000])
+    assert smooth @ reference / np.linalg.norm(smooth) / np.linalg.norm(reference) > 0.9999
+
+
+def test_noise_gaps_and_irregular_stamps_are_survived_on_the_manifold(rng):
+    times = np.sort(np.concatenate([rng.uniform(0.0, 3.0, 500), [0.0, 3.0]]))
+    times = times[(times < 1.2) | (times > 1.35)]  # a gap
+    clean = wave(TOOL, rng, times)
+    noisy = np.array([TOOL.exp(p, 2e-3 * TOOL.random_tangent(p, rng)) for p in clean.points])
+    shown = Demonstration(times, noisy, TOOL)
+    smooth = shown.smoothed(5.0)
+    before = TOOL.factor_distances(shown.flat_points, clean.flat_points)
+    after = TOOL.factor_distances(smooth.flat_points, clean.flat_points)
+    assert (after.mean(axis=0) < 0.5 * before.mean(axis=0)).all()
+    for point in smooth.points:
+        TOOL.check_point(point)
+    skill = Skill.learn(shown, smoothing=5.0, regularization=1e-3)
+    assert reproduction_error(skill, clean)[0] < 0.01

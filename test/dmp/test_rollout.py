@@ -1,0 +1,39 @@
+"""Options and memory of a roll-out."""
+import os
+import subprocess
+import sys
+
+import pytest
+
+from gdmp_ros import Euclidean, ParameterError, Rollout, Skill
+from test.motions import motion
+
+
+def test_unknown_options_are_named(rng):
+    with pytest.raises(ParameterError, match='unknown option sped; expected one of speed'):
+        Rollout(Skill.learn(motion(Euclidean(1), rng)), sped=1.0)
+
+
+def test_a_step_allocates_nothing():
+    """Numba counts what its kernels allocate: as much for a thousand steps as for ten."""
+    code = """
+import numpy as np, gdmp_ros as g
+from numba.core.runtime import rtsys
+rng = np.random.default_rng(0)
+m = g.Product(g.Euclidean(3), g.UnitQuaternion(), g.SymmetricPositiveDefinite(6), g.Sphere(2),
+              g.SpecialOrthogonal(3))
+t = np.linspace(0, 1, 400)
+base = m.random_point(rng)
+v = 0.3 * m.random_tangent(base, rng)
+shown = g.Demonstration(t, np.array([m.exp(base, x ** 3 * v) for x in t]), m)
+for connection in ('parallel', 'published'):
+    rollout = g.Rollout(g.Skill.learn(shown, connection=connection))
+    rollout.retarget(m.exp(rollout.goal, 0.1 * v))
+    counts = []
+    for times in (np.arange(3), np.arange(3, 13), np.arange(13, 1013)):
+        rollout.sample(times * 1e-3)
+        counts.append(rtsys.get_allocation_stats().alloc)
+    assert counts[1] > 0 and counts[1] - counts[0] == counts[2] - counts[1], counts
+"""
+    subprocess.run([sys.executable, '-c', code], check=True,
+                   env={**os.environ, 'NUMBA_NRT_STATS': '1'})

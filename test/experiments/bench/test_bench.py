@@ -1,0 +1,143 @@
+"""The figures that ``gdmp bench`` writes; not the speed of this machine."""
+from functools import partial
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from gdmp_ros.cli.bench import SUBJECTS
+from gdmp_ros.data import lasa
+from gdmp_ros.dmp.evaluation import reproduction_error
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
+from gdmp_ros.experiments import timing
+from gdmp_ros.experiments.bench import accuracy, goal_switch, loop, peers, tempo
+from test.commands import gdmp
+
+SETTINGS = timing.Settings(repetitions=7, classes=('GShape', 'Sine'))
+bench = partial(gdmp, 'bench')
+
+
+@pytest.fixture(scope='module')
+def switched():
+    return goal_switch.run(SETTINGS)
+
+
+@pytest.mark.parametrize('kind', ['linear', 'angular'])
+def test_a_goal_switch_steps_less_than_its_filter_allows_and_less_than_the_peers(switched, kind):
+    figures = switched[kind]
+    assert 0.0 < figures['step'] <= figures['allowed']
+    assert figures['peak'] <= 0.5 * figures['peer_peak']
+    assert figures['peer_step'] > 10.0 * figures['step']
+
+
+@pytest.mark.parametrize('kind', ['linear', 'angular'])
+def test_a_goal_switch_steps_less_than_the_peer_with_smooth_scaling_too(switched, kind):
+    figures = switched[kind]
+    assert figures['peak'] <= 0.55 * figures['peer_smooth_peak']
+    assert figures['peer_smooth_step'] > 10.0 * figures['step']
+    # The option has an effect: it makes the peer smoother.
+    assert figures['peer_smooth_step'] < 0.95 * figures['peer_step']
+    assert len(figures['peer_smooth_curve']) == len(figures['curve'])
+
+
+@pytest.fixture(scope='module')
+def changed():
+    return tempo.run(SETTINGS)
+
+
+def test_a_change_of_tempo_keeps_our_path_at_a_bounded_rate(changed):
+    assert changed['path_deviation'] < 1e-9
+    assert 1.0 < changed['largest_rate'] <= 5.0 + 1e-9
+
+
+def test_the_peer_leaves_its_path_unless_its_velocity_is_changed_too(changed):
+    deviation = {name: one['path_deviation_m'] for name, one in changed['peer'].items()}
+    assert list(deviation) == list(tempo.CHANGES)
+    assert deviation['duration'] > 0.01 and deviation['duration_and_clock'] > 0.01
+    assert deviation['duration_clock_and_velocity'] < 0.002
+
+
+@pytest.mark.parametrize('name', tempo.CHANGES)
+def test_the_duration_of_the_peer_did_change(changed, name):
+    one = changed['peer'][name]
+    assert one['execution_time_'] == 2.0 * tempo.DURATION
+    path, unchanged = np.array(one['path']), np.array(changed['peer_unchanged'])
+    half = len(unchanged) // 2
+    np.testing.assert_array_equal(path[:half], unchanged[:half])
+    # At the end of the first duration it is under way, half a duration later it is at the goal.
+    under_way = np.linalg.norm(path[2 * half - 1] - unchanged[-1])
+    at_end = np.linalg.norm(path[3 * half - 1] - unchanged[-1])
+    assert len(path) == 3 * half and under_way > 0.05
+    if tempo.CHANGES[name].clock:
+        assert at_end < 0.005
+    else:  # its phase has jumped back: it is late
+        assert at_end > 0.05
+    if tempo.CHANGES[name].velocity:  # half as fast along the same path
+        assert np.abs(path[half + 1::2] - unchanged[half:half + half]).max() < 0.002
+
+
+def test_accuracy_rows_are_means_over_the_classes(monkeypatch):
+    def figures(task):
+        name, mapping, connection, n_basis = task
+        base = 1.0 + 10.0 * (name == 'Sine') + 100.0 * (connection == 'published')
+        return [base + 1000.0 * i + 0.1 * n_basis for i in range(len(accuracy.STEPS_MS))]
+    monkeypatch.setattr(accuracy, 'one_class', figures)
+    rows = accuracy.run(SETTINGS)['rows']
+    main = [row for row in rows if not row.get('separate')]
+    assert len(main) == 5 * 2 * 4 and len(rows) == len(main) + 2 * 4
+    assert {row['manifold'] for row in main} == set(lasa.MAPPINGS)
+    for row in rows:
+        low = (7.0 + 100.0 * (row['connection'] == 'published')
+               + 1000.0 * accuracy.STEPS_MS.index(row['dt_ms']))
+        assert row['classes'] == 2
+        assert row['mean_relative_error'] == pytest.approx(low + 5.0)
+        assert row['max_relative_error'] == pytest.approx(low + 10.0)
+
+
+@pytest.mark.parametrize('mapping', ['S3', accuracy.COVARIANCES])
+def test_the_accuracy_of_a_class_is_its_reproduction_error(mapping):
+    separate = mapping == accuracy.COVARIANCES
+    shown = (lasa.covariance_profile('Sine') if separate
+             else lasa.riemannian(lasa.strokes('Sine')[0], mapping))
+    skill = Skill.learn(shown, 40, connection='published')
+    assert accuracy.one_class(('Sine', mapping, 'published', 40)) == [
+        reproduction_error(skill, shown, 1e-3 * ms)[0] for ms in accuracy.STEPS_MS]
+
+
+def test_learning_writes_its_keys_and_shows_a_table(tmp_path):
+    done = bench('learn', '--json', tmp_path / 'learn.json', '--repetitions', 7)
+    assert done.returncode == 0 and 'movement_primitives' in done.stdout
+    document = json.loads((tmp_path / 'learn.json').read_text())
+    assert all(document[key] > 0.0 for key in ('pose_ms', 'pose_stiffness_ms', 'peer_pose_ms'))
+    assert document['environment']['python']
+
+
+def test_every_subject_has_a_title_a_table_and_help():
+    text = bench('--help').stdout
+    for what in SUBJECTS:
+        assert what in text
+    refused = bench('accuracy', '--class', 'Elephant')
+    assert refused.returncode == 1 and 'expected one of Angle' in refused.stderr
+    assert 'at least 7' in bench('learn', '--repetitions', 3).stderr
+
+
+def test_the_closed_loop_runs_and_follows():
+    document = loop.run(timing.Settings(repetitions=1))
+    assert document['position_rmse_m'] < 0.01
+    assert document['simulated_s'] == pytest.approx(
+        lasa.robot_demonstrations('GShape')[0].duration, rel=0.5)
+    assert document['tick_us'] * document['times_real_time'] == pytest.approx(1000.0)
+
+
+def test_a_peer_that_is_missing_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'movement_primitives.dmp', None)
+    with pytest.raises(DataError, match=r'gdmp_ros\[bench\]'):
+        peers.CartesianPeer(timing.demonstration(timing.POSE, 1.0, samples=50), 10)
+
+
+def test_subjects_are_smooth_and_at_rest_at_both_ends():
+    shown = timing.demonstration(timing.pose_with_stiffness(3), 2.0)
+    skill = timing.skill(timing.pose_with_stiffness(3), 2.0)
+    assert np.linalg.norm(skill.velocity) < 1e-2 and len(shown.times) == 1000

@@ -1,0 +1,124 @@
+"""`gdmp faults`: most faults once, quickly, with the requirements of the long run."""
+import json
+import os
+import subprocess
+
+import pytest
+
+from gdmp_ros.cli.main import main
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.experiments.reliability.faults import fault, FAULTS
+from gdmp_ros.experiments.reliability.network import Quality, TwoHosts
+from gdmp_ros.experiments.reliability.outcome import Outcome
+from gdmp_ros.experiments.reliability.report import attempt
+from gdmp_ros.experiments.reliability.trial import short_skill
+
+
+@pytest.fixture(scope='session')
+def skill(tmp_path_factory):
+    return short_skill(tmp_path_factory.mktemp('skill'))
+
+
+#: The others take longer, or differ from one of these in little but their figures.
+BOUNDED = ('server-killed', 'server-stopped', 'two-servers', 'disk-full', 'wall-clock',
+           'garbage-flood', 'network-cut')
+
+
+@pytest.mark.parametrize('name', [
+    'skill-file', *(pytest.param(name, marks=pytest.mark.long) for name in BOUNDED)])
+def test_fault(name, skill, tmp_path):
+    outcome = attempt(name, tmp_path / name, skill, True)
+    if outcome.missing:
+        pytest.skip(outcome.missing)
+    assert outcome.failed == []
+    assert len(outcome.measured) >= 3
+
+
+def test_a_trial_that_breaks_down_has_failed(skill, tmp_path, monkeypatch):
+    broken = tmp_path / 'broken.json'
+    broken.write_text('{}')
+    monkeypatch.setattr('gdmp_ros.ros.testbed.START_UP_S', 4.0)
+    outcome = attempt('server-killed', tmp_path / 'x', broken, True)
+    assert outcome.holds is False and 'without success' in outcome.failed[0]
+
+
+def test_outcomes_do_not_hold_on_figures_that_are_none():
+    outcome = Outcome()
+    outcome.need('speed', float('nan'), lambda v: True)
+    outcome.claim('said so', True)
+    assert outcome.holds is False and outcome.failed == ['speed: nan']
+    assert Outcome(missing='no root').holds is None
+    assert Outcome(measured={'a': 1.0}).holds is True
+
+
+def test_the_command_names_faults_and_refuses_others(capsys, tmp_path):
+    assert main(['faults', '--list']) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed and fault(name).__doc__.strip() in listed for name in FAULTS)
+    assert main(['faults', 'earthquake', '--out', str(tmp_path)]) == 1
+    assert "fault 'earthquake' is unknown" in capsys.readouterr().err
+
+
+def test_the_adversarial_stiffness_is_contained_and_reported(tmp_path):
+    assert main(['faults', 'adversarial-stiffness', '--out', str(tmp_path)]) == 0
+    document = json.loads((tmp_path / 'faults.json').read_text())['adversarial-stiffness']
+    assert document['holds'] is True
+    largest = [document['measured'][f'{which} the tank: largest energy of arm and spring [J]']
+               for which in ('without', 'with')]
+    assert largest[0] > 5.0 > largest[1]
+    assert '| holds |' in (tmp_path / 'faults.md').read_text()
+    assert (tmp_path / 'adversarial-stiffness.png').stat().st_size > 10_000
+
+
+#: Counts messages until none comes for a second, and prints their number and smallest age.
+RECEIVE = """
+import socket, time
+s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+s.bind(('0.0.0.0', 7777))
+s.settimeout(1.0)
+print('ready', flush=True)
+ages = []
+try:
+    while True:
+        sent = float(s.recv(100))
+        ages.append(time.monotonic() - sent)
+except TimeoutError:
+    print(len(ages), min(ages, default=float('nan')))
+"""
+SEND = """
+import socket, time
+s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+for _ in range(200):
+    s.sendto(str(time.monotonic()).encode(), ('10.93.7.2', 7777))
+    time.sleep(0.001)
+"""
+
+
+def received(hosts):
+    """Number and smallest age [s] of 200 messages that arrive."""
+    listener = subprocess.Popen([*hosts.on('robot'), 'python3', '-c', RECEIVE],
+                                stdout=subprocess.PIPE, text=True)
+    assert listener.stdout.readline() == 'ready\n'
+    subprocess.run([*hosts.on('server'), 'python3', '-c', SEND], check=True)
+    count, age = listener.communicate()[0].split()
+    return int(count), float(age)
+
+
+def test_a_cable_loses_delays_and_is_cut():
+    try:
+        hosts = TwoHosts(Quality()).__enter__()
+    except (GdmpError, OSError) as error:
+        pytest.skip(str(error))
+    try:
+        assert received(hosts)[0] == 200
+        hosts.cable.quality = Quality(loss=0.3)
+        assert 90 < received(hosts)[0] < 180
+        hosts.cable.quality = Quality(cut=True)
+        assert received(hosts)[0] == 0
+        hosts.cable.quality = Quality(delay=0.2)
+        count, age = received(hosts)
+        assert count == 200 and age >= 0.2
+    finally:
+        hosts.__exit__()
+    left = subprocess.run(['ip', 'netns'], capture_output=True, text=True).stdout
+    assert f'gdmp-{os.getpid()}-' not in left

@@ -1,0 +1,23 @@
+"""The report on a fit."""
+import numpy as np
+
+from gdmp_ros import Demonstration, fit_report, Skill
+from test.motions import TOOL, wave
+
+
+def test_the_report_finds_what_was_spoiled_and_nothing_else(rng):
+    times = np.linspace(0.0, 3.0, 900)
+    clean = wave(TOOL, rng, times)
+    report = fit_report(Skill.learn(clean), clean)
+    assert report.demonstrations[0].suspicions == () and report.segments == ()
+    assert report.condition < 1e4 and len(report.demonstrations[0].mean_error) == 3
+    points = clean.points.copy()
+    points[300] = TOOL.exp(points[300], 0.01 * TOOL.random_tangent(points[300], rng))
+    points[500] = points[499]
+    keep = np.r_[0:600, 630:900]
+    spoiled = Demonstration(times[keep], points[keep], TOOL)
+    found = fit_report(Skill.learn(spoiled), spoiled).demonstrations[0].suspicions
+    told = {s.sample: s.reason for s in found}
+    assert len(told) == len(found)
+    assert 'jumps' in told[300] and 'repeats' in told[500] and 'gap' in told[599]
+    assert set(told) <= {300, 500, 501, 599}

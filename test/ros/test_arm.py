@@ -1,0 +1,151 @@
+"""The simulated arm: what it publishes, its services, and what it refuses."""
+import re
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from gdmp_msgs.msg import Reference
+from gdmp_msgs.srv import StepSimulation
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+import pytest
+from rcl_interfaces.srv import GetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from gdmp_ros.ros import messages
+from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.sim.arm import Arm
+from test.ros.nodes import DEACTIVATE, FRAME
+
+STEP = f'{ARM}/step_simulation'
+
+
+def pause(nodes):
+    """Pause, and wait until the last state has arrived."""
+    assert nodes.call(SetBool, f'{ARM}/set_pause', data=True).success
+    nodes.wait_quiet(nodes.robot)
+
+
+def test_the_simulation_pauses_steps_and_resets(running):
+    refused = running.call(StepSimulation, STEP, steps=10)
+    assert not refused.success and 'not paused' in refused.message
+    pause(running)
+    count = len(running.robot)
+    first = running.call(StepSimulation, STEP, steps=1)
+    second = running.call(StepSimulation, STEP, steps=250)
+    assert first.success and second.success
+    assert second.time - first.time == pytest.approx(0.25, abs=1e-9)
+    running.wait('251 states', lambda: len(running.robot) >= count + 251)
+    running.wait_quiet(running.robot)
+    assert len(running.robot) == count + 251
+    too_many = running.call(StepSimulation, STEP, steps=10**6)
+    assert not too_many.success and 'expected 1 to 100000' in too_many.message
+    assert running.call(SetBool, f'{ARM}/set_pause', data=False).success
+    assert running.transition(SERVER, DEACTIVATE)  # the arm would follow it
+    assert running.call(Trigger, f'{ARM}/reset_world').success
+    reset = len(running.robot)
+    running.wait('the arm again', lambda: len(running.robot) > reset + 400)
+    np.testing.assert_allclose(running.tool()[:3], Arm().measure().pose[:3], atol=1e-3)
+
+
+def test_the_arm_answers_and_publishes_while_it_makes_many_steps(running):
+    diagnostics = []
+    running.subscribe(DiagnosticArray, '/diagnostics', lambda message: diagnostics.extend(
+        status for status in message.status if status.name.startswith(ARM)))
+    pause(running)
+    assert running.call(StepSimulation, STEP, steps=1).success
+    count = len(running.robot)
+    reply = running.call_later(StepSimulation, STEP, steps=100_000)
+    running.wait('some steps', lambda: len(running.robot) > count + 10)
+    # If the steps blocked the executor, these would be answered after 100 s of simulated time.
+    second = running.call(StepSimulation, STEP, steps=1)
+    assert not second.success and 'steps are left of another request' in second.message
+    values = running.call(GetParameters, f'{ARM}/get_parameters', names=['pace']).values
+    assert values[0].string_value == 'wall'
+    diagnostics.clear()
+    running.wait('diagnostics', lambda: len(diagnostics) > 2)
+    assert not reply.done()
+    # A pause ends the request, and the reply says how much of it was not made.
+    assert running.call(SetBool, f'{ARM}/set_pause', data=True).success
+    running.wait('the reply', reply.done)
+    assert not reply.result().success
+    assert re.search(r'^\d+ of 100000 steps were not made', reply.result().message)
+    running.wait_quiet(running.robot)
+    assert running.call(StepSimulation, STEP, steps=5).success
+
+
+def test_the_simulation_runs_as_fast_as_it_can_with_a_clock(nodes):
+    clocks = nodes.collect(Clock, '/clock')
+    nodes.start_arm(pace='fast')
+    nodes.wait('the clock', lambda: len(clocks) > 200, 60.0)
+    stamps = np.array([m.clock.sec + m.clock.nanosec * 1e-9 for m in clocks])
+    assert (np.diff(stamps) > 0.0).all()
+    assert np.median(np.diff(stamps)) == pytest.approx(1e-3, abs=1e-6)
+
+
+def test_invalid_references_are_refused_and_counted_and_the_arm_holds(running):
+    assert running.transition(SERVER, DEACTIVATE)
+    diagnostics = []
+    running.subscribe(DiagnosticArray, '/diagnostics', diagnostics.append)
+    publisher = running.publisher(Reference, f'{SERVER}/reference')
+    running.wait_rest()
+    start = running.tool()
+    target = np.zeros(56)
+    target[:7] = start
+    target[0] += 0.1
+    target[19:55] = np.diag([400.0] * 3 + [30.0] * 3).reshape(-1)
+    target[55] = 0.7
+
+    def counted():
+        found = [{v.key: v.value for v in m.status[0].values} for m in diagnostics
+                 if m.status[0].name.startswith(ARM)]
+        return found[-1] if found else {}
+
+    running.wait('diagnostics', counted)
+    assert counted()['references refused'] == '0'
+    invalid = []
+    for change in (lambda t: None, lambda t: t.__setitem__(2, np.nan),
+                   lambda t: t.__setitem__(slice(3, 7), 0.7),
+                   lambda t: t.__setitem__(19, -400.0)):
+        numbers = target.copy()
+        change(numbers)
+        invalid.append(numbers)
+    for count, (numbers, reason) in enumerate(zip(invalid, (
+            "frame is 'world'", 'NaN', 'quaternion norm', 'not positive definite')), start=1):
+        message = Reference()
+        message.header.frame_id = 'world' if count == 1 else FRAME
+        message.header.stamp = messages.stamp_of(time.time_ns())
+        messages.fill_reference(message, numbers)
+        publisher.publish(message)
+        running.wait(f'the refusal: {reason}',
+                     lambda n=count: counted().get('references refused') == str(n))
+        assert reason in counted()['last refusal']
+    count = len(running.robot)
+    running.wait('300 more states', lambda: len(running.robot) > count + 300)
+    assert np.linalg.norm(running.tool()[:3] - start[:3]) < 1e-4
+    assert 'reference refused' in running.log(ARM)
+
+
+def test_topics_for_viewers_have_100_hz(running):
+    joints = running.collect(JointState, 'joint_states')
+    poses = running.collect(PoseStamped, f'{ARM}/measured_pose')
+    running.wait('both', lambda: len(joints) > 100 and len(poses) > 100)
+    for received in (joints, poses):
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in received]
+        # In the time of the arm; how much of it passes in a second depends on the machine.
+        assert np.median(np.diff(stamps)) == pytest.approx(0.01, abs=1e-4)
+    assert joints[-1].name == [f'joint{i}' for i in range(1, 8)]
+    assert len(joints[-1].effort) == 7
+
+
+def test_a_late_subscriber_gets_the_robot_description(running):
+    received = []
+    running.subscribe(String, '/robot_description', received.append,
+                      QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    running.wait('the description', lambda: len(received) > 0)
+    assert '<link name="panda_link0">' in received[0].data
+    assert all(f'<joint name="joint{i}" type="revolute">' in received[0].data
+               for i in range(1, 8))

@@ -1,0 +1,77 @@
+"""`gdmp execute` executes the skill of a running server from the terminal."""
+from functools import partial
+import os
+import signal
+import subprocess
+
+from gdmp_msgs.srv import SetSpeed
+import numpy as np
+
+from gdmp_ros.ros import messages
+from gdmp_ros.ros.testbed import ARM, SERVER
+from test.commands import GDMP, gdmp
+
+EXECUTE = [*GDMP, 'execute']
+run = partial(gdmp, 'execute', timeout=120)
+
+
+def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file):
+    plain = run('--speed', '1.5')
+    assert plain.returncode == 0, plain.stderr
+    assert 'the goal was reached; distance: position' in plain.stdout
+    goal = messages.pose_numbers(running.state.goal[0])[:3] + [0.0, 0.05, 0.03]
+    numbers = [f'{value:.4f}' for value in goal]
+    done = run('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
+    assert done.returncode == 0 and 'the goal is switched to' in done.stdout
+    running.wait('the tool to be there',
+                 lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
+    refused = run('--goal-position', '5', '0', '0.3', '--after', '0.2')
+    assert refused.returncode == 0
+    assert 'the new goal was refused: goal_pose: goal x is 5.000 m' in refused.stdout
+    assert run('--speed', '7').returncode == 1
+    missing = run('--load', 'nowhere.json')
+    assert missing.returncode == 1 and 'nowhere.json: cannot read the skill' in missing.stderr
+
+
+def test_ctrl_c_stops_the_motion_smoothly(running):
+    running.listen()
+    assert running.call(SetSpeed, f'{SERVER}/set_speed', scale=0.5).success
+    process = subprocess.Popen(EXECUTE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    running.client.wait_status('moving', 60.0)
+    running.wait('a fast reference', lambda: speeds(running).max() > 0.05)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130 and 'stopped' in out
+    running.client.wait_status('holding', 10.0)
+    assert running.state.progress < 0.9
+    running.wait('the reference to be at rest', lambda: not speeds(running)[-1].any())
+    assert np.abs(np.diff(speeds(running), axis=0)).max() < 0.03
+
+
+def speeds(nodes):
+    return np.array([[m.twist.linear.x, m.twist.linear.y, m.twist.linear.z]
+                     for m in nodes.references]).reshape(-1, 3)
+
+
+def test_it_waits_for_the_robot_as_long_as_it_was_told(nodes, skill_file):
+    nodes.start_server(skill='')
+    nodes.client.wait_status('idle', 60.0)
+    early = run('--load', skill_file, '--wait', '4')
+    assert early.returncode == 1 and 'waiting for the pose of the robot' in early.stdout
+    assert 'no measured pose has arrived on /panda_sim/measured_pose' in early.stdout
+    process = subprocess.Popen([*EXECUTE, '--load', str(skill_file)], stdout=subprocess.PIPE,
+                               text=True, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+    assert process.stdout.readline().startswith('waiting for the pose of the robot')
+    nodes.start_arm()
+    nodes.client.wait_status('moving', 60.0)
+    assert 'no_robot' not in nodes.state.flags
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0 and 'the goal was reached' in out
+    nodes.children.stop(ARM)
+    nodes.wait('the flag', lambda: 'no_robot' in nodes.state.flags)
+
+
+def test_without_a_server_it_says_so(nodes):
+    done = run('--wait', '1')
+    assert done.returncode == 1
+    assert 'waited 1 s for the state of trajectory_server, without success' in done.stderr

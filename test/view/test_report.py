@@ -1,0 +1,69 @@
+"""A report is one page that a browser opens without the network and without an error."""
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from gdmp_ros.data import lasa, recordings, runs
+from gdmp_ros.errors import DataError
+from gdmp_ros.view import report_figures, report_page
+from test.recorded_run import NS, recorded_run
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
+    'google-chrome')
+FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--use-angle=swiftshader',
+         '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-sync',
+         '--disable-component-update', '--disable-quic', '--no-first-run',
+         '--enable-logging=stderr', '--virtual-time-budget=20000')
+
+
+def test_ellipsoids_are_long_where_the_arm_is_stiff():
+    positions = np.column_stack([np.linspace(0, 1, 50), np.zeros(50), np.zeros(50)])
+    matrices = np.tile(np.diag([100.0, 800.0, 200.0]), (50, 1, 1))
+    drawn = report_figures._ellipsoids(positions, matrices, 'stiffness')
+    assert np.nanmax(drawn.y) == pytest.approx(report_figures.ELLIPSOID_M)
+    assert np.nanmax(drawn.z) == pytest.approx(report_figures.ELLIPSOID_M / 4)
+
+
+@pytest.fixture(scope='module')
+def taken(tmp_path_factory):
+    bag = tmp_path_factory.mktemp('report') / 'GShape_1'
+    recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', NS)
+    return bag
+
+
+def test_a_page_needs_nothing_else(taken, tmp_path):
+    path = tmp_path / 'new' / 'take.html'
+    assert report_page.write(taken, path) == 'a demonstration'
+    text = path.read_text()
+    body = text.split('</script>', 1)[1]
+    assert 'panda_link0' in body and 'position, orientation, stiffness' in body
+    assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', body)
+    with pytest.raises(DataError, match='no such bag'):
+        report_page.write(tmp_path / 'none', path)
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(DataError, match='cannot write the report'):
+        report_page.write(taken, tmp_path / 'file' / 'page.html')
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='no Chromium')
+@pytest.mark.parametrize('what', ['run', 'demonstration'])
+def test_a_browser_opens_it_without_an_error(taken, tmp_path, monkeypatch, what):
+    path, picture = tmp_path / 'page.html', tmp_path / 'page.png'
+    if what == 'run':
+        monkeypatch.setattr(report_page.bags, 'topics', lambda _: [
+            (runs.REFERENCE_TOPIC, '', 1), (runs.STATE_TOPIC, '', 1)])
+        monkeypatch.setattr(report_page.runs, 'read', lambda _: recorded_run())
+    report_page.write(taken, path)
+    done = subprocess.run([CHROMIUM, *FLAGS, f'--user-data-dir={tmp_path / "profile"}',
+                           f'--screenshot={picture}', '--window-size=1100,2400',
+                           path.as_uri()], capture_output=True, text=True, timeout=120)
+    console = [line for line in done.stderr.splitlines() if 'CONSOLE' in line]
+    wrong = [line for line in console if not line.split('CONSOLE')[0].endswith('INFO:')
+             or re.search('Uncaught|rror:|ailed', line)]
+    assert wrong == []
+    from PIL import Image
+    drawn = np.asarray(Image.open(picture).convert('RGB')).reshape(-1, 3)
+    assert len(np.unique(drawn, axis=0)) > 200  # the figures are there
