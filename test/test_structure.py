@@ -1,57 +1,191 @@
-"""Which way dependence runs, and what works without ROS and without MuJoCo."""
+"""Which file imports which, what is private, and what works without ROS and without MuJoCo."""
 import ast
-import math
+import importlib
 from pathlib import Path
 import subprocess
 import sys
 
 import pytest
 
+from gdmp_ros.cli.bench import SUBJECTS
+from gdmp_ros.cli.main import VERBS
+from gdmp_ros.experiments.paper.experiment import IDS
+from gdmp_ros.experiments.paper.report import module as experiment_module
+from gdmp_ros.experiments.reliability.faults import FAULTS
+
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
-#: Lower may not import higher; folders on one level may import each other as listed below.
-LEVELS = {'errors': 0, 'compilation': 0, 'terminal': 0, 'writing': 0, 'profiles': 0, 'needs': 1,
-          'parallel': 1, 'manifolds': 1, 'dmp': 2, 'stiffness': 3, 'control': 3, 'files': 4,
-          'sim': 4, 'realtime': 4, 'plots': 4, 'tuning': 4, 'nodes': 5, 'bench': 5, 'cli': 5,
-          'demo': 6, 'paper': 5, 'report': 5, 'reliability': 6}
-ONLY_IN = {'rclpy': ('nodes', 'demo', 'reliability'), 'mujoco': ('sim',),
-           'matplotlib': ('plots', 'demo'), 'rosbags': ('files', 'nodes'),
-           'numba': ('compilation',), 'plotly': ('report',)}
+#: A room may import from itself and from rooms before it.
+ROOMS = ('errors', 'choices', 'kernels', 'util', 'manifolds', 'dmp', 'learning', 'control',
+         'realtime', 'playback', 'data', 'sim', 'view', 'ros', 'experiments', 'cli')
+#: Facade methods: they import from a later room when they are called (docs/design.md).
+FACADES = {('gdmp_ros.dmp.skill', 'gdmp_ros.learning.fit')}
+#: Rooms that may import a library.
+ONLY_IN = {'rclpy': {'ros', 'experiments'}, 'mujoco': {'sim'},
+           'matplotlib': {'view', 'experiments'}, 'rosbags': {'data', 'ros'},
+           'numba': {'kernels'}, 'plotly': {'view'}}
+#: Files that import by a string: from a list of the package, or outside of it.
+LISTS = {
+    'gdmp_ros.cli.main': [f'gdmp_ros.cli.{name.replace("-", "_")}' for name in VERBS],
+    'gdmp_ros.cli.bench': [f'gdmp_ros.experiments.bench.{name.replace("-", "_")}'
+                           for name in SUBJECTS],
+    'gdmp_ros.experiments.paper.report': [experiment_module(name).__name__ for name in IDS],
+    'gdmp_ros.experiments.reliability.faults': [
+        f'gdmp_ros.experiments.reliability.faults.{path.partition(".")[0]}'
+        for path in FAULTS.values()],
+    'gdmp_ros.ros.recorder.record': [], 'gdmp_ros.sim.model_sources': [],
+}
 
 
-def imports(path):
-    """Modules a file imports, with whether the import is at module level."""
-    tree = ast.parse(path.read_text())
-    top = {id(node) for node in tree.body}
-    guarded = {id(inner) for node in tree.body if isinstance(node, ast.If)
-               and 'TYPE_CHECKING' in ast.dump(node.test) for inner in ast.walk(node)}
-    for node in ast.walk(tree):
-        if id(node) in guarded:
+def name_of(path):
+    parts = path.relative_to(PACKAGE.parent).with_suffix('').parts
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
+
+
+TREES = {name_of(path): ast.parse(path.read_text()) for path in sorted(PACKAGE.rglob('*.py'))}
+
+
+def runtime_nodes(tree):
+    """All nodes of a file but for those under ``if TYPE_CHECKING``."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and 'TYPE_CHECKING' in ast.dump(node.test):
             continue
+        yield node
+        yield from runtime_nodes(node)
+
+
+def imported(tree):
+    """Modules that a file imports, inside of functions too; relative ones begin with a dot."""
+    for node in runtime_nodes(tree):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, id(node) in top
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield node.module, id(node) in top
+            base = '.' * node.level + (node.module or '')
+            for alias in node.names:
+                yield f'{base}.{alias.name}' if f'{base}.{alias.name}' in TREES else base
 
 
-def home(path):
-    return path.relative_to(PACKAGE).parts[0].removesuffix('.py')
+def room(module):
+    return module.split('.')[1] if '.' in module else 'facade'
 
 
-FILES = sorted(p for p in PACKAGE.rglob('*.py') if p.parent != PACKAGE or p.stem != '__init__')
+#: Modules of the package that each file imports.
+GRAPH = {name: {other for other in imported(tree) if other in TREES and other != name}
+         | set(LISTS.get(name, ())) for name, tree in TREES.items()}
+del GRAPH['gdmp_ros']  # its names are imported when they are used: it is above all rooms
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_dependence_runs_one_way(path):
-    here = home(path)
-    for module, at_top in imports(path):
-        parts = module.split('.')
-        if parts[0] == 'gdmp_ros' and len(parts) > 1 and at_top:
-            other = parts[1]
-            assert other == here or LEVELS[other] <= LEVELS[here], f'{path} imports {module}'
-            assert not (here in ('cli', 'paper') and other == 'nodes'), f'{path}: {module}'
-        if parts[0] in ONLY_IN:
-            assert here in ONLY_IN[parts[0]], f'{path} imports {module}'
+def test_imports_have_no_cycle():
+    finished, path = set(), []
+
+    def visit(name):
+        assert name not in path, ' -> '.join([*path[path.index(name):], name])
+        if name in finished:
+            return
+        path.append(name)
+        for other in sorted(GRAPH.get(name, ())):
+            if (name, other) not in FACADES and not (other == 'gdmp_ros' or name == other):
+                visit(other)
+        path.pop()
+        finished.add(name)
+    for name in GRAPH:
+        visit(name)
+
+
+def test_rooms_depend_on_earlier_rooms_only():
+    assert {room(name) for name in GRAPH} == set(ROOMS)
+    wrong = [f'{name} imports {other}' for name, others in GRAPH.items() for other in others
+             if other != 'gdmp_ros' and (name, other) not in FACADES
+             and ROOMS.index(room(other)) > ROOMS.index(room(name))]
+    assert not wrong
+
+
+def test_every_facade_is_used_and_named_in_the_design():
+    design = (PACKAGE.parent / 'docs' / 'design.md').read_text()
+    for name, other in FACADES:
+        assert other in GRAPH[name] and other in design
+
+
+def test_the_package_itself_is_imported_for_its_version_only():
+    for name, tree in TREES.items():
+        for node in runtime_nodes(tree):
+            if isinstance(node, ast.ImportFrom) and node.module == 'gdmp_ros':
+                for alias in node.names:
+                    assert (alias.name == '__version__'
+                            or f'gdmp_ros.{alias.name}' in TREES), f'{name}: {alias.name}'
+
+
+def test_no_import_is_relative():
+    assert not [name for name, tree in TREES.items()
+                if any(module.startswith('.') for module in imported(tree))]
+
+
+def test_imports_by_string_come_from_the_lists():
+    found = {name for name, tree in TREES.items() for node in ast.walk(tree)
+             if isinstance(node, ast.Call)
+             and ast.unparse(node.func) in ('importlib.import_module', 'import_module',
+                                            '__import__')}
+    assert found == set(LISTS)
+    for modules in LISTS.values():
+        for module in modules:
+            assert module in TREES
+
+
+def test_libraries_are_imported_in_their_rooms():
+    wrong = [f'{name} imports {module}' for name, tree in TREES.items()
+             for module in imported(tree)
+             if room(name) not in ONLY_IN.get(module.split('.')[0], {room(name)})]
+    assert not wrong
+
+
+def private(name):
+    return name.startswith('_') and not name.startswith('__')
+
+
+def own_names(tree):
+    """Private names that a file defines itself: functions, fields, attributes of ``self``."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) \
+                and ast.unparse(node.value) in ('self', 'cls'):
+            yield node.attr
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value  # __slots__
+
+
+def reaches(name):
+    """Private names of other modules that a file uses."""
+    tree = TREES[name]
+    own = set(own_names(tree))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('gdmp_ros'):
+            yield from (alias.name for alias in node.names if private(alias.name))
+        elif isinstance(node, ast.Attribute) and private(node.attr) and node.attr not in own \
+                and ast.unparse(node.value) not in ('self', 'cls', 'super()'):
+            yield ast.unparse(node)
+
+
+#: Private names of libraries that have no public one.
+LIBRARIES = {
+    'gdmp_ros.kernels.compile': {'compiled._cache'},
+    'gdmp_ros.kernels.intrinsics': {'made._getvalue'},
+}
+
+
+@pytest.mark.parametrize('name', TREES)
+def test_no_module_uses_private_names_of_another(name):
+    # Methods of named tuples are public, in spite of their names.
+    found = {text for text in reaches(name)
+             if text.rpartition('.')[2] not in ('_asdict', '_replace', '_fields', '_make')}
+    assert found <= LIBRARIES.get(name, set())
+
+
+def test_files_are_short():
+    long = {str(path): lines for path in PACKAGE.rglob('*.py')
+            if (lines := len(path.read_text().splitlines())) >= 300}
+    assert not long
 
 
 def test_the_library_works_without_ros_and_without_mujoco():
@@ -62,14 +196,13 @@ class Blocked:
         if name.split('.')[0] in ('rclpy', 'mujoco', 'gdmp_msgs', 'std_msgs'):
             raise ImportError(name)
 sys.meta_path.insert(0, Blocked())
+import importlib
 import numpy as np
 import gdmp_ros
-from gdmp_ros.cli.main import parser
-from gdmp_ros.data import bags
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
-from gdmp_ros.control import impedance
-parser()
+from gdmp_ros.cli.main import parse
+from gdmp_ros.control import controller
+from gdmp_ros.data import bags, lasa, recordings
+parse(['learn', 'bag', '-o', 'skill.json'])
 t = np.linspace(0, 1, 50)
 skill = gdmp_ros.Skill.learn(gdmp_ros.Demonstration(t, t[:, None] ** 2, gdmp_ros.Euclidean(1)))
 assert abs(skill.reproduce(0.1).points[-1, 0] - 1) < 1e-2
@@ -77,43 +210,7 @@ assert abs(skill.reproduce(0.1).points[-1, 0] - 1) < 1e-2
     subprocess.run([sys.executable, '-c', code], check=True)
 
 
-def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path):
-    """The cache is stamped with all kernel sources, not with the caller's file alone."""
-    import shutil
-    copy = tmp_path / 'gdmp_ros'
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns('__pycache__'))
-    code = ('import numpy as np;'
-            'from gdmp_ros.manifolds import UnitQuaternion;'
-            'print(UnitQuaternion().exp(np.eye(4)[0], np.array([0.1, 0, 0]))[1])')
-    environment = {'PYTHONPATH': str(tmp_path), 'GDMP_CACHE': str(tmp_path / 'cache'),
-                   'PATH': '/usr/bin:/bin', 'HOME': str(tmp_path)}
-
-    def value():
-        return float(subprocess.run([sys.executable, '-c', code], env=environment, check=True,
-                                    capture_output=True, text=True, cwd=tmp_path).stdout)
-
-    assert value() == value() == pytest.approx(math.sin(0.1))
-    path = copy / 'manifolds' / 'linalg.py'  # called by the kernel in quaternion.py
-    path.write_text(path.read_text().replace('return math.sin(angle) / angle',
-                                             'return 2.0 * math.sin(angle) / angle'))
-    assert value() == pytest.approx(2.0 * math.sin(0.1), rel=0.02)
-
-
-def test_a_new_process_steps_from_the_cache_without_compiling():
-    code = ('import numpy as np, gdmp_ros;'
-            'from gdmp_ros.dmp import stepping;'
-            't = np.linspace(0, 1, 400);'
-            'shown = gdmp_ros.Demonstration(t, t[:, None] ** 3, gdmp_ros.Euclidean(1));'
-            'gdmp_ros.Rollout(gdmp_ros.Skill.learn(shown)).advance(1e-3);'
-            'print(len(stepping.advance.stats.cache_misses))')
-    runs = [subprocess.run([sys.executable, '-c', code], check=True, capture_output=True,
-                           text=True).stdout.strip() for _ in range(2)]
-    assert runs[1] == '0'
-
-
-def test_every_file_with_kernels_stamps_the_cache():
-    from gdmp_ros.compilation import KERNEL_SOURCES
-    stamped = {path for pattern in KERNEL_SOURCES for path in PACKAGE.glob(pattern)}
-    for path in FILES:
-        if 'from gdmp_ros.compilation import' in path.read_text():
-            assert path in stamped, path
+def test_every_verb_has_a_module_that_can_be_parsed_and_run():
+    for name in VERBS:
+        module = importlib.import_module(f'gdmp_ros.cli.{name.replace("-", "_")}')
+        assert module.__doc__ and callable(module.add_arguments) and callable(module.run)

@@ -15,17 +15,19 @@ from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import (
     CUT_LOCUS_LIMIT,
-    frame_point_rows,
     log_in_frame,
-    log_rows,
-    project_tangent_rows,
     renormalize_frame,
     transport_frame,
-    transport_frame_rows,
     work_array,
 )
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.manifolds.point_space import kernel_array
+from gdmp_ros.manifolds.rows import (
+    frame_point_rows,
+    log_rows,
+    project_tangent_rows,
+    transport_frame_rows,
+)
 
 #: Frames are renormalized after this many steps.
 RENORMALIZE_EVERY = 32

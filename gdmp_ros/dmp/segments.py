@@ -21,8 +21,9 @@ import numpy as np
 
 from gdmp_ros.kernels import kernel, noinline, numbers_at
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import factor_exp, factor_log, log_rows, work_array
+from gdmp_ros.manifolds.factors import factor_exp, factor_log, work_array
 from gdmp_ros.manifolds.linalg import copy_numbers
+from gdmp_ros.manifolds.rows import log_rows
 from gdmp_ros.util.profiles import smoothstep
 
 #: Longest way within a segment [rad]: point and target stay far from each other's cut locus.

@@ -19,9 +19,7 @@ import numpy as np
 from gdmp_ros.kernels import (
     always_inline,
     call_kernel,
-    kernel,
     measure_with_kernel,
-    numbers_at,
 )
 from gdmp_ros.kernels.intrinsics import kernel_signature
 
@@ -250,74 +248,3 @@ def project_tangent(factors, point, vector, tangent, work):
         call_kernel(f.project_tangent, f.size, (
             point, f.point, f.point_end, vector, f.tangent, f.tangent_end,
             tangent, f.tangent, f.tangent_end, work, 0, f.work))
-
-
-# The same for every row of matrices, callable from Python.
-
-@always_inline
-def _row(matrix, i):
-    return numbers_at(matrix, i * matrix.shape[1], matrix.shape[1])
-
-
-@kernel
-def exp_rows(factors, bases, tangents, points, work):
-    """`exp` of each row."""
-    for i in range(len(bases)):
-        exp(factors, _row(bases, i), _row(tangents, i), _row(points, i), work)
-
-
-@kernel
-def log_rows(factors, bases, points, tangents, distances, work):
-    """`log` of each row; ``distances`` are what it returns."""
-    for i in range(distances.size):
-        distances[i] = log(factors, _row(bases, i), _row(points, i), _row(tangents, i), work)
-
-
-@kernel
-def frame_rows(factors, points, frames, work):
-    """`frame_at` of each row."""
-    for i in range(len(points)):
-        frame_at(factors, _row(points, i), _row(frames, i), work)
-
-
-@kernel
-def frame_point_rows(factors, frames, points, work):
-    """`frame_point` of each row."""
-    for i in range(len(points)):
-        frame_point(factors, _row(frames, i), _row(points, i), work)
-
-
-@kernel
-def transport_frame_rows(factors, frames, coordinates, work):
-    """`transport_frame` of each row."""
-    for i in range(len(frames)):
-        transport_frame(factors, _row(frames, i), _row(coordinates, i), work)
-
-
-@kernel
-def log_in_frame_rows(factors, frames, points, coordinates, distances, work):
-    """`log_in_frame` of each row; ``distances`` are what it returns."""
-    for i in range(distances.size):
-        distances[i] = log_in_frame(factors, _row(frames, i), _row(points, i),
-                                    _row(coordinates, i), work)
-
-
-@kernel
-def from_frame_rows(factors, frames, coordinates, tangents, work):
-    """`from_frame` of each row."""
-    for i in range(len(frames)):
-        from_frame(factors, _row(frames, i), _row(coordinates, i), _row(tangents, i), work)
-
-
-@kernel
-def to_frame_rows(factors, frames, tangents, coordinates, work):
-    """`to_frame` of each row."""
-    for i in range(len(frames)):
-        to_frame(factors, _row(frames, i), _row(tangents, i), _row(coordinates, i), work)
-
-
-@kernel
-def project_tangent_rows(factors, points, vectors, tangents, work):
-    """`project_tangent` of each row."""
-    for i in range(len(points)):
-        project_tangent(factors, _row(points, i), _row(vectors, i), _row(tangents, i), work)

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from gdmp_ros.errors import CutLocusError, GdmpError
-import gdmp_ros.manifolds.factors as compiled
-from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, Kernels
+from gdmp_ros.manifolds import rows
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, factor_table, Kernels, work_array
 from gdmp_ros.manifolds.point_space import kernel_array, PointSpace
 
 
@@ -70,11 +70,11 @@ class Manifold(PointSpace):
     @cached_property
     def factor_table(self) -> np.ndarray:
         """The factors as compiled code sees them (`gdmp_ros.manifolds.factors`)."""
-        return compiled.factor_table(self.factors)
+        return factor_table(self.factors)
 
     @cached_property
     def _work(self) -> np.ndarray:
-        return compiled.work_array(self.factor_table)
+        return work_array(self.factor_table)
 
     @final
     def exp(self, base: np.ndarray, tangent: np.ndarray) -> np.ndarray:
@@ -86,7 +86,7 @@ class Manifold(PointSpace):
         :raises ManifoldError: if a shape is wrong
         """
         out = np.empty((1, self.point_size))
-        compiled.exp_rows(self.factor_table, self.flat(base)[None], self.vector(tangent)[None],
+        rows.exp_rows(self.factor_table, self.flat(base)[None], self.vector(tangent)[None],
                           out, self._scratch())
         return out.reshape(self.point_shape)
 
@@ -111,7 +111,7 @@ class Manifold(PointSpace):
         :returns: the tangent, and the distance of ``point`` from the cut locus of ``base`` [rad]
         """
         out, distance = np.empty((1, self.tangent_size)), np.empty(1)
-        compiled.log_rows(self.factor_table, self.flat(base)[None], self.flat(point)[None], out,
+        rows.log_rows(self.factor_table, self.flat(base)[None], self.flat(point)[None], out,
                           distance, self._scratch())
         return out[0], float(distance[0])
 
@@ -154,8 +154,8 @@ class Manifold(PointSpace):
         """
         table, count = self.factor_table, len(a)
         frames, steps = np.empty((count, self.frame_size)), np.empty((count, self.tangent_size))
-        compiled.frame_rows(table, kernel_array(a), frames, self._scratch())
-        compiled.log_in_frame_rows(table, frames, kernel_array(b), steps, np.empty(count),
+        rows.frame_rows(table, kernel_array(a), frames, self._scratch())
+        rows.log_in_frame_rows(table, frames, kernel_array(b), steps, np.empty(count),
                                    self._scratch())
         return np.column_stack([np.linalg.norm(steps[:, part], axis=1)
                                 for part in self.tangent_slices])
@@ -203,7 +203,7 @@ class Manifold(PointSpace):
         """Draw a tangent at ``base``, standard normal in an orthonormal frame."""
         drawn = self.from_frame(self.frame(base), rng.standard_normal(self.tangent_size))
         out = np.empty((1, self.tangent_size))
-        compiled.project_tangent_rows(self.factor_table, self.flat(base)[None], drawn[None], out,
+        rows.project_tangent_rows(self.factor_table, self.flat(base)[None], drawn[None], out,
                                       self._scratch())
         return out[0]
 
@@ -213,14 +213,14 @@ class Manifold(PointSpace):
     def frame(self, point: np.ndarray) -> np.ndarray:
         """Canonical frame at ``point``, shape ``(frame_size,)``."""
         out = np.empty((1, self.frame_size))
-        compiled.frame_rows(self.factor_table, self.flat(point)[None], out, self._scratch())
+        rows.frame_rows(self.factor_table, self.flat(point)[None], out, self._scratch())
         return out[0]
 
     @final
     def transport_frame(self, frame: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
         """Frame after parallel transport along the geodesic with these coordinates."""
         out = np.array(frame)[None]
-        compiled.transport_frame_rows(self.factor_table, out, self.vector(coordinates)[None],
+        rows.transport_frame_rows(self.factor_table, out, self.vector(coordinates)[None],
                                       self._scratch())
         return out[0]
 
@@ -232,7 +232,7 @@ class Manifold(PointSpace):
         :returns: coordinates, and the distance of ``point`` from the cut locus [rad]
         """
         out, distance = np.empty((1, self.tangent_size)), np.empty(1)
-        compiled.log_in_frame_rows(self.factor_table, kernel_array(frame)[None],
+        rows.log_in_frame_rows(self.factor_table, kernel_array(frame)[None],
                                    self.flat(point)[None], out, distance, self._scratch())
         return out[0], float(distance[0])
 
@@ -240,7 +240,7 @@ class Manifold(PointSpace):
     def from_frame(self, frame: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
         """Tangent with these coordinates, shape ``(tangent_size,)``."""
         out = np.empty((1, self.tangent_size))
-        compiled.from_frame_rows(self.factor_table, kernel_array(frame)[None],
+        rows.from_frame_rows(self.factor_table, kernel_array(frame)[None],
                                  self.vector(coordinates)[None], out, self._scratch())
         return out[0]
 
@@ -248,7 +248,7 @@ class Manifold(PointSpace):
     def to_frame(self, frame: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         """Coordinates of a tangent, shape ``(tangent_size,)``."""
         out = np.empty((1, self.tangent_size))
-        compiled.to_frame_rows(self.factor_table, kernel_array(frame)[None],
+        rows.to_frame_rows(self.factor_table, kernel_array(frame)[None],
                                self.vector(tangent)[None], out, self._scratch())
         return out[0]
 

@@ -20,7 +20,7 @@ from gdmp_ros.manifolds.linalg import (
     to_mandel,
 )
 from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.spectral import symmetric_expm, symmetric_logm
+from gdmp_ros.manifolds.matrix_functions import symmetric_expm, symmetric_logm
 
 
 @kernel

@@ -8,14 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.control.target import (
-    ACCELERATION,
-    DAMPING_RATIO,
-    POSE,
-    resting_target,
-    STIFFNESS,
-    TWIST,
-)
+from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TWIST
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
@@ -109,7 +102,7 @@ class Player:
 
     def hold(self, pose: np.ndarray) -> None:
         """Hold ``pose`` (x, y, z, qw, qx, qy, qz)."""
-        target = self._first_target(self.tool, pose)
+        target = self.tool.first_target(pose)
         self._requests.add(lambda: self._hold(target), AFTER_HOLD)
 
     def start(self, measured: np.ndarray | None, goal_pose: np.ndarray | None = None,
@@ -239,7 +232,7 @@ class Player:
         target = self._target
         if target is None or (measured is not None and not _near(target, measured)):
             rollout.begin(tool.start_at(measured), speed=0.0)
-            return self._first_target(tool, tool.skill.start[:7])
+            return tool.first_target(tool.skill.start[:7])
         self._continue(tool, rollout, target)
         if tool.stiffness_size < 6:
             # With SPD(3) the skill changes the translational block only.
@@ -254,12 +247,8 @@ class Player:
         if np.abs(target[TWIST:TWIST + 6]).max() < _AT_REST:
             rollout.begin(start, speed=0.0)
             return
-        velocity, acceleration = np.zeros((2, tool.manifold.tangent_size))
-        for tangent, first in ((velocity, TWIST), (acceleration, ACCELERATION)):
-            tangent[:3] = target[first:first + 3]
-            # Rotation vector to half-angle.
-            tangent[3:6] = 0.5 * target[first + 3:first + 6]
-        rollout.begin(start, velocity, acceleration, max(LEAST_SPEED, min(self._speed, 1.0)))
+        rollout.begin(start, tool.tangent_of(target, TWIST), tool.tangent_of(target, ACCELERATION),
+                      max(LEAST_SPEED, min(self._speed, 1.0)))
 
     def _retarget(self, pose: np.ndarray | None, stiffness: np.ndarray | None) -> None:
         rollout = self._rollout
@@ -297,13 +286,6 @@ class Player:
         # The stiffness is not measured: that of the reference is taken.
         _, _, *stiffness = self._playing.manifold.split(rollout.state.point)
         rollout.observe(self._playing.point(measured, stiffness[0] if stiffness else None))
-
-    @staticmethod
-    def _first_target(tool: ToolSkill, pose: np.ndarray) -> np.ndarray:
-        stiffness, size = tool.settings.stiffness_matrix, tool.stiffness_size
-        if size:
-            stiffness[:size, :size] = tool.manifold.split(tool.skill.start)[2]
-        return resting_target(pose, stiffness, tool.settings.damping_ratio)
 
 
 def _near(target: np.ndarray, measured: np.ndarray) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
+from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError
@@ -102,6 +102,21 @@ class ToolSkill:
             return None
         _, _, *stiffness = self.manifold.split(self.skill.start)
         return self.point(pose, stiffness[0] if stiffness else None)
+
+    def first_target(self, pose: np.ndarray) -> np.ndarray:
+        """Reference that rests at a pose, with the initial stiffness of the skill."""
+        stiffness, size = self.settings.stiffness_matrix, self.stiffness_size
+        if size:
+            stiffness[:size, :size] = self.manifold.split(self.skill.start)[2]
+        return resting_target(pose, stiffness, self.settings.damping_ratio)
+
+    def tangent_of(self, target: np.ndarray, first: int) -> np.ndarray:
+        """Tangent with the velocity or acceleration that begins at an index of a reference."""
+        tangent = np.zeros(self.manifold.tangent_size)
+        tangent[:3] = target[first:first + 3]
+        # Tangents on S³ are half the rotation vector.
+        tangent[3:6] = 0.5 * target[first + 3:first + 6]
+        return tangent
 
     def stiffness_of(self, target: np.ndarray) -> np.ndarray | None:
         """The stiffness factor of a reference; None if the skill has no stiffness."""

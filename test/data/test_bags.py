@@ -66,7 +66,7 @@ def test_joint_states_and_wrenches_are_read_as_numbers(tmp_path, storage):
     assert wrenches.frame == 'base'
 
 
-def test_header_stamps_come_before_bag_times(tmp_path):
+def test_header_stamps_are_used_instead_of_bag_times(tmp_path):
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
         for i, row in enumerate(poses(20)):
@@ -90,7 +90,7 @@ def test_rest_at_both_ends_is_cut_off(tmp_path):
     assert demonstration.times[0] == 0.0
 
 
-def test_stiffness_at_another_rate_is_brought_to_the_poses_stamps(tmp_path):
+def test_stiffness_at_another_rate_is_interpolated_at_the_stamps_of_the_poses(tmp_path):
     path, slow = tmp_path / 'bag', matrices(26)
     with BagWriter(path) as writer:
         for i, row in enumerate(poses(51)):
@@ -145,7 +145,7 @@ def backward():
     (not_definite, STIFFNESS, 9, 'not symmetric positive definite'),
     (backward, POSE, 20, 'stamp does not increase'),
 ])
-def test_bad_samples_are_named(tmp_path, storage, make, topic, sample, reason):
+def test_bad_samples_are_refused_with_their_place(tmp_path, storage, make, topic, sample, reason):
     path = tmp_path / 'bag'
     write(path, storage=storage, **make())
     with pytest.raises(DataError) as caught:
@@ -190,7 +190,7 @@ def test_missing_topics_wrong_types_and_missing_bags_are_refused(tmp_path):
         recordings.read(tmp_path / 'folder')
 
 
-def test_several_pose_topics_must_be_told_apart(tmp_path):
+def test_one_of_several_pose_topics_must_be_named(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         for i, row in enumerate(poses()):
             writer.pose('/left', START + i * 10_000_000, row, 'base')
@@ -200,7 +200,7 @@ def test_several_pose_topics_must_be_told_apart(tmp_path):
     assert len(recordings.read(tmp_path / 'bag', '/left').demonstration.times) == 50
 
 
-def test_nothing_half_written_is_left(tmp_path):
+def test_an_interrupted_writer_leaves_no_files(tmp_path):
     with pytest.raises(RuntimeError), BagWriter(tmp_path / 'bag') as writer:
         writer.pose(POSE, START, poses()[0], 'base')
         raise RuntimeError('interrupted')
@@ -210,6 +210,6 @@ def test_nothing_half_written_is_left(tmp_path):
         write(tmp_path / 'bag')
 
 
-def test_resting_recordings_are_refused(tmp_path):
+def test_recordings_without_motion_are_refused(tmp_path):
     with pytest.raises(DataError, match='nothing moves'):
         recordings.read(write(tmp_path / 'bag', np.tile(poses()[0], (50, 1))))

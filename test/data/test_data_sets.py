@@ -70,7 +70,7 @@ def test_letters_are_read_and_mapped(tmp_path):
     assert values.min() > 1e-3
 
 
-def test_what_is_no_letter_is_refused(tmp_path):
+def test_files_that_are_no_letters_are_refused(tmp_path):
     with pytest.raises(DataError, match='no letters there.*public'):
         letters.files(tmp_path)
     (tmp_path / 'A.mat').write_bytes(b'not a file of MATLAB at all' * 20)

@@ -1,4 +1,4 @@
-"""Demonstrations and skills go to other formats and come back."""
+"""Demonstrations and skills are converted to other formats and back."""
 import json
 
 import numpy as np
@@ -23,7 +23,7 @@ def skill_file(shown, tmp_path_factory):
 
 
 @pytest.mark.parametrize('suffix', ['csv', 'npz'])
-def test_a_demonstration_comes_back_as_it_was(shown, tmp_path, suffix):
+def test_a_demonstration_is_read_back_exactly(shown, tmp_path, suffix):
     path = tmp_path / f'shown.{suffix}'
     getattr(exchange, f'write_{suffix}')(path, shown)
     again = getattr(exchange, f'read_{suffix}')(path)
@@ -32,7 +32,7 @@ def test_a_demonstration_comes_back_as_it_was(shown, tmp_path, suffix):
     assert again.manifold == shown.manifold
 
 
-def test_bags_become_tables_and_tables_bags(shown, tmp_path):
+def test_bags_are_converted_to_tables_and_back(shown, tmp_path):
     bag, table, again = tmp_path / 'bag', tmp_path / 'new' / 'table.csv', tmp_path / 'again'
     recordings.write(bag, shown, 'base', 10 ** 18)
     assert main(['convert', str(bag), '-o', str(table)]) == 0
@@ -46,17 +46,17 @@ def test_bags_become_tables_and_tables_bags(shown, tmp_path):
     assert main(['convert', str(table), '-o', str(again), '--force']) == 0
 
 
-@pytest.mark.parametrize('change, says', [
+@pytest.mark.parametrize('change, reason', [
     (lambda lines: lines[1:], 'the first line is'),
     (lambda lines: [*lines[:4], lines[4].replace(',', ',x', 1), *lines[5:]], 'line 5: could not'),
     (lambda lines: [*lines[:4], lines[4] + ',1.0', *lines[5:]], 'line 5: 18 numbers'),
     (lambda lines: [*lines[:4], lines[3], *lines[5:]], 'sample 3 has t'),
     (lambda lines: [], 'the first line is')])
-def test_a_damaged_table_is_refused_with_its_line(shown, tmp_path, change, says):
+def test_a_damaged_table_is_refused_with_its_line(shown, tmp_path, change, reason):
     path = tmp_path / 'shown.csv'
     exchange.write_csv(path, shown)
     path.write_text('\n'.join(change(path.read_text().splitlines())))
-    with pytest.raises(DataError, match=says):
+    with pytest.raises(DataError, match=reason):
         exchange.read_csv(path)
 
 
@@ -70,7 +70,7 @@ def test_an_archive_with_objects_or_other_shapes_is_refused(tmp_path):
         exchange.read_npz(path)
 
 
-def test_a_skill_becomes_its_motion(skill_file, tmp_path):
+def test_a_skill_is_converted_to_its_motion(skill_file, tmp_path):
     path = tmp_path / 'motion.csv'
     assert main(['convert', str(skill_file), '-o', str(path), '--rate-hz', '50']) == 0
     moved, skill = exchange.read_csv(path), Skill.load(skill_file)
@@ -92,7 +92,7 @@ def test_movement_primitives_and_back(skill_file, tmp_path, capsys):
     assert near.max() < 2e-3 and list(back.manifold.names) == ['position', 'orientation']
 
 
-def test_what_a_file_names_is_not_imported(skill_file, tmp_path):
+def test_modules_named_in_a_file_are_not_imported(skill_file, tmp_path):
     pytest.importorskip('movement_primitives')
     path = tmp_path / 'evil.json'
     path.write_text(json.dumps({'module': 'movement_primitives.os', 'class': 'system'}))

@@ -1,4 +1,4 @@
-"""The gallery makes skills that can be played, and skill files are what their schema says."""
+"""The skills of the gallery reach their goals; skill files match their schema."""
 import json
 from pathlib import Path
 import re
@@ -23,7 +23,7 @@ def made(tmp_path_factory):
     return folder / 'here'
 
 
-def test_every_skill_has_a_file_a_picture_and_a_place_on_the_page(made):
+def test_every_skill_has_a_file_a_picture_and_an_entry_on_the_page(made):
     page = (made / 'index.md').read_text()
     for name in gallery.EXAMPLES:
         skill = Skill.load(made / f'{name}.json')
@@ -43,7 +43,7 @@ def test_the_page_of_the_documentation_is_the_one_that_the_command_makes(made):
         assert (DOCS / 'gallery' / picture).is_file()
 
 
-def test_skill_files_are_what_the_schema_says(made):
+def test_skill_files_match_the_schema(made):
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     for name in gallery.EXAMPLES:
         jsonschema.validate(json.loads((made / f'{name}.json').read_text()), SCHEMA)
@@ -64,7 +64,7 @@ def test_schema_and_reader_refuse_the_same(made, tmp_path, field, value):
         Skill.load(path)
 
 
-def test_unknown_names_are_told_with_the_known_ones(tmp_path):
+def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
     done = gdmp('gallery', 'oven', '-o', 'x', cwd=tmp_path)
     assert done.returncode == 1 and 'expected one of letter-G' in done.stderr
     assert not (tmp_path / 'x').exists()

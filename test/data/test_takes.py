@@ -1,4 +1,4 @@
-"""Takes of one motion: compared, named where they differ, put aside; stiffness from them."""
+"""Takes of one motion: comparison, outliers, dropped takes, stiffness."""
 import numpy as np
 import pytest
 
@@ -11,7 +11,7 @@ START = 1_700_000_000 * NS
 
 
 def take(folder, name, shift=0.0, seconds=2.0, turn=0.3, count=80, stiffness=False):
-    """A bow in the plane, as a bag; faster in the beginning than in the end."""
+    """An arc in the plane, as a bag; faster at the beginning than at the end."""
     with BagWriter(folder / name) as writer:
         for i, s in enumerate(np.linspace(0.0, 1.0, count)):
             angle = turn * s
@@ -26,7 +26,7 @@ def shown(folder):
     return [recordings.read(bag) for bag in takes.takes_in(folder)]
 
 
-def test_takes_that_are_alike_are_not_blamed(tmp_path):
+def test_similar_takes_are_no_outliers(tmp_path):
     for i, shift in enumerate((0.0, 0.004, -0.004, 0.002)):
         take(tmp_path, f'take_{i}', shift, seconds=2.0 + 0.2 * i)
     compared = takes.compare(shown(tmp_path))
@@ -35,19 +35,19 @@ def test_takes_that_are_alike_are_not_blamed(tmp_path):
     assert all(0.2 < one.length < 0.4 and one.distance < 0.01 for one in compared)
 
 
-@pytest.mark.parametrize('bad, says', [
+@pytest.mark.parametrize('bad, reason', [
     ({'shift': 0.12}, 'path is'), ({'turn': 1.2}, 'rotation is'),
     ({'seconds': 6.0}, 'lasts 6.0 s, the others 2.0 s')])
-def test_the_bad_one_is_named(tmp_path, bad, says):
+def test_an_outlier_is_found_with_its_reason(tmp_path, bad, reason):
     for i in range(4):
         take(tmp_path, f'take_{i}', shift=0.002 * i)
     take(tmp_path, 'take_9', **bad)
     compared = takes.compare(shown(tmp_path))
     assert [bool(one.outlier) for one in compared] == [False] * 4 + [True]
-    assert says in compared[-1].outlier
+    assert reason in compared[-1].outlier
 
 
-def test_of_three_takes_the_bad_one_is_named(tmp_path):
+def test_an_outlier_among_three_takes_is_found(tmp_path):
     for name, shift in (('a', 0.0), ('b', 0.004), ('c', 0.12)):
         take(tmp_path, name, shift)
     assert [bool(one.outlier) for one in takes.compare(shown(tmp_path))] == [False, False, True]
@@ -67,13 +67,13 @@ def test_uneven_stamps_do_not_change_the_stiffness(tmp_path):
                                rtol=0.05)
 
 
-def test_two_takes_are_not_enough_to_blame_one(tmp_path):
+def test_of_two_takes_none_is_an_outlier(tmp_path):
     take(tmp_path, 'a')
     take(tmp_path, 'b', shift=0.2)
     assert not any(one.outlier for one in takes.compare(shown(tmp_path)))
 
 
-def test_a_dropped_take_is_put_aside_and_kept(tmp_path):
+def test_a_dropped_take_is_moved_and_kept(tmp_path):
     for name in ('a', 'b'):
         take(tmp_path, name)
     assert takes.drop(tmp_path, 'a') == tmp_path / 'dropped' / 'a'
@@ -90,14 +90,14 @@ def test_stiffness_is_high_where_takes_agree_and_low_where_they_vary(tmp_path):
         take(tmp_path, f'take_{i}', shift)
     stiff, source = recordings.with_stiffness(shown(tmp_path), 'auto', 100.0, 900.0)
     assert source == 'variance'
-    # They part in y towards the end.
+    # They differ in y towards the end.
     profile = stiff[0].points[:, 7:].reshape(-1, 3, 3)
     assert profile[5, 1, 1] > 2.0 * profile[-5, 1, 1]
     values = np.linalg.eigvalsh(profile)
     assert values.min() > 99.0 and values.max() < 901.0
 
 
-def test_where_stiffness_comes_from_can_be_chosen(tmp_path):
+def test_the_source_of_the_stiffness_can_be_chosen(tmp_path):
     for name in ('a', 'b'):
         take(tmp_path, name, stiffness=True)
     both = shown(tmp_path)

@@ -36,7 +36,7 @@ def test_a_batch_steps_each_roll_out_as_if_it_were_alone(rng):
             expected = other.advance(dt)
             np.testing.assert_array_equal(one.point, expected.point)
             np.testing.assert_array_equal(one.acceleration, expected.acceleration)
-    # Each still answers for itself.
+    # Each can still be stepped alone.
     np.testing.assert_array_equal(together[1].advance(0.01).point, alone[1].advance(0.01).point)
     assert [r.progress for r in together] == [r.progress for r in alone]
     with pytest.raises(ParameterError, match='one batch only'):

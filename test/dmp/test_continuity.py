@@ -39,8 +39,8 @@ def test_a_moving_start_keeps_velocity_and_acceleration(connection, rng):
         assert rollout.finished and rollout.flags == set()
 
 
-def test_without_an_acceleration_a_moving_start_would_jump(rng):
-    """What the push is for: the skill's own acceleration at the start is another one."""
+def test_a_moving_start_begins_without_acceleration_by_default(rng):
+    """The acceleration of the skill itself would be another one at this velocity."""
     skill = Skill.learn(motion(Euclidean(3), rng))
     velocity = np.array([0.3, -0.2, 0.4])
     rollout = Rollout(skill, velocity=velocity)
@@ -83,7 +83,7 @@ def test_a_goal_switch_steps_no_more_than_a_tick_of_its_filter(manifold, connect
     assert 0.5 * filter_tick < largest < filter_tick
 
 
-def test_the_goals_speed_is_bounded_and_it_arrives(rng):
+def test_the_speed_of_a_goal_is_bounded_and_it_is_reached(rng):
     manifold = Product(Euclidean(3), UnitQuaternion())
     skill = Skill.learn(motion(manifold, rng))
     new = manifold.join(skill.goal[:3] + [1.0, 0.5, -0.5],

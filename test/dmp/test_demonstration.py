@@ -18,7 +18,7 @@ def test_smoothing_has_the_effect_it_states(frequency, left):
     assert smooth @ reference / np.linalg.norm(smooth) / np.linalg.norm(reference) > 0.9999
 
 
-def test_noise_gaps_and_irregular_stamps_are_survived_on_the_manifold(rng):
+def test_a_skill_is_learned_despite_noise_gaps_and_irregular_stamps(rng):
     times = np.sort(np.concatenate([rng.uniform(0.0, 3.0, 500), [0.0, 3.0]]))
     times = times[(times < 1.2) | (times > 1.35)]  # a gap
     clean = wave(TOOL, rng, times)

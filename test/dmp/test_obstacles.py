@@ -36,7 +36,7 @@ def test_an_obstacle_is_passed_at_a_distance_with_bounded_acceleration(rng):
     np.testing.assert_allclose(coarse.advance(times[-1]).point, fine.state.point, atol=1e-12)
 
 
-def test_obstacles_that_make_no_sense_are_refused(rng):
+def test_invalid_obstacles_are_refused(rng):
     rollout = Rollout(Skill.learn(motion(Euclidean(3), rng)))
     with pytest.raises(ParameterError, match='up to 32'):
         rollout.set_obstacles(np.zeros((33, 3)))

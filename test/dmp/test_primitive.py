@@ -33,7 +33,7 @@ MANIFOLDS = [Euclidean(2), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
 
 
 def curve(manifold, base, rng, samples=400, duration=2.0, size=0.6):
-    """A smooth curve that starts at rest, wanders through all directions and ends at rest."""
+    """A smooth curve that starts at rest, moves in several directions and ends at rest."""
     t = np.linspace(0.0, 1.0, samples)
     blend = minimum_jerk(t)
     first, second = manifold.random_tangent(base, rng), manifold.random_tangent(base, rng)
@@ -73,7 +73,7 @@ def test_the_demonstration_is_reproduced(demonstration, connection):
 
 
 @pytest.mark.parametrize('connection', CONNECTIONS)
-def test_the_path_does_not_depend_on_how_time_is_cut(demonstration, connection, rng):
+def test_the_path_does_not_depend_on_the_time_steps(demonstration, connection, rng):
     skill = Skill.learn(demonstration, connection=connection)
     whole = Rollout(skill)
     fine = [whole.advance(1e-3).point for _ in range(1500)]
@@ -260,7 +260,7 @@ def test_the_moving_goal_follows_the_closed_form(rng):
         rollout.retarget(goal)
         for _ in range(steps):
             rollout.advance(1.0 / steps)
-    # The same goal and the same path, however the time was cut.
+    # The same goal and the same path with other time steps.
     assert manifold.distance(one.state.point, two.state.point) < 1e-9
     elapsed = 8.0 * (0.75 - 0.25 - 1.0 / skill.steps)
     assert manifold.distance(one.motion.points.goal, goal) == pytest.approx(
@@ -437,7 +437,7 @@ def test_a_far_goal_drives_published_out_of_the_cone_and_it_is_held(goal, leaves
         assert manifold.distance(published.state.point, goal) < 0.01
 
 
-def test_not_settled_is_said_and_a_later_goal_clears_it(rng):
+def test_not_settled_is_flagged_until_a_new_goal(rng):
     skill = Skill.learn(curve(Euclidean(2), np.zeros(2), rng))
     rollout = Rollout(skill, tolerances=[1e-12])
     rollout.advance(0.9 * skill.duration)
@@ -462,7 +462,7 @@ def test_reproduce_samples_from_zero_to_the_duration(demonstration):
     assert trajectory.points.shape[0] == trajectory.velocities.shape[0] == 8
 
 
-def test_bad_input_is_refused_with_what_and_where(rng):
+def test_bad_input_is_refused_with_its_place(rng):
     manifold, t = UnitQuaternion(), np.linspace(0.0, 1.0, 5)
     good = np.tile([1.0, 0, 0, 0], (5, 1))
     with pytest.raises(DataError, match='at least 3'):

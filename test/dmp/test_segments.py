@@ -112,7 +112,7 @@ def test_a_new_goal_is_reached_from_any_segment_after_all_the_turns(connection, 
     assert steps.max() < filter_tick + 0.05 * np.abs(turn).max()
 
 
-def test_segments_survive_the_skill_file(tmp_path):
+def test_segments_are_saved_with_the_skill(tmp_path):
     skill = Skill.learn(SHOWN[2])
     skill.save(tmp_path / 'skill.json')
     again = Skill.load(tmp_path / 'skill.json')
@@ -130,7 +130,7 @@ def test_several_demonstrations_share_their_segments():
 @pytest.mark.parametrize('connection', CONNECTIONS)
 @pytest.mark.parametrize('manifold', [Sphere(2), UnitQuaternion(), SpecialOrthogonal(3)],
                          ids=repr)
-def test_an_opposite_goal_is_reached_along_one_of_the_ways_and_flagged(manifold, connection, rng):
+def test_an_opposite_goal_is_flagged_and_reached(manifold, connection, rng):
     start = manifold.random_point(rng)
     tangent = manifold.random_tangent(start, rng)
     tangent *= 0.7 / manifold.norm(start, tangent)

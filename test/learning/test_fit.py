@@ -13,7 +13,7 @@ from gdmp_ros import (
 )
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.evaluation import reproduction_error
-from test.motions import wave
+from test.motions import TOOL, wave
 
 
 @pytest.mark.parametrize('rate', [20.0, 50.0, 997.0])
@@ -43,7 +43,7 @@ def test_a_letter_needs_about_60_and_a_long_demonstration_many_more(rng):
     assert 35 <= letter.n_basis <= 70 and 100 <= long.n_basis <= 300
 
 
-def test_auto_says_when_the_tolerance_cannot_be_met(rng):
+def test_auto_reports_a_tolerance_that_cannot_be_met(rng):
     shown = wave(Euclidean(2), rng, np.linspace(0.0, 3.0, 400))
     noisy = Demonstration(shown.times, shown.points + 0.05 * rng.standard_normal((400, 2)),
                           Euclidean(2))

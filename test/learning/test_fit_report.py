@@ -5,7 +5,7 @@ from gdmp_ros import Demonstration, fit_report, Skill
 from test.motions import TOOL, wave
 
 
-def test_the_report_finds_what_was_spoiled_and_nothing_else(rng):
+def test_the_report_finds_the_spoiled_samples_only(rng):
     times = np.linspace(0.0, 3.0, 900)
     clean = wave(TOOL, rng, times)
     report = fit_report(Skill.learn(clean), clean)

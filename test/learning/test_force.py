@@ -49,7 +49,7 @@ def test_a_turning_stiffness_is_found_from_motion_and_force(rng):
     assert spd.distance(wanted[0], wanted[-1]) > 0.5
 
 
-def test_bounds_hold_where_forces_say_otherwise(rng):
+def test_the_stiffness_stays_within_its_bounds(rng):
     soft = np.broadcast_to(np.diag([20.0, 300.0, 5000.0]), (401, 3, 3))
     values = np.linalg.eigvalsh(force_stiffness(records(soft, rng), MASS, DAMPING))
     assert values.min() == pytest.approx(200.0, rel=1e-6)

@@ -1,4 +1,4 @@
-"""What is suggested follows from what was demonstrated."""
+"""Settings are suggested from demonstrations."""
 import shlex
 
 import numpy as np
@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from gdmp_ros import DataError, Demonstration, Skill
-from gdmp_ros.data import lasa
+from gdmp_ros.cli.main import main
+from gdmp_ros.data import lasa, recordings
 from gdmp_ros.data.recordings import tool_manifold
 from gdmp_ros.learning import tuning
 from gdmp_ros.util.profiles import minimum_jerk
@@ -35,7 +36,7 @@ def test_finer_motions_need_more_basis_functions():
     assert wavy[0].training > 10.0 * wavy[-1].training
 
 
-def test_details_below_what_takes_differ_by_do_not_count():
+def test_details_smaller_than_the_spread_of_the_takes_are_ignored():
     wave = 0.01 * np.sin(12.0 * np.pi * smooth())
     alike = [pose(0.3 * smooth(), wave + 1e-5 * i, 0.0) for i in range(3)]
     apart = [pose(0.3 * smooth(), 0.5 * wave + 0.3 * i * np.sin(np.pi * smooth()), 0.0)
@@ -81,8 +82,8 @@ def test_stiffness_costs_the_same_force_at_two_standard_deviations(rng):
 
 
 def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path):
-    made = gdmp('record', 'lasa', 'GShape', '-o', 'demos', cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
+    for i, shown in enumerate(lasa.robot_demonstrations('GShape')[:3]):
+        recordings.write(tmp_path / 'demos' / f'take_{i}', shown, 'base', recordings.EPOCH_NS)
     done = gdmp('tune', 'demos', '--plot', 'tune.png', '--write', 'tuned.yaml', cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     command = done.stdout.splitlines()[done.stdout.splitlines().index('learn with:') + 1]
@@ -98,13 +99,14 @@ def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path)
             assert specs[name].problem(value) is None
 
 
-def test_nonsense_is_refused(tmp_path):
-    done = gdmp('tune', tmp_path / 'nowhere', cwd=tmp_path)
-    assert done.returncode == 1 and 'nowhere' in done.stderr
-    assert gdmp('tune', tmp_path, '--force', '0', cwd=tmp_path).returncode == 1
+def test_a_missing_folder_and_a_force_of_zero_are_refused(tmp_path, capsys):
+    assert main(['tune', str(tmp_path / 'nowhere')]) == 1
+    assert 'nowhere' in capsys.readouterr().err
+    assert main(['tune', str(tmp_path), '--force', '0']) == 1
+    assert 'force' in capsys.readouterr().err
 
 
-def test_letters_are_suggested_a_sensible_number():
+def test_the_number_suggested_for_letters_is_sensible():
     shown = [Demonstration(d.times, d.points[:, :7], tool_manifold(None))
              for d in lasa.robot_demonstrations('GShape')[:3]]
     assert 16 <= tuning.sufficient_basis(tuning.basis_errors(shown)) <= 48

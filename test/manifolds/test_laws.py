@@ -164,7 +164,7 @@ def test_mean_of_two_is_the_midpoint(manifold, rng):
     assert manifold.distance(manifold.mean([a, b]), manifold.geodesic(a, b, 0.5)) < 1e-9
 
 
-def test_project_mends_noise_and_keeps_points(manifold, rng):
+def test_project_removes_noise_and_keeps_points(manifold, rng):
     point = manifold.random_point(rng)
     np.testing.assert_allclose(manifold.project(point), point, atol=1e-12)
     noisy = point + 1e-4 * rng.standard_normal(manifold.point_shape)

@@ -37,7 +37,7 @@ def first_line(process, pattern):
 def test_it_prints_the_state_of_server_and_arm_and_which_is_silent(running):
     running.client.execute()
     with watching(stdout=subprocess.PIPE, text=True) as process:
-        line = first_line(process, 'trajectory_server: .*panda_sim: at')
+        line = first_line(process, r'trajectory_server: \w+, \d+%.*panda_sim: at')
         assert re.search(r'trajectory_server: (moving|holding), \d+%', line)
         assert re.search(r'rate: \d+\.\d Hz', line) and 'lateness: p50' in line
         assert 'distance to goal: position' in line and 'energy tank: ' in line

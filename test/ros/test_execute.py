@@ -1,47 +1,68 @@
 """`gdmp execute` executes the skill of a running server from the terminal."""
-from functools import partial
-import os
+from contextlib import contextmanager
 import signal
 import subprocess
 
 from gdmp_msgs.srv import SetSpeed
 import numpy as np
+import pytest
 
+from gdmp_ros.cli.main import main
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.testbed import ARM, SERVER
-from test.commands import GDMP, gdmp
-
-EXECUTE = [*GDMP, 'execute']
-run = partial(gdmp, 'execute', timeout=120)
+from test.commands import GDMP
 
 
-def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file):
-    plain = run('--speed', '1.5')
-    assert plain.returncode == 0, plain.stderr
-    assert 'the goal was reached; distance: position' in plain.stdout
+
+@contextmanager
+def executing(*words):
+    """`gdmp execute` in another process."""
+    process = subprocess.Popen([*GDMP, 'execute', *words], stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def execute(capsys):
+    """`gdmp execute` in this process: exit code and output."""
+    def run(*words):
+        code = main(['execute', *map(str, words)])
+        return code, *capsys.readouterr()
+    return run
+
+
+def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file, execute):
+    code, out, err = execute('--speed', '2')
+    assert code == 0, err
+    assert 'the goal was reached; distance: position' in out
+    running.wait('this tempo', lambda: running.state.speed == 2.0)
     goal = messages.pose_numbers(running.state.goal[0])[:3] + [0.0, 0.05, 0.03]
     numbers = [f'{value:.4f}' for value in goal]
-    done = run('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
-    assert done.returncode == 0 and 'the goal is switched to' in done.stdout
+    code, out, _ = execute('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
+    assert code == 0 and 'the goal is switched to' in out
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
-    refused = run('--goal-position', '5', '0', '0.3', '--after', '0.2')
-    assert refused.returncode == 0
-    assert 'the new goal was refused: goal_pose: goal x is 5.000 m' in refused.stdout
-    assert run('--speed', '7').returncode == 1
-    missing = run('--load', 'nowhere.json')
-    assert missing.returncode == 1 and 'nowhere.json: cannot read the skill' in missing.stderr
+    code, out, _ = execute('--goal-position', '5', '0', '0.3', '--after', '0.2')
+    assert code == 0 and 'the new goal was refused: goal_pose: goal x is 5.000 m' in out
+    code, _, err = execute('--speed', '7')
+    assert code == 1 and 'speed is 7.0' in err
+    code, _, err = execute('--load', 'nowhere.json')
+    assert code == 1 and 'nowhere.json: cannot read the skill' in err
 
 
 def test_ctrl_c_stops_the_motion_smoothly(running):
     running.listen()
     assert running.call(SetSpeed, f'{SERVER}/set_speed', scale=0.5).success
-    process = subprocess.Popen(EXECUTE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    running.client.wait_status('moving', 60.0)
-    running.wait('a fast reference', lambda: speeds(running).max() > 0.05)
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 130 and 'stopped' in out
+    with executing() as process:
+        running.client.wait_status('moving', 60.0)
+        running.wait('a fast reference', lambda: speeds(running).max() > 0.05)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+        assert process.returncode == 130 and 'stopped' in out
     running.client.wait_status('holding', 10.0)
     assert running.state.progress < 0.9
     running.wait('the reference to be at rest', lambda: not speeds(running)[-1].any())
@@ -53,25 +74,24 @@ def speeds(nodes):
                      for m in nodes.references]).reshape(-1, 3)
 
 
-def test_it_waits_for_the_robot_as_long_as_it_was_told(nodes, skill_file):
+def test_it_waits_for_the_robot_as_long_as_it_was_told(nodes, skill_file, execute):
     nodes.start_server(skill='')
     nodes.client.wait_status('idle', 60.0)
-    early = run('--load', skill_file, '--wait', '4')
-    assert early.returncode == 1 and 'waiting for the pose of the robot' in early.stdout
-    assert 'no measured pose has arrived on /panda_sim/measured_pose' in early.stdout
-    process = subprocess.Popen([*EXECUTE, '--load', str(skill_file)], stdout=subprocess.PIPE,
-                               text=True, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
-    assert process.stdout.readline().startswith('waiting for the pose of the robot')
-    nodes.start_arm()
-    nodes.client.wait_status('moving', 60.0)
-    assert 'no_robot' not in nodes.state.flags
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0 and 'the goal was reached' in out
+    code, out, _ = execute('--load', skill_file, '--wait', '5')
+    assert code == 1 and 'waiting for the pose of the robot' in out
+    assert 'no measured pose has arrived on /panda_sim/measured_pose' in out
+    with executing('--load', str(skill_file)) as process:
+        assert process.stdout.readline().startswith('waiting for the pose of the robot')
+        nodes.start_arm()
+        nodes.client.wait_status('moving', 120.0)
+        assert 'no_robot' not in nodes.state.flags
+        out, _ = process.communicate(timeout=60)
+        assert process.returncode == 0 and 'the goal was reached' in out
     nodes.children.stop(ARM)
     nodes.wait('the flag', lambda: 'no_robot' in nodes.state.flags)
 
 
-def test_without_a_server_it_says_so(nodes):
-    done = run('--wait', '1')
-    assert done.returncode == 1
-    assert 'waited 1 s for the state of trajectory_server, without success' in done.stderr
+def test_without_a_server_it_says_so(nodes, execute):
+    code, _, err = execute('--wait', '1')
+    assert code == 1
+    assert 'waited 1 s for the state of trajectory_server, without success' in err

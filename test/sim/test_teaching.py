@@ -1,4 +1,4 @@
-"""A hand that leads a simulated arm."""
+"""A hand guides a simulated arm."""
 import mujoco
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_the_can_follows_the_hand(taught):
 
 
 def test_newtons_law_holds_between_hand_wrist_and_can(taught):
-    """M a = f + F with F the spring and damper of the hand; its tremor is what is left."""
+    """M a = f + F with F the spring and damper of the hand; the rest is its tremor."""
     own = hand()
     acceleration = np.gradient(taught.velocities, taught.times, axis=0)
     left = []
@@ -44,12 +44,12 @@ def test_newtons_law_holds_between_hand_wrist_and_can(taught):
 
 
 @pytest.mark.parametrize('body', ['hand', 'can'])
-def test_velocities_are_those_of_the_middle_of_mass(body, rng):
+def test_velocities_are_those_of_the_centre_of_mass(body, rng):
     arm = Arm(watering())
     arm.data.qvel[:] = rng.uniform(-0.5, 0.5, 7)
     mujoco.mj_forward(arm.model, arm.data)
-    led, linear = arm.model.body(body).id, np.zeros((3, 7))
-    mujoco.mj_jacBodyCom(arm.model, arm.data, linear, None, led)
+    guided, linear = arm.model.body(body).id, np.zeros((3, 7))
+    mujoco.mj_jacBodyCom(arm.model, arm.data, linear, None, guided)
     wanted = linear @ arm.data.qvel
     shown = demonstrate(arm, body, hand(), Timing(0.01), rng)
     assert shown.velocities[0] == pytest.approx(wanted, abs=1e-9)

@@ -1,16 +1,16 @@
-"""Modules that are missing, or there without what they need, are named in one line."""
+"""Modules that are missing or broken are named in one line."""
 import pytest
 
 from gdmp_ros import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 
 
-def test_what_is_missing_is_named_with_where_it_comes_from():
+def test_a_missing_module_is_named_with_its_origin():
     with pytest.raises(DataError, match=r"^no_such_module is missing, it comes with pip install "
                        r"'gdmp_ros\[sim\]'$"), optional_import(extra('sim')):
         import no_such_module  # noqa: F401
 
 
-def test_what_cannot_be_used_says_why():
+def test_a_broken_module_is_named_with_the_reason():
     with pytest.raises(DataError, match='rclpy cannot be used .*librcl.so'), optional_import(ROS):
         raise ImportError('librcl.so: cannot open shared object file', name='rclpy')

@@ -1,4 +1,4 @@
-"""Many tasks over processes and over a Dask cluster; interrupted ones go on where they stopped."""
+"""Many tasks on processes and on a Dask cluster; interrupted runs continue where they stopped."""
 import json
 import time
 
@@ -31,7 +31,7 @@ def test_finished_tasks_are_not_done_again(tmp_path):
     text = path.read_text()
     path.write_text(text.replace('["2", 4]', '["2", -4]') + '["9", 8')  # killed while writing
     done = map_tasks('squares', slow_square, TASKS, journal=Journal(path, 'squares'))
-    assert done == {**SQUARES, '2': -4}  # taken from the journal, right or wrong
+    assert done == {**SQUARES, '2': -4}  # read from the journal, not computed again
     with pytest.raises(DataError, match='not a journal of cubes'):
         Journal(path, 'cubes')
 
@@ -52,7 +52,7 @@ def test_a_local_cluster_of_two_workers_does_the_same(tmp_path):
         assert errors['one'] == pytest.approx(accuracy.one_class(task), rel=1e-9)
 
 
-def test_a_cluster_that_is_not_there_is_said_to_be_missing(monkeypatch):
+def test_a_missing_cluster_is_reported(monkeypatch):
     monkeypatch.setattr('gdmp_ros.util.parallel.CONNECT_S', 0.5)
     with pytest.raises(DataError, match='no Dask scheduler answers'):
         map_tasks('squares', slow_square, TASKS, dask='tcp://127.0.0.1:9')

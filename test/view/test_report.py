@@ -34,7 +34,7 @@ def taken(tmp_path_factory):
     return bag
 
 
-def test_a_page_needs_nothing_else(taken, tmp_path):
+def test_a_page_loads_nothing_from_elsewhere(taken, tmp_path):
     path = tmp_path / 'new' / 'take.html'
     assert report_page.write(taken, path) == 'a demonstration'
     text = path.read_text()

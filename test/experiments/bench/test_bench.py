@@ -114,7 +114,7 @@ def test_learning_writes_its_keys_and_shows_a_table(tmp_path):
     assert document['environment']['python']
 
 
-def test_every_subject_has_a_title_a_table_and_help():
+def test_the_help_names_every_subject_and_bad_options_are_refused():
     text = bench('--help').stdout
     for what in SUBJECTS:
         assert what in text
@@ -131,7 +131,7 @@ def test_the_closed_loop_runs_and_follows():
     assert document['tick_us'] * document['times_real_time'] == pytest.approx(1000.0)
 
 
-def test_a_peer_that_is_missing_is_named_with_its_remedy(monkeypatch):
+def test_a_missing_peer_is_named_with_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, 'movement_primitives.dmp', None)
     with pytest.raises(DataError, match=r'gdmp_ros\[bench\]'):
         peers.CartesianPeer(timing.demonstration(timing.POSE, 1.0, samples=50), 10)
