@@ -1,21 +1,26 @@
-# make demo   everything end to end: bags, learning, streaming, simulated arm, report
-# make test   every test
-# make bench  speed, accuracy and calm beside the peers, with pictures in out/bench
-# make paper  every experiment of the paper, with pictures, in out/paper
-# make faults everything that can go wrong on the nodes, tried, in out/faults
-# make soak   half an hour of work, watched, in out/soak
-# make fuzz   a coverage-guided fuzzer on every entrance (hours), in out/fuzz
-# make docs   the documentation as a site, in out/site
-# make setup  only the environment (make setup PYTHON=python3.12 for another interpreter)
+# make help lists the targets.
 
 PYTHON ?= python3
 VENV ?= .venv
-# With a sourced ROS the environment's Python needs what was sourced: python-ros carries it.
+# With a sourced ROS installation, python-ros sets its environment.
 PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || echo $(VENV)/bin/python)
 
-.PHONY: setup demo test lint bench paper faults soak fuzz docs clean
+.PHONY: help setup demo test test-long lint bench paper faults soak fuzz docs clean
 
-# -S: what an environment runs when its Python starts is not for the one that is made.
+help:
+	@echo 'make setup      set up the environment (make setup PYTHON=python3.12 for another interpreter)'
+	@echo 'make demo       everything end to end: bags, learning, streaming, simulated arm, report'
+	@echo 'make test       style, types and all tests but the long ones'
+	@echo 'make test-long  fault table, soak, fuzzing, the commands of every page'
+	@echo 'make bench      speed, accuracy and smoothness beside the peers, with pictures in out/bench'
+	@echo 'make paper      every experiment of the paper, with pictures in out/paper'
+	@echo 'make faults     faults on the nodes, one after another, in out/faults'
+	@echo 'make soak       half an hour of operation, watched, in out/soak'
+	@echo 'make fuzz       a coverage-guided fuzzer on every entrance (hours), in out/fuzz'
+	@echo 'make docs       the documentation as a site, in out/site'
+	@echo 'make clean      remove the environment and all results'
+
+# -S: the start-up hooks of an active environment are not for the new one.
 setup:
 	@$(PYTHON) -S .ci/bootstrap.py --venv $(VENV)
 
@@ -23,7 +28,10 @@ demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo
 
 test: setup lint
-	@$(PY) -m pytest
+	@$(PY) -m pytest -m 'not long'
+
+test-long: setup
+	@$(PY) -m pytest -m long
 
 lint: setup
 	@$(PY) -m ruff check .

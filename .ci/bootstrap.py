@@ -2,8 +2,9 @@
 Set up a virtual environment that runs everything: ``make setup`` calls this.
 
 Installs the pinned packages of ``requirements.lock``, builds ``gdmp_msgs`` from ``msg_defs/`` into
-the environment and installs ``gdmp_ros`` editable. Where a Jazzy installation is sourced, its
-rclpy is used instead of the wheels. Does nothing, quickly, where nothing has changed.
+the environment, installs ``gdmp_ros`` editable and compiles its kernels. If a Jazzy installation
+is sourced, its rclpy is used instead of the wheels. Without changes it does nothing, quickly;
+after a change of the messages it builds only these.
 """
 import argparse
 import configparser
@@ -14,14 +15,16 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import time
 
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 12), (3, 13))
-#: The interpreter itself: that of an environment, perhaps of the one that is made anew here, is
-#: none to build on.
+#: The interpreter itself, not that of an environment: the environment may be replaced here.
 PYTHON = os.path.realpath(sys._base_executable)
-#: Lines of the lock file a sourced ROS installation stands in for.
+#: Lines of the lock file that a sourced ROS installation replaces.
 ROS_PREFIXES = ('ros-',)
+#: Time between two lines of progress [s].
+EVERY_S = 2.0
 
 
 class SetupError(Exception):
@@ -29,7 +32,7 @@ class SetupError(Exception):
 
 
 def sourced_ros():
-    """Whether a ROS installation is sourced: its prefixes, or None. Only Jazzy will do."""
+    """Prefixes of a sourced ROS installation, or None; only Jazzy is accepted."""
     distribution, prefixes = os.environ.get('ROS_DISTRO'), os.environ.get('AMENT_PREFIX_PATH')
     if not distribution or not prefixes:
         return None
@@ -40,7 +43,7 @@ def sourced_ros():
 
 
 def check_machine():
-    """Refuse early what cannot work."""
+    """Refuse a machine that lacks something, before anything is installed."""
     if sys.version_info[:2] not in SUPPORTED:
         names = ', '.join('.'.join(map(str, version)) for version in SUPPORTED)
         raise SetupError(f'Python {sys.version.split()[0]} is not supported: use one of {names} '
@@ -55,24 +58,41 @@ def check_machine():
 
 
 def fingerprint(prefixes):
-    """Hash of everything the environment is made from."""
+    """Hash of everything that the environment is made from, except for the messages."""
     digest = hashlib.sha256(f'{sys.version}{PYTHON}{prefixes}{ROOT}'.encode())
-    inputs = [ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')]
-    inputs += [Path(__file__), *sorted(p for p in (ROOT / 'msg_defs').rglob('*') if p.is_file())]
-    for path in inputs:
-        digest.update(path.name.encode() + path.read_bytes())
+    add_files(digest, [*(ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')),
+                       Path(__file__)])
     return digest.hexdigest()
 
 
+def messages_fingerprint():
+    """Hash of the message definitions."""
+    digest = hashlib.sha256()
+    add_files(digest, sorted(path for path in (ROOT / 'msg_defs').rglob('*') if path.is_file()))
+    return digest.hexdigest()
+
+
+def add_files(digest, paths):
+    """Add names and contents of files to a hash."""
+    for path in paths:
+        digest.update(path.name.encode() + path.read_bytes())
+
+
 def run(what, command, log, **options):
-    """Run a step; its output goes to the log, and its last lines to the user if it fails."""
+    """Run a step with lines of progress; its output goes to the log."""
     print(f'setup: {what} …', flush=True)
     with log.open('a') as out:
         out.write(f'$ {" ".join(map(str, command))}\n')
         out.flush()
-        done = subprocess.run(list(map(str, command)), stdout=out, stderr=subprocess.STDOUT,
-                              **options)
-    if done.returncode != 0:
+        step = subprocess.Popen(list(map(str, command)), stdout=out, stderr=subprocess.STDOUT,
+                                **options)
+        try:
+            wait_for(step, what, log)
+        except BaseException:
+            step.kill()
+            step.wait()
+            raise
+    if step.returncode != 0:
         text = log.read_text()
         offline = any(word in text for word in ('NewConnectionError', 'Temporary failure in name',
                                                 'No matching distribution', 'ProxyError'))
@@ -80,11 +100,24 @@ def run(what, command, log, **options):
         raise SetupError(f'{what} failed: {hint}see {log}')
 
 
+def wait_for(step, what, log):
+    """Wait for a process; print the newest line of its log every two seconds."""
+    begun = time.monotonic()
+    while True:
+        try:
+            step.wait(EVERY_S)
+            return
+        except subprocess.TimeoutExpired:
+            lines = log.read_text(errors='replace').split('\n')
+            newest = next((line for line in reversed(lines) if line.strip()), '').strip()
+            print(f'setup: {what}, {time.monotonic() - begun:.0f} s: {newest[:60]}', flush=True)
+
+
 def locked(prefixes, python, target):
     """
-    Write the lock to use: without ROS wheels, and with its NumPy, where ROS is sourced.
+    Write the lock to use; if ROS is sourced, without ROS wheels and with the NumPy of ROS.
 
-    ``python`` is the interpreter ROS runs on: it sees the NumPy that ROS was built with.
+    ``python`` is the interpreter of ROS: it imports the NumPy that ROS was built with.
     """
     lines = (ROOT / 'requirements.lock').read_text().splitlines()
     if prefixes:
@@ -99,11 +132,11 @@ def locked(prefixes, python, target):
     return target
 
 
-def mend_exports(venv, python):
+def correct_exports(venv, python):
     """
-    Point CMake files of the wheels to this interpreter's headers.
+    Correct the include folders in the CMake files of the wheels.
 
-    They name the include folders of the machine the wheels were built on.
+    They name the folders of the machine on which the wheels were built.
     """
     numpy_include = subprocess.run([python, '-c', 'import numpy; print(numpy.get_include())'],
                                    capture_output=True, text=True, check=True).stdout.strip()
@@ -142,9 +175,9 @@ def build_messages(venv, python, prefixes, log):
 
 def write_wrappers(venv, prefixes):
     """
-    With a sourced ROS: executables that carry its environment, so that nothing need be sourced.
+    Write executables that set the environment of the sourced ROS installation.
 
-    (The wheels bring a start-up hook of their own that does the same.)
+    The wheels have a start-up hook that does the same.
     """
     libraries = [str(venv / 'lib'), *os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)]
     values = {'ROS_DISTRO': 'jazzy',
@@ -169,27 +202,42 @@ def make(venv):
     prefixes = sourced_ros()
     check_machine()
     stamp = venv / 'gdmp-setup.stamp'
-    wanted = fingerprint(prefixes)
-    if stamp.exists() and stamp.read_text() == wanted:
+    found = stamp.read_text().split() if stamp.exists() else []
+    wanted = [fingerprint(prefixes), messages_fingerprint()]
+    if found == wanted:
         return
+    log, python = venv / 'setup.log', venv / 'bin' / 'python'
+    only_messages = found[:1] == wanted[:1]
+    stamp.unlink(missing_ok=True)
+    if not only_messages:
+        install_packages(venv, python, prefixes, log)
+    build_messages(venv, python, prefixes, log)
+    if not only_messages:
+        install_project(venv, python, prefixes, log)
+    stamp.write_text('\n'.join(wanted))
+    print(f'setup: done, {venv}')
+
+
+def install_packages(venv, python, prefixes, log):
+    """Make the environment anew, with the packages of the lock file."""
     shutil.rmtree(venv, ignore_errors=True)
     venv.mkdir(parents=True)
-    log = venv / 'setup.log'
-    python = venv / 'bin' / 'python'
     run('creating the environment', [PYTHON, '-m', 'venv', venv], log)
     lock = locked(prefixes, PYTHON, venv / 'requirements.txt')
     run('installing packages (about a minute)',
         [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check', '-r', lock], log)
     if not prefixes:
-        mend_exports(venv, python)
-    build_messages(venv, python, prefixes, log)
+        correct_exports(venv, python)
+
+
+def install_project(venv, python, prefixes, log):
+    """Install ``gdmp_ros`` and compile its kernels."""
     run('installing gdmp_ros',
         [python, '-I', '-m', 'pip', 'install', '--disable-pip-version-check', '--no-deps',
          '--no-build-isolation', '--use-pep517', '-e', ROOT], log)
     if prefixes:
         write_wrappers(venv, prefixes)
-    stamp.write_text(wanted)
-    print(f'setup: done, {venv}')
+    run('compiling the kernels (half a minute)', [venv / 'bin' / 'gdmp', 'warm-up'], log)
 
 
 def main():
@@ -203,6 +251,8 @@ def main():
         sys.exit(f'setup: {error}')
     except OSError as error:
         sys.exit(f'setup: {error.filename or ""}: {error.strerror}')
+    except KeyboardInterrupt:
+        sys.exit('setup: interrupted; run it again')
 
 
 if __name__ == '__main__':

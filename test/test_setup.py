@@ -1,4 +1,4 @@
-"""What set-up says where it cannot work, and that files beside the code agree with it."""
+"""Errors and progress of the set-up; generated files agree with the code."""
 import importlib.util
 import os
 from pathlib import Path
@@ -41,10 +41,11 @@ def test_another_ros_distribution_is_refused(tmp_path):
 
 
 def test_the_environment_s_own_python_does_not_make_it_again(bootstrap, tmp_path):
-    """It is the first in PATH where the first page has put it."""
+    """It is the first in PATH after the commands of the first page."""
     venv = (tmp_path / 'venv').resolve()
     subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(venv)], check=True)
-    (venv / 'gdmp-setup.stamp').write_text(bootstrap.fingerprint(None))
+    (venv / 'gdmp-setup.stamp').write_text(
+        f'{bootstrap.fingerprint(None)}\n{bootstrap.messages_fingerprint()}')
     environment = {name: value for name, value in os.environ.items()
                    if name not in ('ROS_DISTRO', 'AMENT_PREFIX_PATH')}
     for options in ([], ['-S']):
@@ -74,6 +75,33 @@ def test_no_network_is_one_clear_line(bootstrap, tmp_path):
         bootstrap.run('installing packages', [
             sys.executable, '-m', 'pip', 'install', '--isolated', '--retries', '0', '--index-url',
             'http://127.0.0.1:9/simple', 'no-such-package'], log)
+
+
+def test_a_long_step_prints_progress(bootstrap, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bootstrap, 'EVERY_S', 0.2)
+    code = 'import time; print("step one", flush=True); time.sleep(1.0)'
+    bootstrap.run('waiting', [sys.executable, '-c', code], tmp_path / 'log')
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'setup: waiting …' and len(lines) >= 3
+    assert lines[-1].startswith('setup: waiting, ') and lines[-1].endswith('step one')
+
+
+def test_changed_messages_are_built_without_a_new_environment(bootstrap, tmp_path, monkeypatch):
+    steps = []
+    for name in ('install_packages', 'build_messages', 'install_project'):
+        monkeypatch.setattr(bootstrap, name, lambda *_, name=name: steps.append(name))
+    monkeypatch.setattr(bootstrap, 'sourced_ros', lambda: None)
+    venv = tmp_path / 'venv'
+    venv.mkdir()
+    bootstrap.make(venv)
+    assert steps == ['install_packages', 'build_messages', 'install_project']
+    monkeypatch.setattr(bootstrap, 'messages_fingerprint', lambda: 'changed')
+    steps.clear()
+    bootstrap.make(venv)
+    assert steps == ['build_messages']
+    steps.clear()
+    bootstrap.make(venv)
+    assert steps == []
 
 
 def test_a_sourced_ros_replaces_the_wheels_and_keeps_its_numpy(bootstrap, tmp_path, monkeypatch):

@@ -39,31 +39,33 @@ class _Reporter:
         self._report = report
         self._names: list[str] = []
         self._compiled = 0
-        self._begun = self._ended = 0.0
+        self._begun = self._spent = 0.0
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 
     def started(self, name: str) -> None:
         # A kernel that calls another one starts before it and is finished after it.
+        if not self._names:
+            self._begun = time.monotonic()
         self._names.append(name)
         if self._thread is None:
-            self._begun = time.monotonic()
             self._report('compiling the kernels, once: this takes up to a minute')
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
 
     def finished(self) -> None:
+        self._compiled += 1
         if self._names:
             self._names.pop()
-        self._compiled += 1
-        self._ended = time.monotonic()
+        if not self._names:
+            self._spent += time.monotonic() - self._begun
 
     def close(self) -> None:
         self._closed.set()
         if self._thread is None:
             return
         self._thread.join()
-        self._report(f'{self._compiled} kernels compiled in {self._ended - self._begun:.0f} s')
+        self._report(f'{self._compiled} kernels compiled in {self._spent:.0f} s')
 
     def _run(self) -> None:
         while not self._closed.wait(EVERY_S):

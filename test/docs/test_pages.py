@@ -1,12 +1,12 @@
 """
-Commands and Python on every page are run, or else checked; every link leads somewhere.
+Commands and Python on every page are run, or their arguments are checked; all links exist.
 
-Blocks say in their first line what they are: ``bash`` is run, page by page, each page as one
-script in a folder of its own. After ``bash`` may come: ``long`` (covered by other tests: the
-arguments are checked), ``by-hand`` (needs somebody: the arguments are checked), ``ros2`` (run
-where the tools of ROS are), ``web`` (run where the web is), ``elsewhere`` (another machine, or
-the administrator's rights). ``python`` is run; ``python file=`` and ``patch=`` change a copy of
-the package, in which ``python test`` is run (``test-long`` if GDMP_TEST_LONG is set).
+The first line of a block says what it is. ``bash`` is run (``make test-long``): each page is one
+script, in its own folder. After ``bash`` may follow: ``long`` (covered by other tests: the
+arguments are checked), ``by-hand`` (needs a person: the arguments are checked), ``ros2`` (run if
+the ROS tools are installed), ``web`` (run if there is a network), ``elsewhere`` (another machine,
+or administrator rights). ``python`` is run. ``python file=`` and ``python patch=`` change a copy
+of the package, in which ``python test`` is run.
 """
 import importlib
 import os
@@ -22,23 +22,24 @@ import mujoco
 import pytest
 import yaml
 
-from gdmp_ros.cli.main import parser
+from gdmp_ros.cli.main import parse
 from gdmp_ros.ros import messages
+from gdmp_ros.util.dds_network import Domain
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
-#: What a page has left running must not have died.
+#: Processes that a page has started must still run at its end.
 _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
                 'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
                 'done\n')
-#: What a page takes for granted: files that an earlier page has made, names in pieces of Python.
+#: What a page assumes: files of an earlier page, names in pieces of Python.
 _SKILL = 'gdmp record lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 NAMES = {'docs/skills.md': """
 import numpy as np
 from gdmp_ros import *
-from gdmp_ros.dmp import fit_report
+from gdmp_ros.learning import fit_report
 from gdmp_ros.data import lasa
 shown = lasa.robot_demonstrations('GShape')[0]
 times, points, manifold = shown.times, shown.points, shown.manifold
@@ -51,7 +52,7 @@ point, other_point = motion.points[4], motion.points[7]
 
 
 class Block(NamedTuple):
-    """A fenced block of a page: language, what stands behind it, text."""
+    """A fenced block of a page: language, the rest of its first line, text."""
 
     language: str
     kind: str
@@ -73,7 +74,7 @@ def with_blocks(language, kinds):
 
 
 def make_folder(path):
-    """Make a folder with what lies in the project's."""
+    """Make a folder with the configuration of the project."""
     path.mkdir()
     (path / 'config').symlink_to(ROOT / 'config')
     return path
@@ -81,9 +82,9 @@ def make_folder(path):
 
 def run_script(text, place):
     """
-    Run a page's commands, and once more if they failed on a machine that stood still meanwhile.
+    Run the commands of a page; a second time if the machine paused during the first.
 
-    :returns: the folder in which they ran, and what they said
+    :returns: the folder in which they ran, and their output
     """
     for attempt in ('first', 'second'):
         folder = make_folder(place / attempt)
@@ -95,26 +96,21 @@ def run_script(text, place):
 
 
 def run_once(text, folder):
-    """Run a page's commands on a DDS domain of their own; whatever is left running ends."""
-    from gdmp_ros.util.dds_network import Domain
-    domain = Domain()
+    """Run the commands of a page in their own DDS domain; end everything they started."""
     script = folder / '.page.sh'
     script.write_text('set -eo pipefail\n'
                       "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT\n"
                       + text + _STILL_THERE)
-    environment = {**os.environ, **domain.environment(),
-                   'PATH': os.pathsep.join([str(Path(sys.executable).parent),
-                                            os.environ['PATH']])}
-    try:
-        with (folder / '.log').open('w') as log:
-            done = subprocess.run(['bash', '-x', str(script)], cwd=folder, env=environment,
-                                  stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                  start_new_session=True, timeout=560)
-    finally:
-        domain.release()
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
+    with Domain() as domain, (folder / '.log').open('w') as log:
+        done = subprocess.run(['bash', '-x', str(script)], cwd=folder,
+                              env={**os.environ, **domain.environment(), 'PATH': path},
+                              stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                              start_new_session=True, timeout=560)
     return done.returncode, (folder / '.log').read_text()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize('page', with_blocks('bash', ['', 'ros2', 'web']))
 def test_commands_work_as_written(page, tmp_path):
@@ -142,7 +138,7 @@ def test_long_commands_are_well_formed(page):
             continue
         for words in commands(block.text):
             if words[0] == 'gdmp':
-                parser().parse_args(words[1:])
+                parse(words[1:])
             elif words[0] == 'make':
                 assert re.search(rf'^{words[1]}:', (ROOT / 'Makefile').read_text(), re.M)
             else:
@@ -161,7 +157,7 @@ def test_every_block_says_what_it_is_and_commands_stand_in_blocks():
 
 
 def test_what_needs_ros_s_tools_names_topics_services_and_arguments_that_there_are():
-    """Where the tools are missing, at least their words are held against the package."""
+    """Without the ROS tools, at least the arguments are compared with the package."""
     launched = (ROOT / 'launch' / 'arm.launch.py').read_text()
     launched += (ROOT / 'launch' / 'several.launch.py').read_text()
     seen = 0
@@ -188,14 +184,14 @@ def message_class(name):
 
 
 def set_message_fields(kind, values):
-    """Make a message of a type as the command line does: what is not named has its default."""
+    """Make a message of a type as the command line does; other fields keep their default."""
     message = kind()
     for name, value in values.items():
         if isinstance(value, dict):
             value = set_message_fields(type(getattr(message, name)), value)
         setattr(message, name, value)
     if hasattr(message, 'header') and hasattr(message, 'pose'):
-        messages.checked_pose(message, 'panda_link0')  # our nodes would take it
+        messages.checked_pose(message, 'panda_link0')  # our nodes accept it
     return message
 
 
@@ -210,31 +206,43 @@ def test_python_works_as_written(page, tmp_path):
 
 @pytest.mark.parametrize('page', with_blocks('python', ['test']))
 def test_changes_of_the_package_work_as_written(page, tmp_path):
-    copy = tmp_path / 'gdmp_ros'
-    shutil.copytree(ROOT / 'gdmp_ros', copy, ignore=shutil.ignore_patterns('__pycache__'))
-    wanted = ['test', *(['test-long'] if os.environ.get('GDMP_TEST_LONG') else [])]
+    for folder in ('gdmp_ros', 'test/manifolds'):
+        shutil.copytree(ROOT / folder, tmp_path / folder,
+                        ignore=shutil.ignore_patterns('__pycache__'))
+    for name in ('__init__.py', 'conftest.py'):
+        shutil.copy(ROOT / 'test' / name, tmp_path / 'test' / name)
     code = ''
     for block in blocks(page):
         what, _, path = block.kind.partition('=')
         if what == 'file':
             (tmp_path / path).write_text(block.text)
         elif what == 'patch':
-            text = (tmp_path / path).read_text()
-            for old, new in hunks(block.text):
-                assert text.count(old) == 1, old
-                text = text.replace(old, new)
-            (tmp_path / path).write_text(text)
-        elif block.language == 'python' and block.kind in wanted:
+            apply_patch(tmp_path / path, block.text)
+        elif block.language == 'python' and block.kind == 'test':
             code += block.text
-    environment = {**os.environ, 'PYTHONPATH': str(tmp_path),
-                   'GDMP_CACHE': str(tmp_path / 'cache')}
-    done = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, env=environment,
-                          capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    run_in_copy(tmp_path, '-c', code)
+    # The laws, for the manifold that the page adds.
+    run_in_copy(tmp_path, '-m', 'pytest', '-q', '-k', 'Torus', 'test/manifolds')
+
+
+def apply_patch(path, patch):
+    text = path.read_text()
+    for old, new in hunks(patch):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path.write_text(text)
+
+
+def run_in_copy(folder, *arguments):
+    """Run Python with a copy of the package; its kernels have the cache of all."""
+    done = subprocess.run([sys.executable, *arguments], cwd=folder,
+                          env={**os.environ, 'PYTHONPATH': str(folder)}, capture_output=True,
+                          text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def hunks(text):
-    """Lines taken away and lines put in their place, one pair after another."""
+    """Removed lines and their replacement, in pairs."""
     found = re.findall(r'((?:^- .*\n)+)((?:^\+ .*\n)+)', text, re.M)
     return [tuple(''.join(line[2:] for line in side.splitlines(keepends=True))
                   for side in pair) for pair in found]

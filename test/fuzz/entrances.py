@@ -22,12 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.data import bags, lasa, recordings
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.data import bags
-from gdmp_ros.data import lasa
-from gdmp_ros.data import recordings
-from gdmp_ros.manifolds import Product
+from gdmp_ros.manifolds.product import Product
 from gdmp_ros.util.dds_network import Domain
 
 TOOL = lasa.TOOL
@@ -52,11 +51,11 @@ class Entrance:
 
 def demonstration(count: int = 12) -> Demonstration:
     times = np.linspace(0.0, 1.0, count)
-    turn = 0.3 * times
+    angle = 0.3 * times
     points = np.zeros((count, 16))
     points[:, 0] = 0.3 + 0.1 * times ** 2
     points[:, 2] = 0.5 - 0.05 * times
-    points[:, 3], points[:, 4] = np.sin(turn), np.cos(turn)
+    points[:, 3], points[:, 4] = np.sin(angle), np.cos(angle)
     points[:, [7, 11, 15]] = 300.0 + 100.0 * times[:, None]
     return Demonstration(times, points, TOOL)
 
@@ -186,6 +185,8 @@ def node(name: str) -> Any:
         made.set_parameters([_parameter('skill', str(path)), _parameter('start_from', 'skill')])
     made.configure()
     _listen(made)
+    if name == 'server':
+        made.streamer.active = True
     made._active = True
     made.get_logger().set_level(50)
     _nodes[name] = made
@@ -194,7 +195,7 @@ def node(name: str) -> Any:
 
 def _listen(made: Any) -> None:
     """Listen to what a node streams: it makes no message otherwise."""
-    from gdmp_ros.ros.lifecycle import PolledGroup
+    from gdmp_ros.ros.polling import PolledGroup
     from gdmp_ros.ros.streams import Stream
     holder = getattr(made, '_references', made)
     for publisher in [one._publisher for one in vars(holder).values() if isinstance(one, Stream)]:
@@ -215,20 +216,20 @@ def _parameter(name: str, value: Any) -> Any:
 def tick(name: str) -> None:
     """One tick and, now and then, a report: whatever came in, these must work."""
     made = node(name)
+    _ticks[name] = _ticks.get(name, 0) + 1
     if name == 'server':
-        made._publish(1e-3, time.time_ns())
+        made._tick(_ticks[name] * 1_000_000, 0.05, time.time_ns())
     elif name == 'sim':
         made._advance(time.time_ns())
     elif name == 'visualizer':
-        made._tend_handles()
-        made._all()
+        made._update_handles()
+        made._all_markers()
         return
     else:
         made._tick(time.time_ns(), time.time_ns())
         return
-    _ticks[name] = _ticks.get(name, 0) + 1
     if _ticks[name] % 50 == 0:
-        made._report()
+        (made._publish_report if name == 'server' else made._report)()
 
 
 _ticks: dict[str, int] = {}
@@ -265,8 +266,9 @@ def _array(values: Any) -> Any:
 
 
 def _moving(server: Any) -> None:
-    if server.player.rollout is None or server.player.rollout.finished:
-        server.begin()
+    rollout = server.streamer.player.rollout
+    if rollout is None or rollout.finished:
+        server.streamer.begin()
 
 
 def topic_goal_pose() -> Entrance:
@@ -310,18 +312,18 @@ def topic_clock() -> Entrance:
 
 
 def topic_hand_pose() -> Entrance:
-    """Hand that leads the simulated arm."""
+    """Hand that guides the simulated arm."""
     from geometry_msgs.msg import PoseStamped
 
     def use(sim: Any, message: Any) -> None:
-        sim._loop.led = True
-        sim.take_hand(message)
+        sim.simulation.loop.hand_guided = True
+        sim.simulation.take_hand(message)
         try:
             for _ in range(2):
                 tick('sim')
         finally:
-            sim._loop.led = False
-            sim._let_go()
+            sim.simulation.loop.hand_guided = False
+            sim.simulation._release()
     return _message(PoseStamped, [_pose()], 'sim', use)
 
 
@@ -333,14 +335,14 @@ def topic_reference() -> Entrance:
         now = time.time_ns()
         if message.sequence % 2 == 0:
             now = stamp.sec * 10 ** 9 + stamp.nanosec
-            sim._loop.controller.guard._sequence = 0
-        sim.take_reference(message, now)
+            sim.simulation.loop.controller.guard._sequence = 0
+        sim.simulation.take_reference(message, now)
     return _reference('sim', use)
 
 
-def topic_passed_on() -> Entrance:
-    """Reference that the adapter passes on to other controllers."""
-    return _reference('adapter', lambda adapter, message: adapter.pass_on(message))
+def topic_converted() -> Entrance:
+    """Reference that the adapter converts for other controllers."""
+    return _reference('adapter', lambda adapter, message: adapter.convert(message))
 
 
 def topic_shown() -> Entrance:
@@ -374,7 +376,7 @@ def topic_handle() -> Entrance:
 def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
     from gdmp_msgs.msg import Reference
 
-    from gdmp_ros.control.controller import HOLD_STIFFNESS
+    from gdmp_ros.control.target import HOLD_STIFFNESS
     from gdmp_ros.ros import messages
     numbers = np.zeros(56)
     numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
@@ -398,10 +400,10 @@ def service_pause() -> Entrance:
 
     def use(server: Any, request: Any) -> None:
         _moving(server)
-        server.player.pause(request.data)
+        server.streamer.player.pause(request.data)
         if not request.data:
-            server.player.stop()
-            server.begin()
+            server.streamer.player.stop()
+            server.streamer.begin()
     return _message(SetBool.Request, [SetBool.Request(data=True), SetBool.Request()], 'server',
                     use)
 
@@ -413,7 +415,7 @@ def service_load_skill() -> Entrance:
     short_skill().save(path)
     valid = [LoadSkill.Request(path=str(p)) for p in (path, '/dev/zero', '/', '..', '/dev/stdin')]
     return _message(LoadSkill.Request, valid, 'server',
-                    lambda server, request: server.load_skill(request.path))
+                    lambda server, request: server._load(request.path))
 
 
 def service_learn_skill() -> Entrance:
@@ -449,7 +451,10 @@ def services_of_the_simulation() -> Entrance:
 
     def use(sim: Any, request: Any) -> None:
         reply = StepSimulation.Response()
-        sim._on_step(request, reply)  # refused, as it is not paused
+        # Refused before it awaits anything, as the simulation is not paused.
+        with suppress(StopIteration):
+            sim._on_step(request, reply).send(None)
+            raise AssertionError('waits for steps though not paused')
         if reply.success:
             raise AssertionError('stepped though not paused')
         for paused in (True, False):
@@ -457,14 +462,15 @@ def services_of_the_simulation() -> Entrance:
             tick('sim')
             sim._on_teach(SetBool.Request(data=paused), SetBool.Response())
             tick('sim')
-        sim._reset = request.steps % 3 == 0
+        if request.steps % 3 == 0:
+            sim.simulation.request_reset()
     return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
                     'sim', use)
 
 
 def _parameters(name: str, module: str) -> Entrance:
     import importlib
-    specs = importlib.import_module(f'gdmp_ros.nodes.{module}').SPECS
+    specs = importlib.import_module(f'gdmp_ros.ros.{module}').SPECS
     names = [spec.name for spec in specs]
 
     def value(choose: random.Random) -> Any:
@@ -504,19 +510,19 @@ def _parameters(name: str, module: str) -> Entrance:
 
 def parameters_of_the_server() -> Entrance:
     """Parameters of ``trajectory_server``."""
-    return _parameters('server', 'server_parameters')
+    return _parameters('server', 'server.parameters')
 
 
 def parameters_of_the_simulation() -> Entrance:
     """Parameters of ``panda_sim``."""
-    return _parameters('sim', 'sim_parameters')
+    return _parameters('sim', 'arm.parameters')
 
 
 ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
         topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
-        topic_reference, topic_passed_on, topic_shown, topic_handle,
+        topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
         action_execute, services_of_the_simulation, parameters_of_the_server,
         parameters_of_the_simulation)}

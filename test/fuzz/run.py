@@ -21,7 +21,7 @@ import sys
 import time
 
 #: Watched for new branches; kernels are compiled and cannot be.
-WATCHED = ['gdmp_ros.nodes', 'gdmp_ros.files', 'gdmp_ros.realtime', 'rosbags']
+WATCHED = ['gdmp_ros.ros', 'gdmp_ros.playback', 'gdmp_ros.data', 'gdmp_ros.realtime', 'rosbags']
 LIVE = 'raw_bytes_over_dds'
 
 
@@ -55,53 +55,48 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     """Damaged messages over DDS to every topic of running nodes, which have to go on."""
     import random
 
-    from gdmp_ros.util.dds_network import Domain
-    from gdmp_ros.experiments.reliability.trial import SERVER, short_skill, SIM, Trial
-    domain = Domain()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with Trial(folder, domain.environment(), short_skill(folder)) as trial:
-            from gdmp_msgs.msg import Reference
-            from geometry_msgs.msg import PoseStamped
-            from rclpy._rclpy_pybind11 import RCLError
-            from rclpy.serialization import serialize_message
-            from rosgraph_msgs.msg import Clock
-            from std_msgs.msg import Float64MultiArray
+    from gdmp_msgs.msg import Reference
+    from geometry_msgs.msg import PoseStamped
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.serialization import serialize_message
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64MultiArray
 
-            from gdmp_ros.ros.lifecycle import reliable
-            trial.start_sim()
-            trial.start_server()
-            trial.holding()
-            node, choose = trial.operator.node, random.Random(0)
-            topics = {f'{SERVER}/goal_pose': PoseStamped(),
-                      f'{SERVER}/goal_stiffness': Float64MultiArray(data=[1.0] * 9),
-                      f'{SIM}/measured_pose': PoseStamped(), '/clock': Clock(),
-                      f'{SERVER}/reference': Reference()}
-            publishers = [(node.create_publisher(type(m), topic, reliable(1)),
-                           bytes(serialize_message(m))) for topic, m in topics.items()]
-            trial.spend(2.0)
-            sent, before, begun = 0, trial.operator.state.ticks, time.monotonic()
-            for number in range(runs):
-                for publisher, valid in publishers:
-                    data = bytearray(valid)
-                    for _ in range(choose.randint(0, 6)):
-                        at = choose.randrange(len(data) + 1)
-                        data[at:at + choose.randint(0, 9)] = choose.randbytes(choose.randint(0, 9))
-                    try:
-                        publisher.publish(bytes(data))
-                        sent += 1
-                    except RCLError:
-                        pass  # longer than its type may be: the middleware does not send it
-                if number % 100 == 0:
-                    trial.children.check()
-                    trial.spend(0.01)
-            seconds = time.monotonic() - begun
-            trial.spend(1.0)
-            rate = (trial.operator.state.ticks - before) / (seconds + 1.0)
-            trial.operator.execute()
-            reached = trial.succeeded()
-    finally:
-        domain.release()
+    from gdmp_ros.experiments.reliability.trial import short_skill, Trial
+    from gdmp_ros.ros.lifecycle import reliable
+    from gdmp_ros.ros.testbed import ARM, SERVER
+    from gdmp_ros.util.dds_network import Domain
+    folder.mkdir(parents=True, exist_ok=True)
+    with Domain() as domain, Trial(folder, domain.environment(), short_skill(folder)) as trial:
+        trial.start(record=False)
+        node, choose = trial.client.node, random.Random(0)
+        topics = {f'{SERVER}/goal_pose': PoseStamped(),
+                  f'{SERVER}/goal_stiffness': Float64MultiArray(data=[1.0] * 9),
+                  f'{ARM}/measured_pose': PoseStamped(), '/clock': Clock(),
+                  f'{SERVER}/reference': Reference()}
+        publishers = [(node.create_publisher(type(m), topic, reliable(1)),
+                       bytes(serialize_message(m))) for topic, m in topics.items()]
+        trial.spend(2.0)
+        sent, before, begun = 0, trial.state.ticks, time.monotonic()
+        for number in range(runs):
+            for publisher, valid in publishers:
+                data = bytearray(valid)
+                for _ in range(choose.randint(0, 6)):
+                    at = choose.randrange(len(data) + 1)
+                    data[at:at + choose.randint(0, 9)] = choose.randbytes(choose.randint(0, 9))
+                try:
+                    publisher.publish(bytes(data))
+                    sent += 1
+                except RCLError:
+                    pass  # longer than its type may be: the middleware does not send it
+            if number % 100 == 0:
+                trial.check()
+                trial.spend(0.01)
+        seconds = time.monotonic() - begun
+        trial.spend(1.0)
+        rate = (trial.state.ticks - before) / (seconds + 1.0)
+        trial.client.execute()
+        reached = trial.succeeded()
     return {'inputs': sent, 'seconds': seconds, 'crashes': 0 if reached else 1,
             'notes': f'{rate:.0f} ticks per second meanwhile, then a motion reached its goal'
                      if reached else 'the motion afterwards did not reach its goal'}

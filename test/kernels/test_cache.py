@@ -1,13 +1,17 @@
 """Compiled kernels are kept on disk, and compiled again when their code has changed."""
+import importlib
 import math
 import os
 from pathlib import Path
+import pkgutil
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from types import ModuleType
 
+from numba.core.dispatcher import Dispatcher
 import pytest
 
 import gdmp_ros
@@ -59,6 +63,29 @@ def test_text_that_is_not_code_does_not_change_the_hash(old, new):
 def test_an_edit_of_a_kernel_or_of_what_it_uses_changes_the_hash(old, new):
     assert old in SOURCE
     assert hash_of(SOURCE.replace(old, new)) != hash_of(SOURCE)
+
+
+def kernels():
+    """Python functions of all kernels of the library."""
+    found = {}
+    for folder in ('manifolds', 'dmp', 'control', 'experiments.baselines'):
+        package = importlib.import_module(f'gdmp_ros.{folder}')
+        for one in pkgutil.iter_modules(package.__path__, f'{package.__name__}.'):
+            found.update((id(value), value.py_func) for value
+                         in vars(importlib.import_module(one.name)).values()
+                         if isinstance(value, Dispatcher))
+    return list(found.values())
+
+
+def test_kernels_use_nothing_that_the_hash_does_not_contain():
+    """Names inside modules of this package, and default values of arguments."""
+    assert len(kernels()) > 100
+    for function in kernels():
+        used = [function.__globals__.get(name)
+                for name in cache._global_names(function.__code__)]
+        names = [value.__name__ for value in used if isinstance(value, ModuleType)]
+        assert not any(name.startswith('gdmp_ros') for name in names), (function, names)
+        assert function.__defaults__ is None and function.__kwdefaults__ is None, function
 
 
 @pytest.fixture

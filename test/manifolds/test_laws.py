@@ -15,15 +15,19 @@ from gdmp_ros.manifolds import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
+from gdmp_ros.manifolds.registry import KINDS
 
 EPS = np.finfo(float).eps
-MANIFOLDS = [Euclidean(1), Euclidean(3), Sphere(1), Sphere(2), Sphere(5), UnitQuaternion(),
+LISTED = [Euclidean(1), Euclidean(3), Sphere(1), Sphere(2), Sphere(5), UnitQuaternion(),
              SpecialOrthogonal(2), SpecialOrthogonal(3), SpecialOrthogonal(4),
              SpecialOrthogonal(5),
              SymmetricPositiveDefinite(1), SymmetricPositiveDefinite(2),
              SymmetricPositiveDefinite(3), SymmetricPositiveDefinite(6),
              Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3)),
              Product(Sphere(2), SpecialOrthogonal(3))]
+#: With every kind that has been added to the registry.
+MANIFOLDS = [*LISTED, *(kind.of_size(2) for kind in KINDS
+                        if kind not in {type(manifold) for manifold in LISTED})]
 
 
 @pytest.fixture(params=MANIFOLDS, ids=repr)
@@ -33,8 +37,7 @@ def manifold(request):
 
 def injectivity(manifold):
     """Radius within which the logarithm is unique, in this manifold's norm."""
-    return math.pi if any(f.kind in ('sphere', 'quaternion', 'rotation')
-                          for f in manifold.factors) else math.inf
+    return math.pi if any(f.has_cut_locus for f in manifold.factors) else math.inf
 
 
 def tangent_of_length(manifold, base, rng, length):

@@ -1,5 +1,6 @@
 """Playing a skill as a reference: continuous through everything a user can ask."""
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -378,9 +379,14 @@ def test_requests_from_another_thread_keep_the_reference_continuous(player, skil
         player.set_speed(0.5 + 0.01 * k)
         if k % 5 == 0:
             player.stop()
+        before = len(path)
+        while len(path) < before + 20:
+            assert thread.is_alive()
+            time.sleep(1e-4)
     stop.set()
     thread.join()
     rows = np.array(path)
+    assert len(rows) >= 800
     fastest = np.linalg.norm(rows[:, 7:10], axis=1).max()
     assert largest_step(rows) < 1.05 * fastest * DT + 1e-6
     assert player.refusals.count == 0

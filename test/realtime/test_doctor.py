@@ -1,11 +1,11 @@
-"""The doctor looks at everything, and where something could be better it says what to change."""
+"""The doctor runs all checks; a finding that is not good says what to change."""
 import os
 from types import SimpleNamespace
 
 from gdmp_ros.realtime import doctor
 
 
-def test_every_finding_that_is_not_good_has_its_advice():
+def test_every_finding_that_is_not_good_has_advice():
     findings = doctor.examine(0.3)
     assert len(findings) == len(doctor.CHECKS) + 1
     assert len({one.subject for one in findings}) == len(findings)
@@ -30,12 +30,12 @@ def test_a_full_disk_is_bad_and_a_small_one_fair(monkeypatch):
         assert doctor._disk().level == level
 
 
-def test_what_dds_left_behind_is_found_and_a_choice_of_transport_is_respected(monkeypatch):
+def test_files_left_by_dds_are_found_and_a_chosen_transport_is_respected(monkeypatch):
     monkeypatch.setattr(doctor.Path, 'iterdir', lambda _: iter(
         [doctor.Path('/dev/shm/fastrtps_port7411'), doctor.Path('/dev/shm/other')]))
     found = doctor._shared_memory()
     assert found.level == doctor.FAIR and found.found.startswith('1 files')
-    for name in doctor.CHOSEN:
+    for name in (*doctor.REACH, *doctor.TRANSPORT):
         monkeypatch.delenv(name, raising=False)
     assert doctor._reach().level == doctor.GOOD
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')

@@ -1,29 +1,29 @@
-"""Who can reach the nodes, and over what, where the user has chosen and where not."""
+"""Which machines reach the nodes by which transport, with and without a choice of the user."""
 import pytest
 
-from gdmp_ros.util import dds_network as domain
+from gdmp_ros.util import dds_network
 
-PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+RANGE, PROFILE = dds_network.RANGE, 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 @pytest.mark.parametrize('chosen, given', [
-    ({}, {domain.RANGE: 'SYSTEM_DEFAULT', PROFILE: str(domain.PROFILE)}),
-    # The same in other words: and no shared memory either.
-    ({domain.RANGE: 'LOCALHOST'}, {domain.RANGE: 'SYSTEM_DEFAULT', PROFILE: str(domain.PROFILE)}),
-    ({'ROS_LOCALHOST_ONLY': '1'}, {domain.RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': '0',
-                                   PROFILE: str(domain.PROFILE)}),
-    ({domain.RANGE: 'SUBNET'}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
+    ({}, {RANGE: 'SYSTEM_DEFAULT', PROFILE: str(dds_network.PROFILE)}),
+    # LOCALHOST alone would add shared memory.
+    ({RANGE: 'LOCALHOST'}, {RANGE: 'SYSTEM_DEFAULT', PROFILE: str(dds_network.PROFILE)}),
+    ({'ROS_LOCALHOST_ONLY': '1'}, {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': '0',
+                                   PROFILE: str(dds_network.PROFILE)}),
+    ({RANGE: 'SUBNET'}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
     ({'ROS_STATIC_PEERS': '10.0.0.2'}, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
-    ({domain.RANGE: 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2'},
+    ({RANGE: 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2'},
      {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}),
     ({'FASTDDS_BUILTIN_TRANSPORTS': 'SHM'}, {}),
-    ({PROFILE: '/mine.xml', domain.RANGE: 'SUBNET'}, {}),
-    ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, {domain.RANGE: 'LOCALHOST'}),
-    ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp', domain.RANGE: 'SUBNET'}, {}),
+    ({PROFILE: '/mine.xml', RANGE: 'SUBNET'}, {}),
+    ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, {RANGE: 'LOCALHOST'}),
+    ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp', RANGE: 'SUBNET'}, {}),
 ])
-def test_what_the_user_has_chosen_stays(monkeypatch, chosen, given):
-    for name in (*domain.CHOSEN, 'RMW_IMPLEMENTATION'):
+def test_a_choice_of_the_user_is_kept(monkeypatch, chosen, given):
+    for name in (*dds_network.REACH, *dds_network.TRANSPORT, 'RMW_IMPLEMENTATION'):
         monkeypatch.delenv(name, raising=False)
     for name, value in chosen.items():
         monkeypatch.setenv(name, value)
-    assert domain.network() == given
+    assert dds_network.default_environment() == given

@@ -13,7 +13,6 @@ from gdmp_ros.ros.testbed import ARM, SERVER
 from test.commands import GDMP
 
 
-
 @contextmanager
 def executing(*words):
     """`gdmp execute` in another process."""

@@ -49,4 +49,4 @@ class Classical(Baseline):
     def output(self, raw: np.ndarray) -> np.ndarray:
         """Nearest point of the space: unit norm, orthonormal, positive definite."""
         manifold = self.manifold
-        return np.asarray(manifold.nearest_point(raw.reshape(manifold.point_shape))).reshape(-1)
+        return np.asarray(manifold.project(raw.reshape(manifold.point_shape))).reshape(-1)

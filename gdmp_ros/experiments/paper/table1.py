@@ -73,7 +73,7 @@ def cell(row: str, column: str) -> tuple[bool, float, float]:
 def off_the_space(manifold: Manifold, point: np.ndarray) -> float:
     """Distance of the numbers of a flat point from the nearest point of the space."""
     shaped = point.reshape(manifold.point_shape)
-    return float(np.linalg.norm(shaped - manifold.nearest_point(shaped)))
+    return float(np.linalg.norm(shaped - manifold.project(shaped)))
 
 
 def run(settings: Settings) -> Data:
