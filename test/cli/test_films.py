@@ -8,7 +8,7 @@ import pytest
 from gdmp_ros import Skill
 from gdmp_ros.data import lasa
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.execution import play
+from gdmp_ros.sim.execution import execute
 from test.commands import gdmp
 
 
@@ -24,15 +24,15 @@ def folder(skill, tmp_path_factory):
     return path
 
 
-def test_a_skill_is_played_by_the_simulated_arm(skill):
-    played = play(skill, Arm(), rest_s=0.3)
-    away = np.linalg.norm(played.measured[:, :3] - played.references[:, :3], axis=1)
-    assert len(played.joints) == len(played.references) > 4500
-    assert away.max() < 0.002
-    assert np.linalg.norm(played.references[-1, :3] - skill.goal[:3]) < 1e-3
+def test_a_skill_is_executed_by_the_simulated_arm(skill):
+    done = execute(skill, Arm(), rest_s=0.3)
+    deviation = np.linalg.norm(done.measured[:, :3] - done.references[:, :3], axis=1)
+    assert len(done.joints) == len(done.references) > 4500
+    assert deviation.max() < 0.002
+    assert np.linalg.norm(done.references[-1, :3] - skill.goal[:3]) < 1e-3
 
 
-def test_films_have_as_many_pictures_as_they_say(folder):
+def test_films_have_the_stated_number_of_pictures(folder):
     av = pytest.importorskip('av')
     done = gdmp('film', 'skill.json', '-o', 'skill.mp4', '--speed', '2', '--fps', '10', cwd=folder)
     if 'no picture of the arm' in done.stderr:
@@ -50,7 +50,7 @@ def test_films_have_as_many_pictures_as_they_say(folder):
     assert still.returncode == 0 and Image.open(folder / 'skill.png').size == (960, 720)
 
 
-def test_bad_wishes_are_refused(folder):
+def test_invalid_arguments_are_refused(folder):
     for words, said in ((('skill.json', '-o', 'x.gif'), 'ending in .mp4, .webp or .png'),
                         (('skill.json', '-o', 'x.mp4', '--speed', '0'), '--speed is 0'),
                         (('skill.json', '-o', 'no/x.mp4'), 'no such folder'),

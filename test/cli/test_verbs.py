@@ -1,17 +1,17 @@
 """The command ``gdmp`` as a user runs it: as processes."""
 import csv
 import json
-from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from gdmp_ros.cli.main import VERBS
-from test.commands import gdmp
-
-ROOT = Path(__file__).parent.parent.parent
+import gdmp_ros
+from gdmp_ros.cli.main import parse, VERBS
+from test.commands import GDMP, gdmp
 
 
 @pytest.fixture(scope='module')
@@ -23,12 +23,52 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_help_teaches():
-    whole = gdmp('--help')
-    assert whole.returncode == 0 and 'gdmp learn demos/GShape_*' in whole.stdout
+def test_every_verb_has_help_with_an_example(capsys):
     for verb in VERBS:
-        told = gdmp(verb, '--help')
-        assert told.returncode == 0 and 'example' in told.stdout
+        with pytest.raises(SystemExit) as ended:
+            parse([verb, '--help'])
+        assert ended.value.code == 0
+        assert re.search(rf'examples?:\n(  .*\n)*?  gdmp {verb}', capsys.readouterr().out), verb
+
+
+def test_help_imports_neither_the_library_nor_ros():
+    code = """
+import sys
+from gdmp_ros.cli.main import parse, VERBS
+for verb in VERBS:
+    try:
+        parse([verb, '--help'])
+    except SystemExit:
+        pass
+heavy = {'numba', 'numpy', 'scipy', 'sklearn', 'plotly', 'matplotlib', 'rclpy', 'mujoco',
+         'rosbags', 'rich'} & set(sys.modules)
+assert not heavy, heavy
+"""
+    subprocess.run([sys.executable, '-c', code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
+    alone = gdmp()
+    assert alone.returncode == 0 and 'gdmp learn demos/GShape_*' in alone.stdout
+    assert all(f'\n  {verb}' in alone.stdout for verb in VERBS)
+    assert gdmp('--help').stdout == alone.stdout
+    assert gdmp('--version').stdout == f'gdmp {gdmp_ros.__version__}\n'
+    misspelt = gdmp('lern')
+    assert misspelt.returncode == 2 and "did you mean 'learn'?" in misspelt.stderr
+    unknown = gdmp('xyzzy')
+    assert unknown.returncode == 2 and 'see gdmp --help' in unknown.stderr
+
+
+@pytest.mark.parametrize('delay', [0.05, 0.3])
+def test_ctrl_c_during_start_up_is_no_traceback(delay, tmp_path):
+    process = subprocess.Popen([*GDMP, 'gallery', '-o', str(tmp_path / 'gallery')],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    # In its first 30 ms Python itself ends by the signal.
+    assert process.returncode in (130, -signal.SIGINT)
+    assert 'Traceback' not in errors or delay < 0.1 and 'gdmp_ros' not in errors
 
 
 def test_recordings_are_named_by_class_and_not_overwritten(folder):
@@ -84,24 +124,6 @@ def test_rollout_writes_the_path_to_the_new_goal(folder):
     assert last == pytest.approx([0.5, 0.1, 0.4], abs=1e-3)
     bad = gdmp('rollout', folder / 'skill.json', '--goal', 1.0, 2.0)
     assert bad.returncode == 1 and '--goal has 2 numbers, expected 16' in bad.stderr
-
-
-def test_bench_accuracy_writes_its_rows(folder):
-    out = folder / 'accuracy.json'
-    done = gdmp('bench', 'accuracy', '--class', 'GShape', '--json', out)
-    assert done.returncode == 0 and 'SPD2' in done.stdout
-    rows = json.loads(out.read_text())['rows']
-    assert len(rows) == (5 + 1) * 2 * 4
-    assert all(row['mean_relative_error'] <= 8e-5 and row['classes'] == 1
-               for row in rows if not row.get('separate'))
-    assert {row['dt_ms'] for row in rows} == {1, 2, 5, 10}
-
-
-def test_the_readme_s_example_runs():
-    blocks = re.findall(r'```python\n(.*?)```', (ROOT / 'README.md').read_text(), re.S)
-    assert len(blocks) == 1
-    check = '\nassert abs(state.point @ np.array([0.6, 0.8, 0, 0])) > 0.99999\n'
-    subprocess.run([sys.executable, '-c', blocks[0] + check], check=True)
 
 
 def test_a_folder_of_bags_is_learned_one_by_one_and_resumed(folder):

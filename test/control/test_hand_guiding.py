@@ -67,7 +67,7 @@ def test_a_hand_is_no_stronger_than_it_is(loop):
     assert np.linalg.norm(hand.wrench(loop.arm.measure())[:3]) == pytest.approx(20.0)
 
 
-def test_joint_limits_push_back_while_it_is_led(loop):
+def test_joint_limits_push_back_during_hand_guiding(loop):
     position = loop.arm.data.qpos.copy()
     position[3] = loop.arm.limits.upper[3] - 0.05
     loop.reset(position)

@@ -1,4 +1,4 @@
-"""Robot, spring and tank never give more than they were given."""
+"""The energy of robot, spring and tank never grows."""
 import mujoco
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from gdmp_ros.control.stability import growth_margin
 from gdmp_ros.control.stiffness import compose_modes, relative_modes
 from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -111,7 +111,7 @@ def pushed_into(loop, depth, ticks=1500):
 def table():
     arm = Arm()
     height = arm.measure().pose[2]
-    spec = mujoco.MjSpec.from_file(str(__import__('gdmp_ros.sim.arm', fromlist=['x']).PANDA))
+    spec = mujoco.MjSpec.from_file(str(PANDA))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.2, 0.2, 0.1],
                             pos=[0.3069, 0.0, height - 0.115], contype=2, conaffinity=1)
     return Arm(spec)

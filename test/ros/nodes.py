@@ -6,6 +6,8 @@ from gdmp_msgs.msg import Reference, RobotState
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import DISCOVERY_S
@@ -32,9 +34,15 @@ class Nodes(NodeTestbed):
         self.references: list[Reference] = []
         self._polled = []
         self._made = []
-        self._states = {}
+        self._states = {SERVER: 'unconfigured', ARM: 'unconfigured'}
         self.used = False
         self.forget()
+
+    def __exit__(self, *_):
+        # Quicker than SIGTERM, whose effect is tested in test_lifecycle.
+        for name in list(self.children.processes):
+            self.children.kill(name)
+        super().__exit__()
 
     @property
     def node(self):
@@ -83,8 +91,14 @@ class Nodes(NodeTestbed):
 
     def start(self, **parameters):
         """Start arm and server, and wait until the server holds the arm."""
+        # Discovered while the nodes start, instead of before the first call.
+        clients = {name: self.node.create_client(ChangeState, name)
+                   for name in (f'{SERVER}/change_state', f'{ARM}/change_state')}
         super().start(record=False, **parameters)
-        self._states = {SERVER: 'active', ARM: 'active'}
+        for name, client in clients.items():
+            self.wait(name, client.service_is_ready)
+        self.client._services.update(clients)
+        self._states.update({SERVER: 'active', ARM: 'active'})
         self.wait('the arm', lambda: bool(self.robot))
 
     def restart(self):
@@ -94,11 +108,7 @@ class Nodes(NodeTestbed):
         Afterwards the arm is at its first pose, and skill, goals, tempo and counters are as after
         the start.
         """
-        for name in (SERVER, ARM):
-            if self._states[name] == 'active':
-                assert self.transition(name, DEACTIVATE)
-            if self._states[name] == 'inactive':
-                assert self.transition(name, CLEANUP)
+        self.unconfigure()
         self.forget()
         for name in (ARM, SERVER):
             assert self.transition(name, CONFIGURE, ACTIVATE)
@@ -111,6 +121,21 @@ class Nodes(NodeTestbed):
     def call_later(self, kind, name, **fields):
         """Call a service that `call` has called before; returns the future of the reply."""
         return self.client._services[name].call_async(kind.Request(**fields))
+
+    def unconfigure(self):
+        """Deactivate server and arm, and clean them up."""
+        for name in (SERVER, ARM):
+            if self._states[name] == 'active':
+                assert self.transition(name, DEACTIVATE)
+            if self._states[name] == 'inactive':
+                assert self.transition(name, CLEANUP)
+
+    def set_parameters(self, node, **values):
+        """Set parameters atomically; returns the result."""
+        changes = [Parameter(name, value=value).to_parameter_msg()
+                   for name, value in values.items()]
+        return self.call(SetParametersAtomically, f'{node}/set_parameters_atomically',
+                         parameters=changes).result
 
     def transition(self, node, *numbers):
         """Make transitions of the lifecycle; whether all succeeded."""

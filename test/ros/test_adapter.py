@@ -14,9 +14,12 @@ from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.adapter.node import along_axes
 from gdmp_ros.ros.lifecycle import reliable
-from test.ros.nodes import FRAME
+from test.ros.nodes import FRAME, open_testbed
 
 PRESETS = Path(__file__).parents[2] / 'config' / 'presets'
+#: Presets, and namespaces of their adapters.
+SPACES = {'crisp': '/crisp', 'franka': '/franka', 'matrix': '/matrix',
+          'mayr': '/CartesianImpedance_trajectory_controller', 'cartesian_controllers': '/'}
 POSE = np.array([0.4, -0.1, 0.5, *UnitQuaternion().project(np.array([0.1, 0.9, 0.2, -0.3]))])
 
 
@@ -27,18 +30,33 @@ def stiffness():
     return result
 
 
-class Feed:
-    """Publishes references, and receives what the adapter makes of them."""
+@pytest.fixture(scope='module')
+def adapters(tmp_path_factory):
+    """An adapter with each preset, each in a namespace."""
+    with open_testbed(tmp_path_factory.mktemp('nodes'), '') as made:
+        for preset, space in SPACES.items():
+            made.children.start_node(preset, 'gdmp_ros.ros.adapter.node', {}, [
+                '--params-file', str(PRESETS / f'{preset}.yaml'), '-r', f'__ns:={space}',
+                *(['-p', 'frame_id:=base_link'] if preset == 'cartesian_controllers' else [])])
+        yield made
 
-    def __init__(self, nodes, preset, *extra):
+
+@pytest.fixture
+def feed(adapters):
+    yield Feed(adapters)
+    adapters.forget()
+
+
+class Feed:
+    """Publishes references, and receives what the adapters make of them."""
+
+    def __init__(self, nodes):
         self.nodes, self.got = nodes, {}
         self.message = Reference()
         self.message.header.frame_id = FRAME
         self.message.header.stamp = messages.stamp_of(12_345_678_901)
         messages.fill_reference(self.message, np.concatenate(
             [POSE, np.zeros(12), stiffness().reshape(-1), [0.7]]))
-        nodes.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {}, [
-            '--params-file', str(PRESETS / f'{preset}.yaml'), *extra])
         self.out = nodes.publisher(Reference, '/trajectory_server/reference')
 
     def listen(self, kind, topic):
@@ -62,40 +80,43 @@ def check_pose(message, frame=FRAME):
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345_678_901)
 
 
-def test_crisp_gets_six_numbers_inside_its_bounds(nodes):
-    pose, six = Feed(nodes, 'crisp').listen(PoseStamped, '/target_pose').listen(
-        Float64MultiArray, '/target_stiffness').until('/target_pose', '/target_stiffness')
+def test_every_preset_is_tested():
+    assert {path.stem for path in PRESETS.glob('*.yaml')} == set(SPACES)
+
+
+def test_crisp_gets_six_numbers_inside_its_bounds(feed):
+    pose, six = feed.listen(PoseStamped, '/crisp/target_pose').listen(
+        Float64MultiArray, '/crisp/target_stiffness').until(
+        '/crisp/target_pose', '/crisp/target_stiffness')
     check_pose(pose)
     assert list(six.data) == [300.0, 400.0, 2000.0, 20.0, 30.0, 40.0]
 
 
-def test_an_invalid_reference_is_refused_and_not_converted(nodes):
-    feed = Feed(nodes, 'crisp').listen(PoseStamped, '/target_pose')
-    feed.until('/target_pose')
+def test_an_invalid_reference_is_refused_and_not_converted(feed):
+    topic = '/crisp/target_pose'
+    feed.listen(PoseStamped, topic).until(topic)
     for change, reason in ((lambda m: setattr(m.header, 'frame_id', 'world'),
                             "frame is 'world'"),
                            (lambda m: setattr(m.pose.position, 'x', float('nan')),
                             'a number is NaN or infinite')):
         good = copy.deepcopy(feed.message)
         change(feed.message)
-        nodes.wait_quiet([])
+        feed.nodes.spend(0.3)  # receive what was converted before
         feed.got.clear()
 
         def refused(reason=reason):
             # Repeated, because a warning is logged at most once a second.
             feed.out.publish(feed.message)
-            return reason in nodes.log('adapter')
-        nodes.wait('the refusal', refused)
-        feed.message = good
-        # The next valid one is the first that is converted.
+            return reason in feed.nodes.log('crisp')
+        feed.nodes.wait('the refusal', refused)
         assert feed.got == {}
-        check_pose(feed.until('/target_pose')[0])
+        feed.message = good
+        check_pose(feed.until(topic)[0])
 
 
-def test_mayr_gets_a_wrench_in_its_namespace(nodes):
-    space = '/CartesianImpedance_trajectory_controller'
-    pose, wrench = Feed(nodes, 'mayr', '-r', f'__ns:={space}').listen(
-        PoseStamped, f'{space}/reference_pose').listen(
+def test_mayr_gets_a_wrench_in_its_namespace(feed):
+    space = SPACES['mayr']
+    pose, wrench = feed.listen(PoseStamped, f'{space}/reference_pose').listen(
         WrenchStamped, f'{space}/set_cartesian_stiffness').until(
         f'{space}/reference_pose', f'{space}/set_cartesian_stiffness')
     check_pose(pose)
@@ -104,9 +125,10 @@ def test_mayr_gets_a_wrench_in_its_namespace(nodes):
     assert (torque.x, torque.y, torque.z) == (20.0, 30.0, 40.0)
 
 
-def test_matrix_gets_all_entries_with_the_coupling_of_axes(nodes):
-    pose, matrix = Feed(nodes, 'matrix').listen(PoseStamped, '/target_pose').listen(
-        Float64MultiArray, '/target_stiffness').until('/target_pose', '/target_stiffness')
+def test_matrix_gets_all_entries_with_the_coupling_of_axes(feed):
+    pose, matrix = feed.listen(PoseStamped, '/matrix/target_pose').listen(
+        Float64MultiArray, '/matrix/target_stiffness').until(
+        '/matrix/target_pose', '/matrix/target_stiffness')
     check_pose(pose)
     got = np.reshape(matrix.data, (6, 6))
     # Inside the bounds: only the axis that is too stiff has changed.
@@ -117,16 +139,17 @@ def test_matrix_gets_all_entries_with_the_coupling_of_axes(nodes):
     assert [d.label for d in matrix.layout.dim] == ['rows', 'columns']
 
 
-def test_franka_gets_the_pose_and_no_stiffness(nodes):
-    feed = Feed(nodes, 'franka').listen(PoseStamped, '/equilibrium_pose')
-    check_pose(feed.until('/equilibrium_pose')[0])
-    topics = dict(nodes.node.get_topic_names_and_types())
-    assert '/target_stiffness' not in topics
+def test_franka_gets_the_pose_and_no_stiffness(feed):
+    check_pose(feed.listen(PoseStamped, '/franka/equilibrium_pose').until(
+        '/franka/equilibrium_pose')[0])
+    published = dict(feed.nodes.node.get_publisher_names_and_types_by_node('adapter', '/franka'))
+    assert '/franka/equilibrium_pose' in published
+    assert not any('stiffness' in topic for topic in published)
 
 
-def test_cartesian_controllers_get_six_parameters_along_the_tool(nodes):
+def test_cartesian_controllers_get_six_parameters_along_the_tool(feed):
     names = [f'stiffness.{kind}_{axis}' for kind in ('trans', 'rot') for axis in 'xyz']
-    node, refused = Node('cartesian_compliance_controller', context=nodes.node.context), []
+    node, refused = Node('cartesian_compliance_controller', context=feed.nodes.node.context), []
     for name in names:
         node.declare_parameter(name, 1.0)
 
@@ -136,10 +159,9 @@ def test_cartesian_controllers_get_six_parameters_along_the_tool(nodes):
             return SetParametersResult(successful=False, reason='not yet')
         return SetParametersResult(successful=True)
     node.add_on_set_parameters_callback(check)
-    nodes.client._executor.add_node(node)
-    feed = Feed(nodes, 'cartesian_controllers', '-p', 'frame_id:=base_link').listen(
-        PoseStamped, '/cartesian_compliance_controller/target_frame')
-    check_pose(feed.until('/cartesian_compliance_controller/target_frame')[0], 'base_link')
+    feed.nodes.client._executor.add_node(node)
+    topic = '/cartesian_compliance_controller/target_frame'
+    check_pose(feed.listen(PoseStamped, topic).until(topic)[0], 'base_link')
     wanted = along_axes(stiffness(), POSE[3:])
 
     def arrived():
@@ -147,8 +169,9 @@ def test_cartesian_controllers_get_six_parameters_along_the_tool(nodes):
         return np.allclose([node.get_parameter(name).value for name in names],
                            np.minimum(wanted, [5000.0] * 3 + [500.0] * 3))
     # A refusal is logged, and the request repeated.
-    nodes.wait('the stiffness', arrived, 30.0)
-    assert 'refused the stiffness: not yet' in nodes.log('adapter')
+    feed.nodes.wait('the stiffness', arrived, 30.0)
+    assert 'refused the stiffness: not yet' in feed.nodes.log('cartesian_controllers')
+    feed.nodes.client._executor.remove_node(node)
     node.destroy_node()
 
 

@@ -11,6 +11,7 @@ from gdmp_ros.cli.main import main
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.testbed import ARM, SERVER
 from test.commands import GDMP
+from test.ros.nodes import ACTIVATE, CONFIGURE, DEACTIVATE
 
 
 @contextmanager
@@ -73,21 +74,23 @@ def speeds(nodes):
                      for m in nodes.references]).reshape(-1, 3)
 
 
-def test_it_waits_for_the_robot_as_long_as_it_was_told(nodes, skill_file, execute):
-    nodes.start_server(skill='')
-    nodes.client.wait_status('idle', 60.0)
+def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, execute):
+    running.unconfigure()
+    assert running.transition(SERVER, CONFIGURE, ACTIVATE)
+    running.client.wait_status('idle', 60.0)
+    running.wait('the flag', lambda: 'no_robot' in running.state.flags)
     code, out, _ = execute('--load', skill_file, '--wait', '5')
     assert code == 1 and 'waiting for the pose of the robot' in out
     assert 'no measured pose has arrived on /panda_sim/measured_pose' in out
     with executing('--load', str(skill_file)) as process:
         assert process.stdout.readline().startswith('waiting for the pose of the robot')
-        nodes.start_arm()
-        nodes.client.wait_status('moving', 120.0)
-        assert 'no_robot' not in nodes.state.flags
+        assert running.transition(ARM, CONFIGURE, ACTIVATE)
+        running.client.wait_status('moving', 60.0)
+        assert 'no_robot' not in running.state.flags
         out, _ = process.communicate(timeout=60)
         assert process.returncode == 0 and 'the goal was reached' in out
-    nodes.children.stop(ARM)
-    nodes.wait('the flag', lambda: 'no_robot' in nodes.state.flags)
+    assert running.transition(ARM, DEACTIVATE)
+    running.wait('the flag again', lambda: 'no_robot' in running.state.flags)
 
 
 def test_without_a_server_it_says_so(nodes, execute):

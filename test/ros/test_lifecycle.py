@@ -14,19 +14,36 @@ from gdmp_ros.data.bags import BagWriter, opened
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.recorder.record import definition
 from gdmp_ros.ros.testbed import ARM, SERVER
-from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME
+from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME, open_testbed
 
 
-def test_nodes_go_through_their_lifecycle(nodes):
-    nodes.start_arm(autostart=False)
-    nodes.start_server(autostart=False)
+@pytest.fixture(scope='module')
+def unconfigured_nodes(tmp_path_factory, skill_file):
+    with open_testbed(tmp_path_factory.mktemp('nodes'), skill_file) as made:
+        made.start_arm(autostart=False)
+        made.start_server(autostart=False)
+        yield made
+        for node in (SERVER, ARM):
+            assert made.children.stop(node) == 0
+
+
+@pytest.fixture
+def unconfigured(unconfigured_nodes):
+    """Arm and server that are not configured, with their parameters as at the start."""
+    yield unconfigured_nodes
+    unconfigured_nodes.unconfigure()
+    unconfigured_nodes.forget()
+
+
+def test_nodes_go_through_their_lifecycle(unconfigured):
+    nodes = unconfigured
     for node in (ARM, SERVER):
         assert nodes.lifecycle_state(node) == 'unconfigured'
         assert nodes.transition(node, CONFIGURE)
         assert nodes.lifecycle_state(node) == 'inactive'
         assert nodes.transition(node, ACTIVATE)
         assert nodes.lifecycle_state(node) == 'active'
-    nodes.client.wait_status('holding', 15.0)
+    nodes.client.wait_status('holding', 60.0)
     nodes.listen()
     nodes.wait('references', lambda: len(nodes.references) > 100)
     for node in (SERVER, ARM):
@@ -39,30 +56,34 @@ def test_nodes_go_through_their_lifecycle(nodes):
     assert nodes.transition(SERVER, DEACTIVATE, CLEANUP)
     assert nodes.lifecycle_state(SERVER) == 'unconfigured'
     assert nodes.transition(SERVER, CONFIGURE)
-    for node in (SERVER, ARM):
-        assert nodes.children.stop(node) == 0
 
 
-def test_a_failed_configuration_says_why_and_leaves_the_node_unconfigured(nodes, tmp_path):
-    nodes.start_server(skill=str(tmp_path / 'none.json'), autostart=False)
-    nodes.start_arm(model=str(tmp_path / 'none.xml'), autostart=False)
-    for node, word in ((SERVER, 'none.json'), (ARM, 'none.xml')):
-        assert not nodes.transition(node, CONFIGURE)
-        assert nodes.lifecycle_state(node) == 'unconfigured'
-        assert word in nodes.log(node)
+def test_a_failed_configuration_says_why_and_can_be_repeated(unconfigured, tmp_path):
+    for node, name, good in ((SERVER, 'skill', str(unconfigured.skill_file)), (ARM, 'model', '')):
+        missing = str(tmp_path / f'missing_{name}')
+        assert unconfigured.set_parameters(node, **{name: missing}).successful
+        assert not unconfigured.transition(node, CONFIGURE)
+        assert unconfigured.lifecycle_state(node) == 'unconfigured'
+        unconfigured.wait('the reason', lambda node=node, missing=missing: (
+            f'configure: {missing}' in unconfigured.log(node)))
+        assert unconfigured.set_parameters(node, **{name: good}).successful
+        assert unconfigured.transition(node, CONFIGURE)
 
 
-def test_a_failed_activation_leaves_nothing_running(nodes):
-    nodes.listen()
-    nodes.start_server(autostart=False, execute_on_activate=True)
-    assert nodes.transition(SERVER, CONFIGURE)
-    assert not nodes.transition(SERVER, ACTIVATE)
-    assert nodes.lifecycle_state(SERVER) == 'inactive'
-    assert 'no measured pose has arrived' in nodes.log(SERVER)
-    reply = nodes.call(Trigger, f'{SERVER}/start')
-    assert not reply.success and nodes.references == []
-    assert nodes.transition(SERVER, CLEANUP)
-    assert nodes.children.stop(SERVER) == 0
+def test_a_failed_activation_leaves_nothing_running(unconfigured):
+    unconfigured.listen()
+    assert unconfigured.set_parameters(SERVER, execute_on_activate=True).successful
+    assert unconfigured.transition(SERVER, CONFIGURE)
+    assert not unconfigured.transition(SERVER, ACTIVATE)
+    assert unconfigured.lifecycle_state(SERVER) == 'inactive'
+    unconfigured.wait('the reason',
+                      lambda: 'no measured pose has arrived' in unconfigured.log(SERVER))
+    reply = unconfigured.call(Trigger, f'{SERVER}/start')
+    assert not reply.success
+    unconfigured.wait_quiet(unconfigured.references)
+    assert unconfigured.references == []
+    assert unconfigured.transition(SERVER, CLEANUP)
+    assert unconfigured.set_parameters(SERVER, execute_on_activate=False).successful
 
 
 class Replay:

@@ -77,7 +77,8 @@ def seen():
     return [one for one, node in nodes.items() if 'panda_sim' in node.get_node_names()]
 while time.monotonic() < ends and len(seen()) < wanted:
     time.sleep(0.1)
-time.sleep(3.0)
+if wanted < len(domains):
+    time.sleep(3.0)
 print(seen())
 """
 

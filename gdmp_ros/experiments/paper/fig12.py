@@ -54,7 +54,7 @@ def _aside(progress: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     return torque
 
 
-def lead(box: int, seed: int) -> Any:
+def guide(box: int, seed: int) -> Any:
     """Lead the arm into a box by hand, the elbow aside; what was recorded."""
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
@@ -125,7 +125,7 @@ def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
 def run(settings: Settings) -> Data:
     """Teach once, enter three boxes with and without the null-space term; a film."""
     from gdmp_ros.view.films import render_to
-    taught = [lead(box, 12 + box) for box in range(len(MIDDLES))]
+    taught = [guide(box, 12 + box) for box in range(len(MIDDLES))]
     goals = [goal(one) for one in taught]
     demonstration = learn(taught[0])
     skill = Skill.learn(demonstration)

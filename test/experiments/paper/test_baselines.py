@@ -1,40 +1,36 @@
-"""The compared methods: each follows what it was made for, by its own published equations."""
+"""The compared methods, each on the spaces that its publication defines it for."""
 import numpy as np
 import pytest
 
-from gdmp_ros.experiments import timing
 from gdmp_ros.dmp import Demonstration
-from gdmp_ros.dmp.development import distances
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefinite, UnitQuaternion
-from gdmp_ros.experiments.baselines import (
-    AbuDakkaQuaternion,
-    Classical,
-    LogError,
-    LogErrorShorter,
-    METHODS,
-    Ours,
-    TransportedAlong,
-    TransportedToStart,
-    UdeQuaternion,
-    UdeRotation,
-)
+from gdmp_ros.experiments import timing
+from gdmp_ros.experiments.baselines.classical import Classical
+from gdmp_ros.experiments.baselines.literal import LiteralScheme
+from gdmp_ros.experiments.baselines.log_error import LogError, LogErrorShorter
+from gdmp_ros.experiments.baselines.methods import METHODS
+from gdmp_ros.experiments.baselines.ours import Ours
+from gdmp_ros.experiments.baselines.quaternion import AbuDakkaQuaternion, UdeQuaternion
+from gdmp_ros.experiments.baselines.rotation import UdeRotation
+from gdmp_ros.experiments.baselines.transported import TransportedAlong, TransportedToStart
 from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
 from gdmp_ros.experiments.paper.table1 import cell, COLUMNS, ROWS
-from gdmp_ros.experiments.paper.theorem1 import pulled
+from gdmp_ros.experiments.paper.theorem1 import spring_skill
+from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefinite, UnitQuaternion
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
-MADE_FOR = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),
+DEFINED_ON = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),
             (UdeRotation, SO3), (TransportedToStart, SPD3), (TransportedAlong, SPD3),
-            (Ours, S3), (Ours, SPD3)]
+            (LiteralScheme, SPD3), (Ours, S3), (Ours, SPD3)]
 
 
 def relative_error(method, shown):
     points, _ = method.rollout(len(shown.times) - 1)
-    return distances(shown.manifold, points, shown.flat_points).mean() / shown.span()
+    return shown.manifold.factor_distances(points, shown.flat_points).mean() / shown.span()
 
 
-@pytest.mark.parametrize('kind, manifold', MADE_FOR, ids=lambda x: getattr(x, '__name__', str(x)))
+@pytest.mark.parametrize('kind, manifold', DEFINED_ON,
+                         ids=lambda x: getattr(x, '__name__', str(x)))
 def test_each_method_follows_and_reaches_a_switched_goal(kind, manifold):
     shown = timing.demonstration(manifold, 2.0, samples=500)
     method = kind(shown)
@@ -46,31 +42,31 @@ def test_each_method_follows_and_reaches_a_switched_goal(kind, manifold):
 
 
 @pytest.mark.parametrize('kind', METHODS, ids=lambda k: k.name)
-def test_methods_refuse_spaces_they_were_not_made_for(kind):
+def test_methods_refuse_spaces_on_which_they_are_not_defined(kind):
     shown = timing.demonstration(Sphere(2), 1.0, samples=50)
     if kind.handles(shown):
         assert relative_error(kind(shown, 20), shown) < 1e-2
     else:
-        with pytest.raises(ParameterError, match='was not made for'):
+        with pytest.raises(ParameterError, match='is not defined on'):
             kind(shown)
 
 
 def test_explicit_transport_moves_as_the_parallel_frame_does(rng):
-    """A free motion, pushed off its geodesic: published derivatives take another way."""
+    """A motion without forcing, with a lateral start velocity: `published` takes another path."""
     start = SPD3.random_point(rng)
-    push = SPD3.random_tangent(start, rng)
-    push *= 20.0 / SPD3.norm(start, push)
-    way = SPD3.random_tangent(start, rng)
-    goal = SPD3.exp(start, 1.5 / SPD3.norm(start, way) * way)
+    velocity = SPD3.random_tangent(start, rng)
+    velocity *= 20.0 / SPD3.norm(start, velocity)
+    offset = SPD3.random_tangent(start, rng)
+    goal = SPD3.exp(start, 1.5 / SPD3.norm(start, offset) * offset)
     times = np.linspace(0.0, 1.0, 4001)
     shown = Demonstration(times, np.array([SPD3.geodesic(start, goal, t) for t in times]), SPD3)
     along = TransportedAlong(shown, 10)
     along._weights[:], along._first_error[:] = 0.0, 0.0
-    along._begin = push.copy()
+    along._begin = velocity.copy()
     path, _ = along.rollout(4000)
-    paths = {c: pulled(SPD3, start, goal, push, 60.0, c).rollout().sample(times).points
+    paths = {c: spring_skill(SPD3, start, goal, velocity, 60.0, c).rollout().sample(times).points
              for c in ('parallel', 'published')}
-    away = {c: distances(SPD3, points.reshape(4001, -1), path).max()
+    away = {c: SPD3.factor_distances(points.reshape(4001, -1), path).max()
             for c, points in paths.items()}
     assert away['parallel'] < 0.01 * shown.span()
     assert away['published'] > 3.0 * away['parallel']
@@ -101,7 +97,7 @@ def test_only_the_shorter_logarithm_makes_the_log_error_primitive_jump():
     assert steps[1] > 5.0 * steps[0]
 
 
-def test_the_classical_primitive_leaves_the_sphere_before_it_is_mended():
+def test_the_classical_primitive_leaves_the_sphere_without_projection():
     shown = timing.demonstration(S3, 2.0, samples=500)
     points, raw = Classical(shown).rollout(499)
     norms = np.linalg.norm(raw, axis=1)
@@ -116,13 +112,13 @@ def test_table_1_cell_by_cell(row, column):
     if column in ROWS[row][1]:
         assert handled and error < 1e-3 and off < 1e-9
     elif (row, column) == ('[4, 7] Ijspeert', 'SPD(m)'):
-        assert handled  # by luck: nothing keeps it in the cone, see the next test
+        assert handled  # on this trajectory only: see the next test
     else:
         assert not handled
 
 
 def test_nothing_keeps_the_classical_primitive_in_the_cone():
-    """A stiffness that dips by 80 %, sent to a goal of 30 %."""
+    """A stiffness that decreases by 80 %, with a goal of 30 %."""
     t = np.linspace(0.0, 1.0, 500)
     dip = np.array([np.diag([1.0 - 0.8 * np.sin(np.pi * u) ** 2, 1.0]) for u in t])
     shown, goal = Demonstration(2.0 * t, dip, SymmetricPositiveDefinite(2)), np.diag([0.3, 1.0])
