@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
                           'duration': duration, 'mean_relative_error': mean_error,
                           'n_basis': fit.n_basis, 'fit': _as_document(fit)}))
         return
-    table(f'{options.output}', ['takes', 'factors', 'duration [s]', 'basis functions',
+    table(f'{options.output}', ['takes', 'factors', 'duration [s]', 'functions',
                                 'condition', 'mean error / span'],
           [[len(bags), ' × '.join(fit.factors), f'{duration:.3f}', fit.n_basis,
             f'{fit.condition:.0f}', f'{mean_error:.2e}']])

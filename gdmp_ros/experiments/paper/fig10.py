@@ -10,7 +10,7 @@ from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.view import plots
 
 CLAIM = ('The error between the stiffness and its new goal converges to zero; without a switch, '
-         'that to the demonstrated goal does.')
+         'the error to the demonstrated goal does.')
 SOURCE = '[GDMP] Fig. 10, section 5.5'
 
 
@@ -20,7 +20,7 @@ def run(settings: Settings) -> Data:
 
 
 def verdict(data: Data) -> Verdict:
-    """Errors at the end, and that the one to the new goal grows by no more than 10 % before."""
+    """Errors at the end; before it, that to the new goal grows by at most 10 %."""
     old = data['shown'][-1, 2:].reshape(2, 2)
     to_new = fig9.goal_distances(data['switched_wanted'][::10], fig9.NEW_GOAL)
     to_old = fig9.goal_distances(data['straight_wanted'][::10], old)

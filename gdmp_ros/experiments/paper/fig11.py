@@ -20,7 +20,7 @@ CLAIM = ('On R³ × S³ × SPD(3), pose and stiffness learned from five demonstr
 SOURCE = '[GDMP] Fig. 11, section 5.6.1, eqs. (39), (40); [16] Abu-Dakka, Rozo, Caldwell 2018'
 S3 = UnitQuaternion()
 TAKES, SAMPLES = 5, 600
-#: Course of the can's middle [m] and of its tilt [rad] over progress.
+#: Path of the centre of the can [m] and its tilt [rad] over progress.
 AT = (0.0, 0.2, 0.38, 0.5, 0.6, 0.78, 1.0)
 MIDDLE = np.array([[0.42, -0.10, 0.42], [0.47, -0.03, 0.36], [0.49, 0.0, 0.24], [0.50, 0.0, 0.13],
                    [0.50, 0.0, 0.13], [0.49, 0.03, 0.29], [0.44, 0.12, 0.42]])
@@ -29,7 +29,7 @@ _COURSE = PchipInterpolator(AT, np.column_stack([MIDDLE, TILT]))
 #: The hand: soft on the way, firm at the water; rotational stiffness of the robot [Nm/rad].
 SOFT, FIRM = np.array([300.0, 300.0, 300.0]), np.array([350.0, 650.0, 550.0])
 HAND_DAMPING, ROTATIONAL = 40.0, 150.0
-#: How long the robot rests afterwards [s].
+#: Rest of the robot after the motion [s].
 REST_S = 0.5
 
 
@@ -46,7 +46,7 @@ def _eased(progress: float) -> float:
 
 
 def holding(progress: float) -> np.ndarray:
-    """Stiffness of the hand at a progress, turned a little about z [N/m]."""
+    """Stiffness of the hand at a progress, rotated slightly about z [N/m]."""
     near = np.exp(-((_eased(progress) - 0.52) / 0.17) ** 2)
     turn = np.array([[np.cos(0.4), -np.sin(0.4), 0.0], [np.sin(0.4), np.cos(0.4), 0.0],
                      [0.0, 0.0, 1.0]])
@@ -83,7 +83,7 @@ def _on_normalised_time(taught: Any, period: float) -> Data:
 
 
 def _beginning(arm: Any) -> np.ndarray:
-    """Joint positions with the can where the hand takes it: led there without disturbance."""
+    """Joint positions with the can at its start: guided there without disturbance."""
     from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
     arm.reset()
     still = GuidingHand(lambda _: intention(0.0), lambda _: np.diag([400.0] * 3), 60.0, tremor=0.0)
@@ -168,7 +168,7 @@ def tracking(data: Data) -> tuple[np.ndarray, np.ndarray]:
 
 
 def verdict(data: Data) -> Verdict:
-    """Tracking, the lip and the water, contacts, and the stiffness against the hand's own."""
+    """Tracking, depth of the lip, contacts, and the stiffness beside that of the hand."""
     from gdmp_ros.sim.scenes import WATER_LINE
     away, turned = tracking(data)
     profile = data['mean'][:, 7:].reshape(-1, 3, 3)
@@ -189,8 +189,8 @@ def verdict(data: Data) -> Verdict:
              and under[-1] < 0.0 and np.mean(hold) < 0.15
              and measured['contacts_with_the_tray'] == 0)
     return Verdict(bool(holds), measured, (
-        'Because the hand is simulated, the stiffness it holds the can with is known: the last '
-        'but one figure is the mean geodesic distance of the estimate from it.'))
+        'The hand is simulated, so its stiffness is known: the last but one figure is the mean '
+        'geodesic distance of the estimate from it.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

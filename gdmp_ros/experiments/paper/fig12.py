@@ -1,4 +1,4 @@
-"""A Panda enters three boxes after one demonstration, manipulability kept in its null space."""
+"""A Panda enters three boxes after one demonstration; manipulability in the null space."""
 from __future__ import annotations
 
 from typing import Any
@@ -25,24 +25,24 @@ CLAIM = ('On R³ × SPD(3), one demonstration of entering box 1 is enough to ent
 SOURCE = '[GDMP] Fig. 12, section 5.6.2, eq. (37)'
 SPACE = Product(Euclidean(3), SymmetricPositiveDefinite(3),
                 names=('position', 'manipulability'))
-#: Middles of the boxes, half of their openings, and height [m]; where the tool goes in them.
+#: Centres of the boxes, half of their openings, height [m]; end of the tool in them.
 MIDDLES = ((0.58, 0.0), (0.47, 0.36), (0.60, -0.34))
 HALF, HEIGHT, INSIDE = (0.15, 0.15), 0.16, 0.10
-#: Course of the tool in the demonstration [m] over progress; it ends in box 1.
+#: Path of the tool in the demonstration [m] over progress; it ends in box 1.
 AT = (0.0, 0.3, 0.6, 1.0)
 COURSE = np.array([[0.31, 0.0, 0.49], [0.45, 0.0, 0.44], [0.58, 0.0, 0.30], [0.58, 0.0, INSIDE]])
-#: The other hand leads the elbow aside by turning joint 3 so far [rad].
+#: The other hand guides the elbow aside by this angle of joint 3 [rad].
 ELBOW_RAD = 0.7
 DURATION, SWITCH, END = 6.0, 0.2, 1.3
 STIFFNESS = 600.0 * np.eye(3)
 ALPHA, NULL_DAMPING = 100.0, 3.0
-#: How deep below the rim counts as inside [m].
+#: Smallest depth below the rim that counts as inside [m].
 DEEP = 0.04
 _COURSE = PchipInterpolator(AT, COURSE)
 
 
 def scene() -> Any:
-    """The Panda before its boxes."""
+    """The Panda with its boxes."""
     from gdmp_ros.sim.scenes import Box, boxes
     return boxes([Box(middle, HALF, HEIGHT) for middle in MIDDLES])
 
@@ -55,7 +55,7 @@ def _aside(progress: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 
 
 def guide(box: int, seed: int) -> Any:
-    """Lead the arm into a box by hand, the elbow aside; what was recorded."""
+    """Guide the arm into a box by hand, the elbow aside; returns the recording."""
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.teaching import demonstrate, GuidingHand, Timing
     down = np.array([0.0, 0.92387953, -0.38268343, 0.0])
@@ -87,12 +87,12 @@ def at_postures(joints: np.ndarray) -> np.ndarray:
 
 
 def goal(taught: Any) -> np.ndarray:
-    """Position and manipulability of an arm that was led into a box."""
+    """Position and manipulability of an arm that was guided into a box."""
     return np.asarray(at_postures(taught.joints[-1:])[0])
 
 
 def learn(taught: Any) -> Demonstration:
-    """Position and manipulability from the joints that were recorded."""
+    """Position and manipulability at the recorded joint positions."""
     from gdmp_ros.sim.teaching import REST_S
     inside = (taught.times >= REST_S) & (taught.times <= taught.times[-1] - REST_S)
     times, points = taught.times[inside][::10], at_postures(taught.joints[inside][::10])
@@ -100,7 +100,7 @@ def learn(taught: Any) -> Demonstration:
 
 
 def enter(skill: Skill, new_goal: np.ndarray | None, alpha: float) -> Data:
-    """Go into a box; reference and arm at every tick, and contacts with walls."""
+    """Enter a box; reference and arm at every tick, and contacts with walls."""
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.closed_loop import PositionLoop
     from gdmp_ros.sim.scenes import contact_count
@@ -152,13 +152,13 @@ def run(settings: Settings) -> Data:
 
 
 def distances(data: Data, name: str) -> np.ndarray:
-    """Geodesic distance between wanted and actual manipulability, every 25 ms."""
+    """Geodesic distance between reference and measured manipulability, every 25 ms."""
     return spd_distances(*(data[f'{name}_{key}'][::25, 3:].reshape(-1, 3, 3)
                            for key in ('wanted', 'measured')))
 
 
 def inside(position: np.ndarray, box: int) -> bool:
-    """Whether a tool stands in a box, well below its rim."""
+    """Whether a tool is inside a box, below its rim."""
     across = np.abs(position[:2] - MIDDLES[box - 1])
     return bool((across < HALF).all() and position[2] < HEIGHT - DEEP)
 
@@ -187,11 +187,11 @@ def verdict(data: Data) -> Verdict:
     holds = (max(away) <= 0.01 and all(entered) and sum(contacts) == 0
              and figures['below_by'] >= 0.3)
     return Verdict(bool(holds), figures, (
-        'The goals for boxes 2 and 3 are what an arm placed there by hand shows: its position '
-        'and, unlike in the paper, its manipulability too. With the manipulability of box 1 as '
-        'the goal everywhere, the ellipsoid would have to stay while the arm turns about its '
-        'base: the arm contorts itself, and touches walls: the last '
-        'figures say how often (contacts of boxes 2 and 3, summed over steps of 1 ms).'))
+        'The goals for boxes 2 and 3 are recorded with an arm that was placed there by hand: its '
+        'position and, unlike in the paper, its manipulability. With the manipulability of box 1 '
+        'as the goal everywhere, the ellipsoid would have to keep its orientation while the arm '
+        'rotates about its base. The null-space motion is then so large that the arm touches '
+        'walls: the last figures count these contacts (boxes 2 and 3, steps of 1 ms).'))
 
 
 def draw(data: Data) -> dict[str, Any]:

@@ -23,7 +23,7 @@ C_RAD = 1.25 * np.pi
 
 
 def n_shape() -> Demonstration:
-    """The handwritten “N” laid over the equator, 1 rad up and down from it."""
+    """The handwritten “N” mapped across the equator, 1 rad to both sides."""
     stroke = lasa.strokes('NShape')[0]
     base, right, up = np.eye(3)
     plane = stroke.positions - 0.5 * (stroke.positions.max(axis=0) + stroke.positions.min(axis=0))
@@ -33,7 +33,7 @@ def n_shape() -> Demonstration:
 
 
 def c_shape() -> Demonstration:
-    """Along a great circle, by minimum jerk, through the antipode of its end."""
+    """A minimum-jerk motion on a great circle, through the antipode of its end."""
     t = np.linspace(0.0, 1.0, 1000)
     angle = C_RAD * minimum_jerk(t)
     return Demonstration(DURATION * t, np.column_stack([np.cos(angle), np.sin(angle),
@@ -41,7 +41,7 @@ def c_shape() -> Demonstration:
 
 
 def run(settings: Settings) -> Data:
-    """Reproduce both; the second as published, with 60 and 200 functions, and split."""
+    """Reproduce both motions; the “C” as published with 60 and 200 functions, and split."""
     n, c = n_shape(), c_shape()
     learned = {'n': Skill.learn(n, connection='published', split=False),
                'n_split': Skill.learn(n),

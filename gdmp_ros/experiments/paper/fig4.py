@@ -1,4 +1,4 @@
-"""A unit quaternion goes to its goal, and to a new one that is set in mid-motion."""
+"""A unit quaternion trajectory, and a goal switch during the motion."""
 from __future__ import annotations
 
 from typing import Any
@@ -11,18 +11,18 @@ from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.view import plots
 
-CLAIM = ('A unit quaternion trajectory is reproduced; with a goal switched in mid-motion the '
+CLAIM = ('A unit quaternion trajectory is reproduced; after a goal switch during the motion the '
          'error to the new goal vanishes.')
 SOURCE = '[GDMP] Fig. 4, section 5.2'
 S3 = UnitQuaternion()
-#: As printed, scalar first; their norm is 1.00003, so they are normalised.
+#: As printed, scalar first; normalised, because their norm is 1.00003.
 START = S3.project(np.array([-0.0092, -0.7126, 0.7015, 0.0090]))
 GOAL = S3.project(np.array([0.8104, 0.3364, 0.2141, 0.4293]))
 NEW_GOAL = S3.project(np.array([0.7442, 0.5414, -0.0343, 0.3897]))
 DURATION, DT = 10.0, 0.01
-#: How far the motion leaves the geodesic, in half-angle [rad].
+#: Largest distance of the motion from the geodesic, half-angle [rad].
 LATERAL_RAD = 0.3
-#: When the goal is switched, in durations, and when the run ends.
+#: Time of the goal switch and of the end, in durations.
 SWITCH, END = 0.5, 1.6
 
 

@@ -1,4 +1,4 @@
-"""How the time of a step grows with the size of SPD matrices."""
+"""Growth of the time of a step with the size of SPD matrices."""
 from __future__ import annotations
 
 from typing import Any
@@ -10,8 +10,8 @@ from gdmp_ros.experiments.paper.experiment import Data, Settings, Verdict
 from gdmp_ros.util.terminal import progress
 from gdmp_ros.view import plots
 
-CLAIM = ('From SPD(2) to SPD(20), explicit parallel transport costs more and more; G-DMP, '
-         'with parallel frames at every size and as published from SPD(3) on, is cheaper.')
+CLAIM = ('From SPD(2) to SPD(20), G-DMP is cheaper than explicit parallel transport: with '
+         'parallel frames at every size, as published from SPD(3) on.')
 SOURCE = '[GDMP] Fig. 7, section 5.3'
 CURVES = {'parallel_us': 'G-DMP parallel', 'published_us': 'G-DMP published',
            'explicit_us': '[18], transport to the start', 'along_us': 'transport along the path'}
@@ -42,8 +42,8 @@ def verdict(data: Data) -> Verdict:
                 **growth, **{f'{name[:-3]}_m=2_us': data[name][0] for name in CURVES},
                 **{f'{name[:-3]}_m=20_us': data[name][-1] for name in CURVES}}
     return Verdict(bool(cheaper), measured, (
-        'A step of 1 ms of a skill of 5 s. All of them grow like a power of m, above m = 10 with '
-        'the exponents above: the paper writes “exponentially”.'))
+        'A step of 1 ms of a skill of 5 s. The times grow like a power of m, above m = 10 with '
+        'the exponents above; the paper writes “exponentially”.'))
 
 
 def draw(data: Data) -> dict[str, Any]:

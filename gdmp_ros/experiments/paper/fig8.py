@@ -1,4 +1,4 @@
-"""A planar arm with five joints follows the path and the manipulability of one with three."""
+"""A planar arm with five joints follows path and manipulability of an arm with three joints."""
 from __future__ import annotations
 
 from typing import Any
@@ -18,14 +18,14 @@ CLAIM = ('On R² × SPD(2), a “C” and its manipulability, shown by a planar 
 SOURCE = '[GDMP] Fig. 8, section 5.4, eqs. (35) to (38)'
 SPACE = Product(Euclidean(2), SymmetricPositiveDefinite(2),
                 names=('position', 'manipulability'))
-#: Links of the two arms, postures to begin with, height of the letter and where its middle is [m].
+#: Links of the two arms, their initial postures, height and centre of the letter [m].
 TEACHER, PUPIL = [0.35] * 3, [0.4, 0.3, 0.2, 0.2, 0.2]
 TEACHER_POSTURE, PUPIL_POSTURE = [-0.9, 1.3, 0.9], [-1.2, 1.4, 0.2, 1.6, -1.4]
 HEIGHT, CENTRE = 0.3, np.array([0.55, 0.0])
 STIFFNESS = 800.0 * np.eye(2)
 ALPHA, NULL_DAMPING = 600.0, 4.0
 SETTLE_S = 3.0
-#: Of the motors, wider than a real robot's [Nm per ms].
+#: Torque rate of the motors, larger than that of a real robot [Nm per ms].
 TORQUE_RATE = 20.0
 
 
@@ -38,7 +38,7 @@ def letter() -> Demonstration:
 
 
 def teach(path: Skill) -> tuple[np.ndarray, np.ndarray]:
-    """Let the arm with three joints write; its times [s] and points on R² × SPD(2)."""
+    """Write with the arm of three joints; its times [s] and points on R² × SPD(2)."""
     from gdmp_ros.sim.closed_loop import PositionLoop
     from gdmp_ros.sim.planar import planar_arm
     arm = planar_arm(TEACHER)
@@ -55,7 +55,7 @@ def teach(path: Skill) -> tuple[np.ndarray, np.ndarray]:
 
 
 def follow(skill: Skill, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-    """Let the arm with five joints follow; wanted and measured points, every tick."""
+    """Follow with the arm of five joints; reference and measured points, every tick."""
     from gdmp_ros.sim.closed_loop import PositionLoop
     from gdmp_ros.sim.planar import planar_arm
     arm, rollout = planar_arm(PUPIL), Rollout(skill)

@@ -1,4 +1,4 @@
-"""A mass is drawn along a path by a spring whose stiffness turns; its goal is switched."""
+"""A spring with a rotating stiffness pulls a mass along a path; its goal is switched."""
 from __future__ import annotations
 
 from typing import Any
@@ -13,21 +13,21 @@ from gdmp_ros.manifolds import Euclidean, Product, SymmetricPositiveDefinite
 from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.view import plots
 
-CLAIM = ('On R² × SPD(2), a turning stiffness profile draws a mass along its path; when the '
-         'stiffness goal is switched at mid-run, the profile bends to it and the spring force '
-         'does not jump.')
+CLAIM = ('On R² × SPD(2), a rotating stiffness profile pulls a mass along its path. After a '
+         'switch of the stiffness goal the profile converges to it, and the spring force does '
+         'not jump.')
 SOURCE = '[GDMP] Fig. 9, section 5.5'
 SPACE = Product(Euclidean(2), SymmetricPositiveDefinite(2), names=('position', 'stiffness'))
-#: As printed [N/m]. The end printed beside it (588.2443) is not this one turned by 90°.
+#: As printed [N/m]. The printed end (588.2443) is not this matrix rotated by 90°.
 START = np.array([[622.9934, 39.9577], [39.9577, 79.5444]])
 NEW_GOAL = np.diag([200.0, 200.0])
-#: Drawn mass [kg], size of the path [m], its duration and how long it runs [s], switch.
+#: Mass [kg], size of the path [m], its duration and the end of the run [s], switch.
 MASS, EXTENT, DURATION, END, SWITCH = 1.0, 0.4, 4.0, 7.0, 0.5
 PERIOD = 1e-3
 
 
 def shown() -> Demonstration:
-    """The handwritten “S” in space; the stiffness ``Rᵀ K R`` turns with it, by minimum jerk."""
+    """The handwritten “S”; the stiffness ``Rᵀ K R`` rotates by minimum jerk."""
     stroke = lasa.strokes('Sshape')[0]
     path = stroke.positions * EXTENT / np.ptp(stroke.positions, axis=0).max()
     t = np.linspace(0.0, 1.0, len(path))
@@ -39,7 +39,7 @@ def shown() -> Demonstration:
 
 
 def execute(skill: Skill, goal: np.ndarray | None) -> Data:
-    """Draw the mass; the reference, where the mass is, and the force of the spring [N]."""
+    """Pull the mass; reference, position of the mass, force of the spring [N]."""
     from gdmp_ros.sim.closed_loop import PositionLoop
     from gdmp_ros.sim.planar import point_mass
     arm, rollout = point_mass(MASS), Rollout(skill)
@@ -54,7 +54,7 @@ def execute(skill: Skill, goal: np.ndarray | None) -> Data:
         position, stiffness = SPACE.split(state.point)
         loop.gains = PositionGains(np.ascontiguousarray(stiffness), singularity=0.0,
                                    null_damping=0.0)
-        # No feed-forward: what draws the mass is the spring.
+        # No feed-forward: the spring alone pulls the mass.
         seen = loop.tick(PositionTarget(position, state.velocity[:2], np.zeros(2)))
         wanted.append(state.point.copy())
         measured.append(seen.position)
@@ -63,7 +63,7 @@ def execute(skill: Skill, goal: np.ndarray | None) -> Data:
 
 
 def run(settings: Settings) -> Data:
-    """Draw the mass without and with the switch."""
+    """Pull the mass without and with the switch."""
     demonstration = shown()
     skill = Skill.learn(demonstration)
     data: Data = {'shown_times': demonstration.times, 'shown': np.array(demonstration.points),
@@ -80,7 +80,7 @@ def goal_distances(points: np.ndarray, goal: np.ndarray) -> np.ndarray:
 
 
 def verdict(data: Data) -> Verdict:
-    """At both goals, on the cone, with a force that does not jump."""
+    """Both goals reached, inside the cone, without a jump of the force."""
     goal = data['shown'][-1, 2:].reshape(2, 2)
     to_goal = float(goal_distances(data['straight_wanted'][-1:], goal)[0])
     to_new = float(goal_distances(data['switched_wanted'][-1:], NEW_GOAL)[0])
