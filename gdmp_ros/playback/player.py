@@ -193,8 +193,7 @@ class Player:
             self._stop_phase(rollout)
         if self._copy_wanted:
             self._copy_wanted, self._copy = False, rollout.copy()
-        rollout.advance_to(dt, self._numbers)
-        self._playing.fill(self._numbers, target)
+        self._playing.advance(rollout, dt, self._numbers, target)
         if self._status is STOPPING:
             if rollout.speed == 0.0:
                 self._status, self._rollout = HOLDING, None

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.kernels import kernel
@@ -164,13 +166,24 @@ class ToolSkill:
                                 'translational stiffness only')
         return np.ascontiguousarray(full[:3, :3])
 
-    def fill(self, numbers: np.ndarray, target: np.ndarray) -> None:
+    def advance(self, rollout: Rollout, dt: float, numbers: np.ndarray, target: np.ndarray
+                ) -> None:
         """
-        Write a state as pose, twist, acceleration and 6×6 stiffness.
+        Let ``dt`` seconds pass; write the state as pose, twist, acceleration and 6×6 stiffness.
 
-        :param numbers: of the state (`gdmp_ros.dmp.State`)
+        :param rollout: of this skill
+        :param numbers: scratch memory, shape ``(rollout.state_size,)``
         """
-        _write_target(numbers, self._velocity, self._acceleration, self.stiffness_size, target)
+        numbers[0] = dt
+        _advance(rollout.memory, numbers, self._velocity, self._acceleration, self.stiffness_size,
+                 target)
+
+
+@kernel
+def _advance(memory, numbers, velocity, acceleration, stiffness_size, target):
+    """`Rollout.advance_to` and `_write_target` in one call: a call from Python takes 1 µs."""
+    advance(memory, numbers)
+    _write_target(numbers, velocity, acceleration, stiffness_size, target)
 
 
 @kernel

@@ -2,18 +2,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 import math
 import os
 import signal
 import sys
+import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import rclpy
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -21,7 +22,6 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.statistics import Punctuality
 from gdmp_ros.ros.polling import PolledGroup
 from gdmp_ros.util.compile_progress import compilation_reported
 from gdmp_ros.util.dds_network import default_environment
@@ -31,6 +31,8 @@ from gdmp_ros.util.processes import stop_event
 DEEP = 2000
 #: History of /clock: each message is a tick.
 CLOCK_DEPTH = 200
+#: Time between two reports [s].
+REPORT_S = 0.1
 
 
 def reliable(depth: int) -> QoSProfile:
@@ -53,6 +55,7 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str, namespace: str = ''):
         self._owned: list[tuple[Callable[[Any], Any], Any]] = []
+        self._reports: list[Callable[[], None]] = []
         super().__init__(name, namespace=namespace or None)
 
     def configure(self) -> None:
@@ -81,12 +84,16 @@ class ManagedNode(LifecycleNode):
         return made
 
     def add_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None] | None,
-                         depth: int = 1) -> Any:
-        """Reliable subscription; without a callback it is polled (`gdmp_ros.ros.polling`)."""
+                         depth: int = 1, raw: bool = False) -> Any:
+        """
+        Reliable subscription; without a callback it is polled (`gdmp_ros.ros.polling`).
+
+        :param raw: receive serialised messages
+        """
         made = self.create_subscription(
             kind, topic, callback or (lambda _: None), reliable(depth),
             callback_group=None if callback else PolledGroup(),
-            qos_overriding_options=OVERRIDABLE())
+            qos_overriding_options=OVERRIDABLE(), raw=raw)
         self._owned.append((self.destroy_subscription, made))
         return made
 
@@ -108,11 +115,17 @@ class ManagedNode(LifecycleNode):
         return made
 
     def add_report(self, callback: Callable[[], None]) -> None:
-        """Call ``callback`` ten times a second."""
-        self._owned.append((self.destroy_timer, self.wall_timer(0.1, callback)))
+        """Call ``callback`` ten times a second (by `run`), until `release`."""
+        self._reports.append(callback)
+
+    def report(self) -> None:
+        """Call what `add_report` added."""
+        for callback in tuple(self._reports):
+            callback()
 
     def release(self) -> None:
         """Destroy everything that was added."""
+        self._reports.clear()
         for destroy, entity in self._owned:
             destroy(entity)
         self._owned.clear()
@@ -195,25 +208,33 @@ class ManagedNode(LifecycleNode):
                 '(or realtime_priority is 0); expect late ticks under load')
 
 
-def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctuality,
-                         extra: dict[str, object], stamp: Any) -> DiagnosticArray:
-    """/diagnostics message of a node with a loop."""
-    values = {'rate [Hz]': f'{figures.rate_hz:.1f}', 'ticks': figures.ticks,
-              'missed ticks': figures.missed, 'lateness p50 [us]': f'{figures.p50_us:.0f}',
-              'lateness p99 [us]': f'{figures.p99_us:.0f}',
-              'lateness max [us]': f'{figures.max_us:.0f}', **extra}
-    status = DiagnosticStatus(level=level, name=f'{node}: stream', message=message,
-                              hardware_id='gdmp_ros')
-    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    result = DiagnosticArray(status=[status])
-    result.header.stamp = stamp
-    return result
+def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode],
+          stop: threading.Event) -> None:
+    """
+    Execute callbacks and reports until ``stop``.
+
+    Reports have no timers: a timer makes the executor wait twice, which takes longer than most
+    reports.
+    """
+    due = time.monotonic()
+    # One object: with another timeout the executor would resume all coroutines without waiting.
+    timeout = TimeoutObject(REPORT_S)
+    spin_once = partial(executor.spin_once, timeout_sec=timeout)
+    while rclpy.ok() and not stop.is_set():
+        left = due - time.monotonic()
+        if left > 0.0:
+            timeout.timeout = left
+            _attempt(nodes[0], spin_once)
+            continue
+        due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
+        for node in nodes:
+            _attempt(node, node.report)
 
 
-def _spin(executor: SingleThreadedExecutor, node: ManagedNode) -> None:
-    """Spin once; an exception in a callback does not end the node."""
+def _attempt(node: ManagedNode, action: Callable[[], None]) -> None:
+    """Run callbacks; an exception does not end the node."""
     try:
-        executor.spin_once(timeout_sec=0.2)
+        action()
     except ExternalShutdownException:
         raise
     except Exception as error:  # rclpy itself fails too, for example on a negative /clock
@@ -252,8 +273,7 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         for node in nodes:
             if node.get_parameter('autostart').value:
                 node.autostart()
-        while rclpy.ok() and not stop.is_set():
-            _spin(executor, nodes[0])
+        _spin(executor, nodes, stop)
     except ExternalShutdownException:
         pass
     finally:

@@ -7,15 +7,17 @@ takes 2 µs. Their positions are found by serialising a message with known marks
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 import struct
 from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gdmp_msgs.msg import Reference, RobotState
 from geometry_msgs.msg import Pose, PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from gdmp_ros.control.controller import Tick
@@ -23,6 +25,7 @@ from gdmp_ros.control.guard import QUATERNION_TOLERANCE
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
 from gdmp_ros.errors import ManifoldError
+from gdmp_ros.realtime.statistics import Punctuality
 
 NS = 1_000_000_000
 #: Serialised data; the name ``bytes`` is a method below.
@@ -143,6 +146,54 @@ def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
                             f'{QUATERNION_TOLERANCE:g}')
     numbers[3:] /= norm
     return numbers
+
+
+def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctuality,
+                         extra: dict[str, object], stamp: Any) -> DiagnosticArray:
+    """/diagnostics message of a node with a loop."""
+    values = {'rate [Hz]': f'{figures.rate_hz:.1f}', 'ticks': figures.ticks,
+              'missed ticks': figures.missed, 'lateness p50 [us]': f'{figures.p50_us:.0f}',
+              'lateness p99 [us]': f'{figures.p99_us:.0f}',
+              'lateness max [us]': f'{figures.max_us:.0f}', **extra}
+    status = DiagnosticStatus(level=level, name=f'{node}: stream', message=message,
+                              hardware_id='gdmp_ros')
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    result = DiagnosticArray(status=[status])
+    result.header.stamp = stamp
+    return result
+
+
+class PoseReader:
+    """
+    Reads serialised PoseStamped messages of one frame.
+
+    It takes a tenth of the time of `checked_pose` with deserialisation.
+    """
+
+    def __init__(self, frame: str):
+        """:param frame: ``frame_id`` that the poses must have"""
+        self._frame = frame
+        message = PoseStamped()
+        message.header.frame_id = frame
+        data = serialize_message(message)
+        self._numbers = len(data) - 7 * 8
+        # Encapsulation; behind the stamp the string of the frame.
+        self._begin, self._string = data[:_HEADER], data[_HEADER + 8:_HEADER + 12 + len(frame)]
+
+    def read(self, data: Buffer) -> np.ndarray:
+        """
+        (x, y, z, qw, qx, qy, qz), normalised.
+
+        :raises ManifoldError: as `checked_pose`
+        """
+        if (data[:_HEADER] == self._begin
+                and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
+            x, y, z, qx, qy, qz, qw = struct.unpack_from('<7d', data, self._numbers)
+            norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+            if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+                return np.array([x, y, z, qw / norm, qx / norm, qy / norm, qz / norm])
+        # Names the reason.
+        return checked_pose(deserialize_message(data, PoseStamped), self._frame)
 
 
 class SerializedTemplate:

@@ -15,30 +15,30 @@ from gdmp_ros.ros.messages import (
     SerializedTemplate,
 )
 
-#: Interval of the check for subscribers, in messages.
-CHECK_EVERY = 10
+#: Ticks between two checks for subscribers.
+CHECK_EVERY = 20
 
 
 class Stream:
     """
     Messages that differ in numbers, stamp and sequence number only.
 
-    Without subscribers no message is made; the topics are volatile.
+    :ivar has_subscribers: result of the last `check`; without subscribers nothing need be
+        published, because the topics are volatile
     """
 
     def __init__(self, publisher: Any, template: SerializedTemplate):
         self._publisher, self._template = publisher, template
-        self._has_subscribers = False
-        self._until_check = 0
+        self.has_subscribers = False
+
+    def check(self) -> None:
+        """Look for subscribers."""
+        self.has_subscribers = self._publisher.get_subscription_count() > 0
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> None:
-        """Publish, if there are subscribers."""
-        if self._until_check == 0:
-            self._until_check = CHECK_EVERY
-            self._has_subscribers = self._publisher.get_subscription_count() > 0
-        self._until_check -= 1
-        if self._has_subscribers:
-            self._publisher.publish(self._template.bytes(numbers, stamp_ns, sequence))
+        """Publish; only useful if it `has_subscribers`."""
+        # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
+        self._publisher.handle.publish_raw(self._template.bytes(numbers, stamp_ns, sequence))
 
 
 def pose_stream(node: ManagedNode, topic: str, frame: str) -> Stream:

@@ -295,8 +295,9 @@ def topic_goal_stiffness() -> Entrance:
 def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
     from geometry_msgs.msg import PoseStamped
-    return _message(PoseStamped, [_pose()], 'server',
-                    lambda server, message: server.take_measured(message))
+    from rclpy.serialization import serialize_message
+    return _message(PoseStamped, [_pose()], 'server', lambda server, message:
+                    server.take_measured(serialize_message(message)))
 
 
 def topic_clock() -> Entrance:

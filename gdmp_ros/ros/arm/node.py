@@ -23,12 +23,12 @@ from gdmp_ros.ros.arm.simulation import MAX_REFERENCES, Simulation
 from gdmp_ros.ros.lifecycle import (
     CLOCK_DEPTH,
     DEEP,
-    lateness_diagnostics,
     ManagedNode,
     run,
 )
 from gdmp_ros.ros.messages import (
     fill_robot_state,
+    lateness_diagnostics,
     NS,
     ROBOT_STATE_FIXED,
     robot_state_numbers,
@@ -36,7 +36,7 @@ from gdmp_ros.ros.messages import (
     stamp_of,
 )
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream
+from gdmp_ros.ros.streams import CHECK_EVERY, pose_stream, stiffness_stream, Stream
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.urdf import urdf
@@ -154,12 +154,19 @@ class PandaSim(ManagedNode):
 
     def _publish(self, tick: Tick, stamp_ns: int) -> None:
         measured = tick.measurement
-        self._state.publish(robot_state_numbers(tick), stamp_ns, self.simulation.sequence)
         self._ticks += 1
+        if self._ticks % CHECK_EVERY == 0:
+            for stream in (self._state, self._pose, self._stiffness, self._requested):
+                stream.check()
+        if self._state.has_subscribers:
+            self._state.publish(robot_state_numbers(tick), stamp_ns, self.simulation.sequence)
         if self._ticks % self._every == 0:
-            self._pose.publish(measured.pose, stamp_ns)
-            self._stiffness.publish(tick.stiffness)
-            self._requested.publish(tick.requested)
+            if self._pose.has_subscribers:
+                self._pose.publish(measured.pose, stamp_ns)
+            if self._stiffness.has_subscribers:
+                self._stiffness.publish(tick.stiffness)
+            if self._requested.has_subscribers:
+                self._requested.publish(tick.requested)
             self._joint_message.header.stamp = stamp_of(stamp_ns)
             self._joint_message.position = measured.position.tolist()
             self._joint_message.velocity = measured.velocity.tolist()

@@ -22,7 +22,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode, own_arguments, run
-from gdmp_ros.ros.messages import checked_pose
+from gdmp_ros.ros.messages import checked_pose, PoseReader
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import take_latest
 from gdmp_ros.ros.server.execute_action import ExecuteAction
@@ -131,7 +131,6 @@ class TrajectoryServer(ManagedNode):
         self._ticks += 1
         if self._ticks % POLL_EVERY == 0:
             self._poll(self._measurements, self.take_measured)
-        elif self._ticks % POLL_EVERY == POLL_EVERY // 2:
             self._poll(self._goal_poses, self.take_goal_pose)
             self._poll(self._goal_matrices, self.take_goal_stiffness)
         target = self.streamer.tick(now_ns, longest_s)
@@ -141,8 +140,9 @@ class TrajectoryServer(ManagedNode):
     # Interfaces
 
     def _add_inputs(self) -> None:
-        self._measurements = self.add_subscription(PoseStamped,
-                                                   self.parameters.measured_pose_topic, None)
+        self._measured = PoseReader(self.parameters.frame_id)
+        self._measurements = self.add_subscription(
+            PoseStamped, self.parameters.measured_pose_topic, None, raw=True)
         self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None)
         self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
         if self.get_parameter('use_sim_time').value:
@@ -206,9 +206,9 @@ class TrajectoryServer(ManagedNode):
     def _checked(self, message: PoseStamped) -> np.ndarray:
         return checked_pose(message, self.parameters.frame_id)
 
-    def take_measured(self, message: PoseStamped) -> None:
-        """Use a measured pose, or refuse it."""
-        self._guarded('measured_pose', lambda: self.streamer.observe(self._checked(message)))
+    def take_measured(self, data: bytes) -> None:
+        """Use a measured pose (serialised), or refuse it."""
+        self._guarded('measured_pose', lambda: self.streamer.observe(self._measured.read(data)))
 
     def take_goal_pose(self, message: PoseStamped) -> None:
         """Switch the pose goal, or refuse it."""

@@ -9,7 +9,7 @@ import numpy as np
 from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
 from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
-from gdmp_ros.ros.streams import pose_stream, stiffness_stream, Stream
+from gdmp_ros.ros.streams import CHECK_EVERY, pose_stream, stiffness_stream, Stream
 
 
 class ReferencePublisher:
@@ -33,6 +33,12 @@ class ReferencePublisher:
         :param target: `TARGET_SIZE` numbers
         """
         self._sequence += 1
-        self._whole.publish(target, stamp_ns, self._sequence)
-        self._pose.publish(target[POSE:POSE + 7], stamp_ns)
-        self._stiffness.publish(target[STIFFNESS:STIFFNESS + 36])
+        if self._sequence % CHECK_EVERY == 0:
+            for stream in (self._whole, self._pose, self._stiffness):
+                stream.check()
+        if self._whole.has_subscribers:
+            self._whole.publish(target, stamp_ns, self._sequence)
+        if self._pose.has_subscribers:
+            self._pose.publish(target[POSE:POSE + 7], stamp_ns)
+        if self._stiffness.has_subscribers:
+            self._stiffness.publish(target[STIFFNESS:STIFFNESS + 36])

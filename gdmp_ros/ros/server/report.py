@@ -12,8 +12,8 @@ from gdmp_ros.playback.prediction import predicted_poses
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.statistics import Punctuality
-from gdmp_ros.ros.lifecycle import lateness_diagnostics, ManagedNode
-from gdmp_ros.ros.messages import path_message, set_pose
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose
 
 #: Poses of a predicted path in one duration of the motion.
 PLAN_POSES = 40
