@@ -32,13 +32,19 @@ class Stream:
         self.has_subscribers = False
 
     def check(self) -> None:
-        """Look for subscribers."""
+        """Find out whether there are subscribers."""
         self.has_subscribers = self._publisher.get_subscription_count() > 0
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> None:
         """Publish; only useful if it `has_subscribers`."""
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
         self._publisher.handle.publish_raw(self._template.bytes(numbers, stamp_ns, sequence))
+
+
+def check_subscribers(*streams: Stream) -> None:
+    """`Stream.check` of several streams."""
+    for stream in streams:
+        stream.check()
 
 
 def pose_stream(node: ManagedNode, topic: str, frame: str) -> Stream:

@@ -4,39 +4,32 @@ from __future__ import annotations
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import Reference, RobotState
+from gdmp_msgs.msg import Reference
 from gdmp_msgs.srv import StepSimulation
 from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.parameters import controller_settings, hand_settings, SPECS
 from gdmp_ros.ros.arm.simulation import MAX_REFERENCES, Simulation
+from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import (
     CLOCK_DEPTH,
-    DEEP,
     ManagedNode,
     run,
 )
 from gdmp_ros.ros.messages import (
-    fill_robot_state,
     lateness_diagnostics,
     NS,
-    ROBOT_STATE_FIXED,
-    robot_state_numbers,
-    SerializedTemplate,
     stamp_of,
 )
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.streams import CHECK_EVERY, pose_stream, stiffness_stream, Stream
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.urdf import urdf
@@ -75,7 +68,6 @@ class PandaSim(ManagedNode):
             loop, p.frame_id,
             self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
             self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
-        self._every = max(1, round(1.0 / (p.viewer_rate_hz * loop.arm.period)))
         self._add_publishers()
         self._add_services()
         p.check = controller_settings
@@ -149,48 +141,21 @@ class PandaSim(ManagedNode):
         """Make a tick and publish it; False while paused."""
         tick = self.simulation.advance(stamp_ns)
         if tick is not None:
-            self._publish(tick, stamp_ns)
+            self._ticks += 1
+            self._state.publish(tick, stamp_ns, self.simulation.sequence)
         return tick is not None
-
-    def _publish(self, tick: Tick, stamp_ns: int) -> None:
-        measured = tick.measurement
-        self._ticks += 1
-        if self._ticks % CHECK_EVERY == 0:
-            for stream in (self._state, self._pose, self._stiffness, self._requested):
-                stream.check()
-        if self._state.has_subscribers:
-            self._state.publish(robot_state_numbers(tick), stamp_ns, self.simulation.sequence)
-        if self._ticks % self._every == 0:
-            if self._pose.has_subscribers:
-                self._pose.publish(measured.pose, stamp_ns)
-            if self._stiffness.has_subscribers:
-                self._stiffness.publish(tick.stiffness)
-            if self._requested.has_subscribers:
-                self._requested.publish(tick.requested)
-            self._joint_message.header.stamp = stamp_of(stamp_ns)
-            self._joint_message.position = measured.position.tolist()
-            self._joint_message.velocity = measured.velocity.tolist()
-            self._joint_message.effort = tick.torque.tolist()
-            self._joints.publish(self._joint_message)
 
     # Interfaces
 
     def _add_publishers(self) -> None:
         frame, names = self.parameters.frame_id, self.simulation.loop.arm.names
-        self._joints = self.add_publisher(JointState, 'joint_states', 10)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._describe()
         if self.parameters.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
-        state = RobotState()
-        state.header.frame_id = frame
-        self._state = Stream(
-            self.add_publisher(RobotState, '~/state', DEEP),
-            SerializedTemplate(state, ROBOT_STATE_FIXED + 3 * len(names), fill_robot_state))
-        self._pose = pose_stream(self, '~/measured_pose', frame)
-        self._stiffness = stiffness_stream(self, '~/applied_stiffness')
-        self._requested = stiffness_stream(self, '~/requested_stiffness')
-        self._joint_message = JointState(name=names)
+        period = self.simulation.loop.arm.period
+        self._state = StatePublisher(
+            self, frame, names, max(1, round(1.0 / (self.parameters.viewer_rate_hz * period))))
 
     def _describe(self) -> None:
         """Publish the URDF for RViz and robot_state_publisher."""

@@ -9,7 +9,13 @@ import numpy as np
 from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
 from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
-from gdmp_ros.ros.streams import CHECK_EVERY, pose_stream, stiffness_stream, Stream
+from gdmp_ros.ros.streams import (
+    CHECK_EVERY,
+    check_subscribers,
+    pose_stream,
+    stiffness_stream,
+    Stream,
+)
 
 
 class ReferencePublisher:
@@ -25,6 +31,7 @@ class ReferencePublisher:
         self._stiffness = stiffness_stream(node, '~/reference_stiffness')
         # A random start: a subscriber can distinguish the numbers of two publishers.
         self._sequence = secrets.randbelow(1 << 31) << 30
+        self._ticks = 0
 
     def publish(self, target: np.ndarray, stamp_ns: int) -> None:
         """
@@ -32,10 +39,10 @@ class ReferencePublisher:
 
         :param target: `TARGET_SIZE` numbers
         """
+        if self._ticks % CHECK_EVERY == 0:
+            check_subscribers(self._whole, self._pose, self._stiffness)
+        self._ticks += 1
         self._sequence += 1
-        if self._sequence % CHECK_EVERY == 0:
-            for stream in (self._whole, self._pose, self._stiffness):
-                stream.check()
         if self._whole.has_subscribers:
             self._whole.publish(target, stamp_ns, self._sequence)
         if self._pose.has_subscribers:
