@@ -91,7 +91,7 @@ def draw(data: Data) -> dict[str, Any]:
     figure, axes = plots.panels(1, 3, (4.4, 4.6), spatial=True)
     for panel, shown, ours, title in zip(
             axes[0], ('n_shown', 'c_shown', 'c_shown'), ('n', 'c_published', 'c_split'),
-            ('(a) no antipode', '(b) through the antipode, published', '(b) split into segments')):
+            ('(a) no antipode', '(b) through the antipode, published', '(c) split into segments')):
         plots.sphere(panel)
         goal = data[shown][-1]
         panel.plot(*data[shown].T, '--', color='black', lw=2.2, label='demonstration')

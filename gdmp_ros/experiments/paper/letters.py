@@ -81,10 +81,11 @@ def verdict(data: Data) -> Verdict:
         f'{len(found)} of 26 letters were found. The verdict compares the means with the smallest '
         'means that 60 basis functions can reach: least squares of the positions on the unrolled '
         f'curve. A failure is an error of more than {FAILED:g} of the span. Single strokes on S² '
-        'and S³ have errors of up to 15 times their best. They write for a long time more than '
-        'π/2 away from the goal. There the spring towards the goal pushes sideways (r cot r < 0), '
-        'and deviations of the regression grow. A motion is split only 1.1 rad before the cut '
-        'locus; split from π/2 on, the errors of these strokes are within 1.3 times their best.'))
+        'and S³ have errors of many times their best. They stay for a long time between π/2 and '
+        '2.04 rad from the goal. There the spring towards the goal pushes sideways '
+        '(r cot r < 0), and deviations of the regression grow. A motion is split only 1.1 rad '
+        'before the cut locus. Split from π/2 on, the 40 worst strokes have a median of 1.2 '
+        'times their best error.'))
 
 
 def draw(data: Data) -> dict[str, Any]:
