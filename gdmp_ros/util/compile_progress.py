@@ -39,7 +39,7 @@ class _Reporter:
         self._report = report
         self._names: list[str] = []
         self._compiled = 0
-        self._begun = self._spent = 0.0
+        self._first = self._begun = self._spent = 0.0
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -49,6 +49,7 @@ class _Reporter:
             self._begun = time.monotonic()
         self._names.append(name)
         if self._thread is None:
+            self._first = self._begun
             self._report('compiling the kernels, once: this takes up to a minute')
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
@@ -72,4 +73,4 @@ class _Reporter:
             names = self._names[-1:]
             if names:
                 self._report(f'compiling the kernels: {names[0]}, {self._compiled} done '
-                             f'({time.monotonic() - self._begun:.0f} s)')
+                             f'({time.monotonic() - self._first:.0f} s)')
