@@ -59,6 +59,28 @@ def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
     assert unknown.returncode == 2 and 'see gdmp --help' in unknown.stderr
 
 
+def test_warm_up_compiles_what_the_verbs_and_nodes_need():
+    assert gdmp('warm-up').returncode == 0
+    again = gdmp('warm-up')
+    assert again.returncode == 0 and 'the kernels are compiled: ' in again.stdout
+    assert 'compiling' not in again.stderr
+    needed = """
+import numpy as np
+from gdmp_ros.kernels import on_compile
+from gdmp_ros.data import gallery
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.execution import execution_ticks
+names = []
+with on_compile(names.append, lambda: None):
+    ticks = execution_ticks(gallery.learned('polish'), ClosedLoop(Arm()))
+    for _ in range(3):
+        next(ticks)
+assert not names, names
+"""
+    subprocess.run([sys.executable, '-c', needed], check=True)
+
+
 @pytest.mark.parametrize('delay', [0.05, 0.3])
 def test_ctrl_c_during_start_up_is_no_traceback(delay, tmp_path):
     process = subprocess.Popen([*GDMP, 'gallery', '-o', str(tmp_path / 'gallery')],
