@@ -83,8 +83,10 @@ assert not names, names
 
 @pytest.mark.parametrize('delay', [0.05, 0.3])
 def test_ctrl_c_during_start_up_is_no_traceback(delay, tmp_path):
+    # A shell starts background jobs, and so perhaps this test, without SIGINT.
     process = subprocess.Popen([*GDMP, 'gallery', '-o', str(tmp_path / 'gallery')],
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)

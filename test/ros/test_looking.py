@@ -37,8 +37,10 @@ def topics(tmp_path_factory):
         nodes.wait('the server', lambda: nodes.client.state is not None, 120.0)
         nodes.wait('the visualizer', lambda: '/visualizer/markers' in dict(
             nodes.node.get_topic_names_and_types()), 60.0)
+        # Names are discovered later than topics.
+        nodes.wait('the names of all nodes',
+                   lambda: set(names) <= set(nodes.node.get_node_names()), 60.0)
         found = dict(nodes.node.get_topic_names_and_types())
-        assert set(names) <= set(nodes.node.get_node_names())
         nodes.children.stop('composed', timeout=20.0)
     return {name: kinds[0] for name, kinds in found.items()}
 
