@@ -1,7 +1,7 @@
 """Make a film of a recorded run, or of a skill that the simulated arm executes.
 
-The path of the tool is drawn as beads. Without a screen the pictures are drawn by EGL or OSMesa
-(Debian: libegl1 or libosmesa6).
+The path of the tool is drawn as a line of small spheres. Without a screen, EGL or OSMesa draws the
+pictures (Debian: libegl1 or libosmesa6).
 
 examples:
   gdmp film out/demo/run -o run.mp4
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 SUFFIXES = ('.mp4', '.webp')
-#: Largest number of beads of the path.
-_BEADS = 150
+#: Largest number of spheres along the path.
+_SPHERES = 150
 
 
 class _Motion(NamedTuple):
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
     shown = joints[np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)]
     still = options.output.suffix == '.png'
     missing = render_to(options.output, shown[-1] if still else shown,
-                        path[::max(1, len(path) // _BEADS)], options.model, 1.0 / options.fps)
+                        path[::max(1, len(path) // _SPHERES)], options.model, 1.0 / options.fps)
     if missing is not None:
         raise GdmpError(missing)
     print(f'wrote {options.output}: {1 if still else len(shown)} pictures')

@@ -129,6 +129,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        place = f'{error.filename}: ' if error.filename else ''
+        print(f'error: {place}{error.strerror or error}', file=sys.stderr)
+        return 1
 
 
 if __name__ == '__main__':

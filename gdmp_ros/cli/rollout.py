@@ -95,5 +95,8 @@ def _write(rollout: Rollout, goal: np.ndarray | None, options: argparse.Namespac
             rollout.retarget(goal)
             goal = None
         state = rollout.advance(options.dt)
+    if goal is not None:
+        print(f'note: the motion ended before the goal switch at {options.switch_at:g} s',
+              file=sys.stderr)
     for flag in sorted(rollout.flags):
         print(f'note: {flag}', file=sys.stderr)

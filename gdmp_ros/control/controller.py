@@ -55,7 +55,7 @@ class Tick(NamedTuple):
 
 
 class ImpedanceController:
-    """Follows references with an arm; knows neither ROS nor a simulator."""
+    """Impedance control of an arm that follows references; without ROS and simulator."""
 
     guard: ReferenceGuard
     tank: EnergyTank

@@ -69,7 +69,7 @@ def _change_stiffness(old, wanted, error, largest, budget, violation):
             along += modes[6 * k + i] * error[i]
         cost[k] = 0.5 * (values[k] - 1.0) * along * along
         released -= min(cost[k], 0.0)
-    # An equal part for each mode: modes that store no energy do not wait for those that do.
+    # An equal part for each mode: modes that need no energy are not limited by the others.
     part = max(budget + released, 0.0) / 6.0
     for k in range(6):
         if cost[k] > part:

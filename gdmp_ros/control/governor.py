@@ -136,7 +136,7 @@ def _slow_down(velocity, jacobian, inertia, limits, violation):
 
 @kernel
 def _feed_forward(reference, mean, target, first, limit, margin):
-    """Write the acceleration to feed forward: the target's, as far as the motion confirms it."""
+    """Write the feed-forward: the target's acceleration, near the mean of the reference's."""
     deviation = np.empty(3)
     for i in range(3):
         deviation[i] = target[ACCELERATION + first + i] - mean[first + i]
@@ -158,7 +158,7 @@ def _is_limited(violation):
 
 @kernel
 def _wanted_velocity(reference, target, limits, dt, velocity, violation):
-    """Velocity of the target, and what closes the lag behind it; both without limits."""
+    """Velocity of the target plus that which reduces the lag, before the speed limits."""
     lag = np.empty(6)
     for i in range(6):
         velocity[i] = target[TWIST + i] - 0.5 * dt * target[ACCELERATION + i]

@@ -175,7 +175,7 @@ def _add_feed_forward(target, friction, jacobian, solved, task_inertia, torque):
     Add ``Jᵀ Λ ẍ_d`` and the friction at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
 
     Friction is compensated at the velocity of the reference, not at the measured one, so that no
-    energy is added to a motion that somebody else causes.
+    energy is added to a motion that an external force causes.
     """
     for j in range(6):
         force, impulse = 0.0, 0.0

@@ -111,7 +111,7 @@ def lost(run: Run) -> int:
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
-    """The collector would visit tens of thousands of messages again and again."""
+    """Disable the garbage collector: it would traverse tens of thousands of messages."""
     was = gc.isenabled()
     gc.disable()
     try:

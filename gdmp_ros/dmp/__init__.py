@@ -1,4 +1,4 @@
-"""Movement primitives: a skill, its execution, goals, tempo. Knows manifolds, nothing else."""
+"""Movement primitives: a skill, its execution, goals, tempo; without ROS and simulator."""
 from gdmp_ros.dmp.batch import Batch
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.options import Options

@@ -60,7 +60,7 @@ def _correction(s, end):
 
 @always_inline
 def _update_target(motion, s):
-    """Write what attracts the motion at ``s``, and ``Log_{Y0}`` of what attracted it first."""
+    """Write the present target at ``s``, and ``Log_{Y0}`` of the first target."""
     scalars, points, p = motion.scalars, motion.points, motion.sizes.point
     moved = scalars.goal_is_moving == 1
     if moved:

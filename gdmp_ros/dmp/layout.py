@@ -18,7 +18,7 @@ from gdmp_ros.manifolds.factors import FACTOR, work_size
 OBSTACLE_CAPACITY = 32
 
 #: Sizes of the parts. ``obstacle_factor``: the factor that avoids obstacles, -1 for none;
-#: ``position_size``: its size, or 0.
+#: ``position``: the size of that factor, or 0.
 SIZES = np.dtype([(name, np.int64) for name in (
     'total', 'factors', 'basis', 'point', 'tangent', 'frame', 'waypoints', 'obstacle_factor',
     'position', 'work')])

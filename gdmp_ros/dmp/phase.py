@@ -5,9 +5,9 @@ import math
 
 from gdmp_ros.kernels import always_inline
 
-#: Time constant with which the speed follows its ramp, so that it has no kink [s].
+#: Time constant with which the speed follows its ramp, so that its rate is continuous [s].
 SPEED_LAG = 0.02
-#: Nearer than this the speed counts as arrived: with the lag, a step of 0.05 % per second.
+#: Below this difference the speed is set to that of the ramp.
 _ARRIVED = 1e-5
 
 

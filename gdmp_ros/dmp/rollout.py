@@ -223,7 +223,8 @@ class Rollout:
         Whether the motion has finished.
 
         From the nominal end on, as soon as every factor is within its tolerance of the goal; or at
-        ``s >= max(2, s_switch + 1)``, then with the flag ``not_settled``. A new goal clears it.
+        ``s >= max(2, s_switch + 1)``, later if ``goal_speed`` delays the goal, then with the flag
+        ``not_settled``. A new goal clears it.
         """
         return bool(self.memory.item(FINISHED))
 

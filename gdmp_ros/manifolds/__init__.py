@@ -1,4 +1,4 @@
-"""Geometry: points, tangents, geodesics, parallel transport. Knows nothing else of the package."""
+"""Geometry: points, tangents, geodesics, parallel transport."""
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product

@@ -30,7 +30,7 @@ def symmetric_expm(m, s, out, inverse, work):
 
     A small ``s`` takes a short Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s.
 
-    :param work: scratch memory of at least ``4 m²`` and ``m² + 3 m`` numbers
+    :param work: scratch memory of at least ``4 m²`` numbers
     """
     noinline()
     norm2 = 0.0

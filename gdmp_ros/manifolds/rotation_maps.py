@@ -38,7 +38,7 @@ def skew_matrix(m, v, out):
 
 @kernel
 def skew_coordinates(m, s, out):
-    """Coordinates of the skew part of ``s`` (the inverse of `skew`)."""
+    """Coordinates of the skew part of ``s`` (the inverse of `skew_matrix`)."""
     if m == 3:
         out[0] = 0.5 * (s[7] - s[5])
         out[1] = 0.5 * (s[2] - s[6])

@@ -222,7 +222,7 @@ class Player:
             self._goal, self._status = rollout.goal, MOVING
             self._numbers = np.empty(rollout.state_size)
         finally:
-            # Last: who sees the number also sees what belongs to it.
+            # Set last: a thread that reads the new number then also reads the new motion.
             self.motion = number
 
     def _begin_at(self, tool: ToolSkill, rollout: Rollout, measured: np.ndarray | None

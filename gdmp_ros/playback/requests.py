@@ -57,7 +57,7 @@ class Requests:
         Add a request.
 
         :param after: status after it by the status before it
-        :raises ParameterError: if nobody carries the requests out
+        :raises ParameterError: if too many requests wait, because no tick carries them out
         """
         if len(self.waiting) >= MAX_WAITING:
             raise ParameterError(f'{MAX_WAITING} requests are waiting: no tick carries them out')

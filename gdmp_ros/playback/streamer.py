@@ -162,7 +162,7 @@ class Streamer:
             self.player.observe(measured)
 
     def robot_is_known(self) -> bool:
-        """Whether a motion could start, as far as the robot's pose is concerned."""
+        """Whether the robot's pose is recent enough to start a motion; True while inactive."""
         try:
             self._start_pose()
         except ParameterError:

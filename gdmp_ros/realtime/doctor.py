@@ -78,8 +78,8 @@ def _cores() -> Finding:
     count = len(os.sched_getaffinity(0))
     if count >= 4:
         return Finding('cores', GOOD, str(count))
-    return Finding('cores', FAIR, str(count), 'server, simulation and recorder need one core '
-                   'together; with fewer than four cores run nothing else while streaming')
+    return Finding('cores', FAIR, str(count), 'server, simulation and recorder together need '
+                   'one core; with fewer than four cores run nothing else while streaming')
 
 
 def _governor() -> Finding:

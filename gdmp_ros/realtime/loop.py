@@ -44,8 +44,8 @@ def run_periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock,
     """
     Call ``step(deadline_ns, now_ns)`` on a fixed time grid until ``stop()``.
 
-    The grid is absolute, so sleep overshoot never accumulates. An overrun drops ticks rather than
-    bursting: ``step`` integrates over the time between the deadlines it is given.
+    The grid is absolute, so delays do not accumulate. After an overrun the missed ticks are
+    skipped: ``step`` integrates over the time between the deadlines it is given.
 
     :returns: number of missed deadlines
     """

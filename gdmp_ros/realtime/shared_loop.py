@@ -87,4 +87,4 @@ def _leave(loop: _Loop, member: Member) -> None:
 
 
 def _ignore(missed: int) -> None:
-    """Each task counts its missed deadlines itself."""
+    """Drop the result: each task counts its missed deadlines itself."""

@@ -21,8 +21,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='composed', description=__doc__,
         epilog='Parameters follow --ros-args, each after the name of its node: '
-               '-p trajectory_server:skill:=skill.json. The server streams most punctually in a '
-               'process of its own.')
+               '-p trajectory_server:skill:=skill.json. The server has the smallest lateness in '
+               'its own process.')
     parser.add_argument('nodes', nargs='+', choices=NODES, metavar='NODE',
                         help=f'one of {", ".join(NODES)}; each once')
     names = parser.parse_args(own_arguments(arguments)).nodes

@@ -135,6 +135,15 @@ def test_services_start_pause_and_stop(running, skill_file, tmp_path):
     running.client.wait_status('holding', 5.0)
 
 
+def test_an_action_that_a_service_stops_is_aborted_with_the_reason(running):
+    running.client.execute()
+    running.wait_progress(0.1)
+    assert running.call(Trigger, f'{SERVER}/stop').success
+    result = running.client.result(15.0)
+    assert result.error_code == ExecuteSkill.Result.CANCELED
+    assert result.error_string == 'stopped by service'
+
+
 def test_a_skill_is_learned_by_service_while_references_are_streamed(running, tmp_path):
     bag = tmp_path / 'bag'
     recordings.write(bag, lasa.robot_demonstrations('GShape')[1], FRAME, 10**18)

@@ -133,7 +133,7 @@ class Adapter(ManagedNode):
         self._thread = RealtimeThread(self._loop, self.parameters.realtime_priority)
         self._thread.start()
         self.get_logger().info(f'converting {self.parameters.reference_topic} to '
-                               f'{self.parameters.pose_topic}')
+                               f'{self.parameters.pose_topic or self.parameters.stiffness}')
 
     def deactivate(self) -> None:
         self._active = False
@@ -154,7 +154,8 @@ class Adapter(ManagedNode):
         if p.stiffness == 'parameters' and (not p.stiffness_node
                                             or len(p.stiffness_parameters) != 6):
             raise ParameterError('stiffness by parameters needs stiffness_node and six '
-                                 f'stiffness_parameters, got {len(p.stiffness_parameters)}')
+                                 f'stiffness_parameters, got node {p.stiffness_node!r} and '
+                                 f'{len(p.stiffness_parameters)} names')
 
     def _loop(self) -> None:
         run_periodic(self._tick, PERIOD_NS, MonotonicClock(), lambda: not self._active)

@@ -219,8 +219,9 @@ class PandaSim(ManagedNode):
         level, text = self._status()
         controller = self.simulation.loop.controller
         guard, counters = controller.guard, controller.counters
-        if guard.refused != self._refused:
-            self._refused = guard.refused
+        # After a reset the guard counts from 0 again.
+        refused, self._refused = self._refused, guard.refused
+        if guard.refused > refused:
             level = DiagnosticStatus.WARN if level == DiagnosticStatus.OK else level
             publishers = ', '.join(self.publishers(self.parameters.reference_topic))
             self.get_logger().warning(f'reference refused: {guard.last_refusal} (published by '

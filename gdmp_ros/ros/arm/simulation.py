@@ -153,7 +153,7 @@ class Simulation:
             self.take_hand(message)
         elif (self.loop.hand is not None
               and self._hand_ticks * self.loop.arm.period > HAND_TIMEOUT_S):
-            # Without a hand the mouse in the viewer may push: leave its force alone.
+            # Without a hand, the mouse in the viewer may apply a force: do not reset it here.
             self._release()
 
     def _release(self) -> None:

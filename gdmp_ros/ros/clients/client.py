@@ -12,7 +12,7 @@ from rclpy.node import Node
 from gdmp_ros.errors import GdmpError
 
 #: Wait before the first call of a service [s]: a reply is lost if the server has not found the
-#: client yet, and a client cannot ask for that.
+#: client yet, and a client cannot find out whether it has.
 DISCOVERY_S = 0.5
 START_UP_S = 120.0
 

@@ -66,7 +66,7 @@ def execute(request: ExecuteRequest) -> int:
 
 
 def _wait_for_robot(client: ServerClient, timeout: float) -> None:
-    """Wait until the server knows the pose of the robot; a later start is refused."""
+    """Wait until the server has the pose of the robot; before that it refuses a start."""
     state, left, refusal = client.state, timeout, ''
     if state is None or 'no_robot' not in state.flags:
         return

@@ -113,7 +113,7 @@ class ExecuteAction:
         result.factors, result.distance_to_goal = state.factors, state.distance_to_goal
         if result.error_code == result.SUCCESSFUL:
             handle.succeed()
-        elif result.error_code == result.CANCELED:
+        elif handle.is_cancel_requested:
             handle.canceled()
         else:
             handle.abort()

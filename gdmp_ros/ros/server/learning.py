@@ -3,14 +3,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import shutil
 import subprocess
 import tempfile
 from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
 
-from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
+from gdmp_ros.dmp.primitive import check_connection
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -57,20 +58,32 @@ class LearningProcess:
             raise ParameterError('another skill is being learned')
         output, command = self.command(request)
         try:
-            self._process = subprocess.Popen(command, stdout=subprocess.PIPE,
-                                             stderr=subprocess.PIPE, text=True)
-        except (OSError, ValueError) as error:
-            raise ParameterError(f'learning cannot be started: {error}') from None
-        await self._node.wait_until(self._has_ended)
-        process, self._process = self._process, None
-        if process is None:
-            raise ParameterError('learning was cancelled')
-        out, errors = process.communicate()
-        if process.returncode != 0:
-            raise DataError(errors.strip().splitlines()[-1] if errors.strip()
-                            else f'learning failed with code {process.returncode}')
-        report: dict[str, Any] = json.loads(out)
-        return output, float(report['mean_relative_error'])
+            return output, await self._run(command)
+        except BaseException:
+            if not request.output:
+                shutil.rmtree(Path(output).parent, ignore_errors=True)
+            raise
+
+    async def _run(self, command: list[str]) -> float:
+        """Run ``gdmp learn``; its mean reproduction error / span."""
+        # Files: a pipe that nobody reads would block the process when it is full.
+        with (tempfile.TemporaryFile('w+') as out, tempfile.TemporaryFile('w+') as errors):
+            try:
+                self._process = subprocess.Popen(command, stdout=out, stderr=errors, text=True)
+            except (OSError, ValueError) as error:
+                raise ParameterError(f'learning cannot be started: {error}') from None
+            await self._node.wait_until(self._has_ended)
+            process, self._process = self._process, None
+            if process is None:
+                raise ParameterError('learning was cancelled')
+            for stream in (out, errors):
+                stream.seek(0)
+            if process.returncode != 0:
+                lines = errors.read().strip().splitlines()
+                raise DataError(lines[-1] if lines
+                                else f'learning failed with code {process.returncode}')
+            report: dict[str, Any] = json.load(out)
+        return float(report['mean_relative_error'])
 
     def _has_ended(self) -> bool:
         return self._process is None or self._process.poll() is not None
@@ -85,9 +98,7 @@ class LearningProcess:
         if not request.bags:
             raise ParameterError('no bags were named')
         connection = request.connection or parameters.connection
-        if connection not in CONNECTIONS:
-            raise ParameterError(f'connection is {connection!r}, expected one of '
-                                 f'{", ".join(CONNECTIONS)}')
+        check_connection(connection)
         for name in (*request.bags, request.output):
             if '\0' in name or not name.isprintable():
                 raise ParameterError(f'{name!r} is not the name of a file')

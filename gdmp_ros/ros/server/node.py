@@ -182,9 +182,11 @@ class TrajectoryServer(ManagedNode):
     async def _on_learn(self, request: LearnSkill.Request, reply: LearnSkill.Response) -> Any:
         try:
             path, error = await self._learning.learn(request)
-            self._load(path)
-            if not request.output:
-                shutil.rmtree(Path(path).parent, ignore_errors=True)
+            try:
+                self._load(path)
+            finally:
+                if not request.output:
+                    shutil.rmtree(Path(path).parent, ignore_errors=True)
             reply.success, reply.mean_relative_error = True, error
         except (GdmpError, OSError, ValueError) as problem:
             reply.success, reply.message = False, str(problem)
@@ -221,7 +223,7 @@ class TrajectoryServer(ManagedNode):
 
     def _publish_report(self) -> None:
         player = self.streamer.player
-        # Read before the state: a motion that begins meanwhile is not judged by the old state.
+        # Read before the state: a new motion must not be compared with the previous state.
         motion = player.motion if player is not None else 0
         self._action.watch(self._report.publish(), motion)
 

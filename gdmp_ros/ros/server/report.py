@@ -71,7 +71,7 @@ class ServerReport:
         return message
 
     def _log(self) -> None:
-        # Logged here: a log message takes longer than a tick may.
+        # Not logged in the tick: a log message can take longer than a period.
         logger, time_jumps = self._node.get_logger(), self._streamer.time_jumps
         while time_jumps:
             logger.warning(f'the time jumped by {time_jumps.popleft():.3f} s: the motion did not '

@@ -86,7 +86,7 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
 
 
 def late_discovery(trial: Trial, quick: bool) -> Outcome:
-    """The arm appears long after the server and its operator"""
+    """The arm starts long after the server and the client that executes the skill"""
     outcome = Outcome()
     trial.start_server()
     trial.wait('the server', lambda: trial.client.state is not None, 120.0)
