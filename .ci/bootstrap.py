@@ -219,7 +219,7 @@ def make(venv):
 
 
 def install_packages(venv, python, prefixes, log):
-    """Make the environment anew, with the packages of the lock file."""
+    """Replace the environment by a new one with the packages of the lock file."""
     shutil.rmtree(venv, ignore_errors=True)
     venv.mkdir(parents=True)
     run('creating the environment', [PYTHON, '-m', 'venv', venv], log)

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gdmp_ros.choices import LASA_CLASSES
-from gdmp_ros.cli.arguments import add_parallel, check_number
+from gdmp_ros.cli.arguments import add_parallel, check_lasa_class, check_number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 
@@ -59,9 +59,7 @@ def run(options: argparse.Namespace) -> None:
     """Measure, print a table, write the files."""
     classes = tuple(options.classes or LASA_CLASSES)
     for name in classes:
-        if name not in LASA_CLASSES:
-            raise DataError(f'LASA class {name!r} is unknown, expected one of '
-                            f'{", ".join(LASA_CLASSES)}')
+        check_lasa_class(name)
     check_number('--repetitions', options.repetitions, 7)
     check_number('--seconds', options.seconds, above=0.0, high=86400.0)
     from gdmp_ros.experiments.timing import environment, Settings

@@ -18,7 +18,12 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.choices import LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
-from gdmp_ros.cli.arguments import add_bag_output, add_stiffness_range, check_number
+from gdmp_ros.cli.arguments import (
+    add_bag_output,
+    add_stiffness_range,
+    check_lasa_class,
+    check_number,
+)
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import progress
 
@@ -44,9 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Record; nothing is written unless all names are free."""
-    if options.name not in LASA_CLASSES and not (options.manifold and options.name == 'all'):
-        raise DataError(f'LASA class {options.name!r} is unknown, expected one of '
-                        f'{", ".join(LASA_CLASSES)}')
+    if not (options.manifold and options.name == 'all'):
+        check_lasa_class(options.name)
     check_number('--extent', options.extent, above=0.0, high=2.0)
     if not options.manifold:
         _write_bags(options)

@@ -9,6 +9,7 @@ from typing import Any, Self
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.util.processes import ChildProcesses
 
@@ -17,8 +18,6 @@ ARM, SERVER, RECORDER, TAKE_RECORDER = ('panda_sim', 'trajectory_server', 'recor
 #: Modules of the nodes.
 MODULES = {ARM: 'gdmp_ros.ros.arm.node', SERVER: 'gdmp_ros.ros.server.node',
            TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
-#: Largest time for the start of a node [s]; it includes the compilation of the kernels.
-START_UP_S = 120.0
 
 
 class NodeTestbed:

@@ -14,6 +14,7 @@ from gdmp_ros.errors import GdmpError
 #: Wait before the first call of a service [s]: a reply is lost if the server has not found the
 #: client yet, and a client cannot find out whether it has.
 DISCOVERY_S = 0.5
+#: Largest time for the start of a node [s]; it includes the compilation of the kernels.
 START_UP_S = 120.0
 
 
