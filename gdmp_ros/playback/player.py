@@ -72,6 +72,11 @@ class Player:
         return self._requests.status_after(self._status)
 
     @property
+    def stops_phase(self) -> bool:
+        """Whether the present motion uses the measured pose (`observe`)."""
+        return self._playing.settings.phase_stopping > 0.0
+
+    @property
     def speed_rate(self) -> float:
         """Largest rate of change of the tempo of the present motion [1/s]."""
         return self._playing.settings.speed_rate
@@ -280,7 +285,7 @@ class Player:
 
     def _stop_phase(self, rollout: Rollout) -> None:
         measured, self._measured = self._measured, None
-        if measured is None or self._playing.settings.phase_stopping == 0.0:
+        if measured is None or not self.stops_phase:
             return
         # The stiffness is not measured: that of the reference is taken.
         _, _, *stiffness = self._playing.manifold.split(rollout.state.point)

@@ -2,10 +2,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import threading
 import time
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +21,11 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.util.settings import setting
 
 NS = 1_000_000_000
+#: Ticks between two readings of the measured pose, for motions that need it.
+READ_EVERY = 20
+#: Returns the newest measured pose (x, y, z, qw, qx, qy, qz) that was not returned before and how
+#: long ago it arrived [s]; None if there is none.
+PoseSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
 
 
 @dataclass(frozen=True)
@@ -56,9 +62,14 @@ class Streamer:
     :ivar time_jumps: [s], not reported yet
     """
 
-    def __init__(self, period_ns: int, measured_from: str, settings: StreamSettings,
-                 player_settings: PlayerSettings):
-        """:param measured_from: source of the measured pose, for messages"""
+    def __init__(self, period_ns: int, read_pose: PoseSource, measured_from: str,
+                 settings: StreamSettings, player_settings: PlayerSettings):
+        """
+        Prepare to stream.
+
+        :param read_pose: called when the measured pose is needed, by any thread
+        :param measured_from: source of the measured pose, for messages
+        """
         self.settings = settings
         self.player: Player | None = None
         self.skill_name = ''
@@ -68,9 +79,11 @@ class Streamer:
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
         self._player_settings = player_settings
-        self._measured_from = measured_from
+        self._read_pose, self._measured_from = read_pose, measured_from
+        self._reading = threading.Lock()
         self._measured: tuple[np.ndarray, float] | None = None
-        self._last_tick = 0
+        self._used: tuple[np.ndarray, float] | None = None
+        self._last_tick = self._ticks = 0
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
@@ -155,12 +168,6 @@ class Streamer:
                 raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
                                     f'{least:g} to {most:g} m')
 
-    def observe(self, measured: np.ndarray) -> None:
-        """Take the measured pose (x, y, z, qw, qx, qy, qz) of the robot."""
-        self._measured = (measured, time.monotonic())
-        if self.player is not None:
-            self.player.observe(measured)
-
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
         try:
@@ -200,9 +207,32 @@ class Streamer:
         player = self.player
         if player is None:
             return None
-        if player.target is None and self._measured is not None and player.status is Status.IDLE:
-            player.hold(self._measured[0])
+        self._ticks += 1
+        if self._ticks % READ_EVERY == 0:
+            self._use_pose(player)
         return player.tick(dt)
+
+    def _use_pose(self, player: Player) -> None:
+        """Let the player use the measured pose, if it needs it."""
+        idle = player.target is None and player.status is Status.IDLE
+        if not idle and not player.stops_phase:
+            return
+        measured = self._newest_pose()
+        if measured is None or measured is self._used:
+            return
+        self._used = measured
+        if idle:
+            player.hold(measured[0])
+        else:
+            player.observe(measured[0])
+
+    def _newest_pose(self) -> tuple[np.ndarray, float] | None:
+        """The newest measured pose, and when it arrived (`time.monotonic`)."""
+        with self._reading:
+            newest = self._read_pose()
+            if newest is not None:
+                self._measured = newest[0], time.monotonic() - newest[1]
+            return self._measured
 
     def _executing(self) -> Player:
         player = self.loaded()
@@ -214,11 +244,12 @@ class Streamer:
     def _start_pose(self) -> np.ndarray | None:
         if self.settings.start_from == 'skill':
             return None
-        if self._measured is None:
+        measured = self._newest_pose()
+        if measured is None:
             raise ParameterError(f'no measured pose has arrived on {self._measured_from}: the '
                                  "robot's pose is not known (with start_from: skill a motion "
                                  "starts at the skill's own start)")
-        pose, arrived = self._measured
+        pose, arrived = measured
         age = time.monotonic() - arrived
         if age > self.settings.measured_pose_age:
             raise ParameterError(f'the last measured pose on {self._measured_from} is {age:.2f} s '

@@ -15,7 +15,7 @@ from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.util.settings import setting
 
@@ -130,13 +130,14 @@ class ToolSkill:
 
     def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
         """Distance of each factor of a reference from a goal: m, rad, geodesic."""
-        position, orientation, *stiffness = self.manifold.split(goal)
-        result = [float(np.linalg.norm(position - target[:3])),
-                  float(rotation_angles(target[3:7], orientation))]
-        matrix = self.stiffness_of(target)
-        if stiffness and matrix is not None:
-            result.append(self.manifold.factors[2].distance(matrix, stiffness[0]))
-        return result
+        point, matrix = np.empty((1, self.manifold.point_size)), self.stiffness_of(target)
+        point[0, :7] = target[POSE:POSE + 7]
+        if matrix is not None:
+            point[0, 7:] = matrix.reshape(-1)
+        away = self.manifold.factor_distances(point, goal.reshape(1, -1))[0]
+        # The distance on S³ is half the angle; q and -q are the same orientation.
+        away[1] = min(2.0 * away[1], 2.0 * (np.pi - away[1]))
+        return [float(one) for one in away]
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
         """

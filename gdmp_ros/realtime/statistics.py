@@ -1,6 +1,7 @@
 """Statistics of a periodic loop."""
 from __future__ import annotations
 
+from array import array
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,14 +26,18 @@ class Punctuality(NamedTuple):
 
 
 class LatenessRecorder:
-    """Keeps deadline and lateness of the last ticks in preallocated arrays."""
+    """
+    Keeps deadline and lateness of the last ticks in preallocated arrays.
+
+    Single numbers are written four times faster to an `array` than to a NumPy array.
+    """
 
     def __init__(self, period_ns: int, capacity: int = 1 << 17):
         """:param capacity: ticks kept; older ones are overwritten"""
         self._period = period_ns
+        self._capacity = capacity
         # Written once, because the first access to a page of memory causes a page fault.
-        self._deadlines = np.full(capacity, 0, dtype=np.int64)
-        self._lateness = np.full(capacity, 0, dtype=np.int64)
+        self._deadlines, self._lateness = (array('q', [0]) * capacity for _ in range(2))
         self._last = 0
         self.ticks = 0
         self.missed = 0
@@ -42,26 +47,30 @@ class LatenessRecorder:
         if self.ticks:
             self.missed += (deadline_ns - self._last) // self._period - 1
         self._last = deadline_ns
-        slot = self.ticks % len(self._deadlines)
+        slot = self.ticks % self._capacity
         self._deadlines[slot] = deadline_ns
         self._lateness[slot] = now_ns - deadline_ns
         self.ticks += 1
 
     def punctuality(self, last: int | None = None) -> Punctuality:
         """Figures of the last ``last`` ticks; by default of all that are kept."""
-        kept = min(self.ticks, len(self._deadlines), last or self.ticks)
-        if kept < 2:
+        window = self.ticks_kept(last)
+        if len(window) < 2:
             return Punctuality(self.ticks, self.missed, 0.0, 0.0, 0.0, 0.0)
-        slots = np.arange(self.ticks - kept, self.ticks) % len(self._deadlines)
-        window = np.column_stack([self._deadlines[slots], self._lateness[slots]])
         figures = punctuality_of(window, self._period)
         return figures._replace(ticks=self.ticks, missed=self.missed)
 
-    def ticks_kept(self) -> np.ndarray:
-        """Deadline and lateness of the ticks kept [ns], oldest first, shape ``(ticks, 2)``."""
-        kept = min(self.ticks, len(self._lateness))
-        slots = np.arange(self.ticks - kept, self.ticks) % len(self._lateness)
-        return np.column_stack([self._deadlines[slots], self._lateness[slots]])
+    def ticks_kept(self, last: int | None = None) -> np.ndarray:
+        """
+        Deadline and lateness of the last ticks [ns], oldest first, shape ``(ticks, 2)``.
+
+        :param last: at most so many; by default all that are kept
+        """
+        ticks = self.ticks
+        kept = min(ticks, self._capacity, last or ticks)
+        slots = np.arange(ticks - kept, ticks) % self._capacity
+        return np.column_stack([np.frombuffer(one, dtype=np.int64)[slots]
+                                for one in (self._deadlines, self._lateness)])
 
     def save(self, path: str | Path) -> None:
         """Write `ticks_kept` as a NumPy file."""

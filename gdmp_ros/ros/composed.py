@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 from gdmp_ros.ros.adapter.node import Adapter
 from gdmp_ros.ros.arm.node import PandaSim
-from gdmp_ros.ros.lifecycle import ManagedNode, own_arguments, run
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.recorder.node import TakeRecorder
+from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.ros.visualizer.node import Visualizer
 

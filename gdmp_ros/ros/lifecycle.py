@@ -1,38 +1,26 @@
-"""Base of all nodes: lifecycle with logged failures, autostart, QoS, running nodes."""
+"""Base of all nodes: lifecycle with logged failures, autostart, QoS."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 import math
-import os
-import signal
-import sys
-import threading
 import time
 from typing import Any
 
-import rclpy
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.polling import PolledGroup
 from gdmp_ros.util.compile_progress import compilation_reported
-from gdmp_ros.util.dds_network import default_environment
-from gdmp_ros.util.processes import stop_event
 
 #: History for topics of which every message must arrive. Under load a history of 10 loses 14 %.
 DEEP = 2000
 #: History of /clock: each message is a tick.
 CLOCK_DEPTH = 200
-#: Time between two reports [s].
-REPORT_S = 0.1
 
 
 def reliable(depth: int) -> QoSProfile:
@@ -115,7 +103,7 @@ class ManagedNode(LifecycleNode):
         return made
 
     def add_report(self, callback: Callable[[], None]) -> None:
-        """Call ``callback`` ten times a second (by `run`), until `release`."""
+        """Call ``callback`` ten times a second (by `gdmp_ros.ros.running`), until `release`."""
         self._reports.append(callback)
 
     def report(self) -> None:
@@ -183,10 +171,17 @@ class ManagedNode(LifecycleNode):
         """Timer on the steady clock: simulated time may stand still."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def future(self) -> Future:
+        """A future that a callback may await."""
+        made: Future = Future(executor=self.executor)
+        # The executor resumes coroutines when it wakes up; only a future with a callback wakes it.
+        made.add_done_callback(lambda _: None)
+        return made
+
     async def wait_until(self, condition: Callable[[], bool], period_s: float = 0.1,
                          timeout_s: float = math.inf) -> None:
         """Let the executor work until a condition holds, or the time is over."""
-        done: Future = Future(executor=self.executor)
+        done = self.future()
         latest = time.monotonic() + timeout_s
 
         def check() -> None:
@@ -206,84 +201,3 @@ class ManagedNode(LifecycleNode):
             self.get_logger().warning(
                 'the 1 kHz thread has normal priority: the system does not grant SCHED_FIFO '
                 '(or realtime_priority is 0); expect late ticks under load')
-
-
-def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode],
-          stop: threading.Event) -> None:
-    """
-    Execute callbacks and reports until ``stop``.
-
-    Reports have no timers: a timer makes the executor wait twice, which takes longer than most
-    reports.
-    """
-    due = time.monotonic()
-    # One object: with another timeout the executor would resume all coroutines without waiting.
-    timeout = TimeoutObject(REPORT_S)
-    spin_once = partial(executor.spin_once, timeout_sec=timeout)
-    while rclpy.ok() and not stop.is_set():
-        left = due - time.monotonic()
-        if left > 0.0:
-            timeout.timeout = left
-            _attempt(nodes[0], spin_once)
-            continue
-        due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
-        for node in nodes:
-            _attempt(node, node.report)
-
-
-def _attempt(node: ManagedNode, action: Callable[[], None]) -> None:
-    """Run callbacks; an exception does not end the node."""
-    try:
-        action()
-    except ExternalShutdownException:
-        raise
-    except Exception as error:  # rclpy itself fails too, for example on a negative /clock
-        node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
-                                throttle_duration_sec=1.0)
-
-
-def own_arguments(arguments: Sequence[str] | None = None) -> list[str]:
-    """Arguments of the command line (or those given) before ``--ros-args``."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    return words[:words.index('--ros-args')] if '--ros-args' in words else words
-
-
-def run(makes: Sequence[Callable[[], ManagedNode]],
-        arguments: Sequence[str] | None = None) -> int:
-    """
-    Run nodes until Ctrl-C or SIGTERM, then deactivate them.
-
-    Which machines reach them: `gdmp_ros.util.dds_network.default_environment`.
-
-    :returns: exit code
-    """
-    os.environ.update(default_environment())
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    stop = stop_event()
-    try:
-        nodes = [make() for make in makes]
-    except (GdmpError, ValueError) as error:
-        print(f'error: {error}', file=sys.stderr)
-        rclpy.shutdown()
-        return 2
-    executor = SingleThreadedExecutor()
-    for node in nodes:
-        executor.add_node(node)
-    try:
-        for node in nodes:
-            if node.get_parameter('autostart').value:
-                node.autostart()
-        _spin(executor, nodes, stop)
-    except ExternalShutdownException:
-        pass
-    finally:
-        for node in nodes:
-            node.take_down()
-        executor.shutdown()
-        for node in nodes:
-            node.destroy_node()
-        rclpy.shutdown()
-        # Another Ctrl-C while the interpreter ends would print a traceback.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-    return 0

@@ -5,6 +5,7 @@ With polling a flood of messages costs little; an executor would wake up for eac
 """
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -38,3 +39,17 @@ def take_latest(subscription: Any) -> Any | None:
     while (message := take(subscription)) is not None:
         latest = message
     return latest
+
+
+def take_latest_with_age(subscription: Any) -> tuple[Any, float] | None:
+    """Newest message of a polled subscription, and how long ago it arrived [s]."""
+    latest = None
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type,
+                                                         subscription.raw)) is not None:
+            latest = taken
+    if latest is None:
+        return None
+    message, received = latest[0], latest[1]['received_timestamp']
+    # Not every middleware gives the time.
+    return message, max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0

@@ -16,7 +16,7 @@ from gdmp_ros.ros.messages import (
 )
 
 #: Ticks between two checks for subscribers.
-CHECK_EVERY = 20
+CHECK_EVERY = 100
 
 
 class Stream:

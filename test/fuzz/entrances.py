@@ -296,8 +296,12 @@ def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
     from geometry_msgs.msg import PoseStamped
     from rclpy.serialization import serialize_message
-    return _message(PoseStamped, [_pose()], 'server', lambda server, message:
-                    server.take_measured(serialize_message(message)))
+
+    def use(server: Any, message: Any) -> None:
+        pose = server.read_measured(serialize_message(message))
+        if pose is not None and server.streamer.player is not None:
+            server.streamer.player.observe(pose)
+    return _message(PoseStamped, [_pose()], 'server', use)
 
 
 def topic_clock() -> Entrance:

@@ -20,9 +20,10 @@ from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import ManagedNode, run
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.polling import take_latest
+from gdmp_ros.ros.running import run
 
 PERIOD_NS = 1_000_000
 #: Reply timeout [s].

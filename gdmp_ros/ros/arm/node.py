@@ -19,17 +19,14 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.parameters import controller_settings, hand_settings, SPECS
 from gdmp_ros.ros.arm.simulation import MAX_REFERENCES, Simulation
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
-from gdmp_ros.ros.lifecycle import (
-    CLOCK_DEPTH,
-    ManagedNode,
-    run,
-)
+from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
 from gdmp_ros.ros.messages import (
     lateness_diagnostics,
     NS,
     stamp_of,
 )
 from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.urdf import urdf

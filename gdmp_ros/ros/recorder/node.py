@@ -14,9 +14,10 @@ from gdmp_ros.choices import STORAGES
 from gdmp_ros.data import takes
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.ros.lifecycle import ManagedNode, run
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap
+from gdmp_ros.ros.running import run
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),

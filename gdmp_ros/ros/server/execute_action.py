@@ -106,7 +106,7 @@ class ExecuteAction:
             handle.abort()
             result.error_code, result.error_string = result.INVALID_GOAL, str(error)
             return result
-        execution = _Execution(handle, motion, Future(executor=self._node.executor))
+        execution = _Execution(handle, motion, self._node.future())
         self._execution, self._cancelling = execution, False
         result.error_code, result.error_string = await execution.done
         state = self._report.state()

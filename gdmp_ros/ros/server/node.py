@@ -21,10 +21,11 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
-from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode, own_arguments, run
+from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
 from gdmp_ros.ros.messages import checked_pose, PoseReader
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.polling import take_latest
+from gdmp_ros.ros.polling import take_latest, take_latest_with_age
+from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.execute_action import ExecuteAction
 from gdmp_ros.ros.server.learning import LearningProcess, skill_from_parameters
 from gdmp_ros.ros.server.parameters import player_settings, SPECS, stream_settings
@@ -34,7 +35,7 @@ from gdmp_ros.ros.server.report import ServerReport
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Measured pose and goals are polled once in this many ticks.
+#: Goals are polled once in this many ticks.
 POLL_EVERY = 20
 
 
@@ -58,8 +59,8 @@ class TrajectoryServer(ManagedNode):
     def configure(self) -> None:
         parameters = self.parameters
         topic = self.resolve_topic_name(parameters.measured_pose_topic)
-        self.streamer = Streamer(self._period_ns(), topic, stream_settings(parameters),
-                                 player_settings(parameters))
+        self.streamer = Streamer(self._period_ns(), self._read_measured, topic,
+                                 stream_settings(parameters), player_settings(parameters))
         found = skill_from_parameters(parameters, self.get_logger())
         if found is not None:
             self.streamer.use(*found)
@@ -130,7 +131,6 @@ class TrajectoryServer(ManagedNode):
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
         self._ticks += 1
         if self._ticks % POLL_EVERY == 0:
-            self._poll(self._measurements, self.take_measured)
             self._poll(self._goal_poses, self.take_goal_pose)
             self._poll(self._goal_matrices, self.take_goal_stiffness)
         target = self.streamer.tick(now_ns, longest_s)
@@ -208,9 +208,18 @@ class TrajectoryServer(ManagedNode):
     def _checked(self, message: PoseStamped) -> np.ndarray:
         return checked_pose(message, self.parameters.frame_id)
 
-    def take_measured(self, data: bytes) -> None:
-        """Use a measured pose (serialised), or refuse it."""
-        self._guarded('measured_pose', lambda: self.streamer.observe(self._measured.read(data)))
+    def _read_measured(self) -> tuple[np.ndarray, float] | None:
+        taken = take_latest_with_age(self._measurements)
+        pose = None if taken is None else self.read_measured(taken[0])
+        return None if taken is None or pose is None else (pose, taken[1])
+
+    def read_measured(self, data: bytes) -> np.ndarray | None:
+        """Read a measured pose (serialised), or refuse it."""
+        try:
+            return self._measured.read(data)
+        except GdmpError as error:
+            self.streamer.refusals.add(f'measured_pose: {error}')
+            return None
 
     def take_goal_pose(self, message: PoseStamped) -> None:
         """Switch the pose goal, or refuse it."""

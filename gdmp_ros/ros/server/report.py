@@ -22,7 +22,7 @@ PLAN_EVERY = 5
 #: Reports between two diagnostics without a change, and between two checks of the publishers.
 DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
-FIGURES_EVERY, WINDOW = 5, 1000
+FIGURES_EVERY, WINDOW = 10, 1000
 
 
 class ServerReport:

@@ -18,10 +18,11 @@ from visualization_msgs.msg import (
 )
 
 from gdmp_ros.control.manipulability import manipulability
-from gdmp_ros.ros.lifecycle import ManagedNode, run
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers, set_pose
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.polling import take_latest
+from gdmp_ros.ros.running import run
 from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros.visualizer.interactive import handle, InteractiveMarkers
 from gdmp_ros.sim.arm import Arm

@@ -1,0 +1,137 @@
+"""Runs nodes in a process until Ctrl-C: callbacks and reports."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+import os
+import signal
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    SingleThreadedExecutor,
+)
+from rclpy.signals import SignalHandlerOptions
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.processes import stop_event
+
+#: Time between two reports [s].
+REPORT_S = 0.1
+
+
+class _Spinner:
+    """
+    Executes the callbacks of nodes in one thread and their reports in another, never both at once.
+
+    Reports have no timers: an executor waits anew for all entities of a node after each timer,
+    which takes longer than most reports.
+    """
+
+    def __init__(self, nodes: Sequence[ManagedNode]):
+        self._nodes = nodes
+        self._busy = threading.Lock()
+        self._executor = SingleThreadedExecutor()
+        for node in nodes:
+            self._executor.add_node(node)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._execute, name='callbacks', daemon=True)
+
+    def spin(self, stop: threading.Event) -> None:
+        """Execute callbacks and reports until ``stop``."""
+        self._thread.start()
+        due = time.monotonic()
+        # The thread ends if the context is shut down.
+        while self._thread.is_alive() and not stop.is_set():
+            left = due - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+                continue
+            due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
+            for node in self._nodes:
+                with self._busy:
+                    _attempt(node, node.report)
+
+    def shutdown(self) -> None:
+        """Execute nothing from now on."""
+        # The thread ends first: the executor cannot be shut down while it waits.
+        self._ending.set()
+        if self._thread.is_alive():
+            self._executor.wake()
+            self._thread.join()
+        self._executor.shutdown()
+
+    def _execute(self) -> None:
+        try:
+            while True:
+                _attempt(self._nodes[0], self._execute_next)
+        except (ConditionReachedException, ExternalShutdownException):
+            return
+
+    def _execute_next(self) -> None:
+        task, _, _ = self._executor.wait_for_ready_callbacks(None, None, self._ending.is_set)
+        with self._busy:
+            task()
+        error = task.exception()
+        if error is not None:
+            raise error
+
+
+def _attempt(node: ManagedNode, action: Callable[[], None]) -> None:
+    """Run callbacks; an exception does not end the node."""
+    try:
+        action()
+    except (ConditionReachedException, ExternalShutdownException):
+        raise
+    except Exception as error:  # rclpy itself fails too, for example on a negative /clock
+        node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
+                                throttle_duration_sec=1.0)
+
+
+def own_arguments(arguments: Sequence[str] | None = None) -> list[str]:
+    """Arguments of the command line (or those given) before ``--ros-args``."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    return words[:words.index('--ros-args')] if '--ros-args' in words else words
+
+
+def run(makes: Sequence[Callable[[], ManagedNode]],
+        arguments: Sequence[str] | None = None) -> int:
+    """
+    Run nodes until Ctrl-C or SIGTERM, then deactivate them.
+
+    Which machines reach them: `gdmp_ros.util.dds_network.default_environment`.
+
+    :returns: exit code
+    """
+    os.environ.update(default_environment())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    stop = stop_event()
+    try:
+        nodes = [make() for make in makes]
+    except (GdmpError, ValueError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        rclpy.shutdown()
+        return 2
+    spinner = _Spinner(nodes)
+    try:
+        for node in nodes:
+            if node.get_parameter('autostart').value:
+                node.autostart()
+        spinner.spin(stop)
+    finally:
+        spinner.shutdown()
+        for node in nodes:
+            node.take_down()
+            # After the deactivation: it publishes.
+            node.destroy_node()
+        rclpy.shutdown()
+        # Another Ctrl-C while the interpreter ends would print a traceback.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+    return 0
