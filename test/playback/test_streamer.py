@@ -1,0 +1,97 @@
+"""Streaming without ROS: which measured pose is used, and when."""
+import numpy as np
+import pytest
+
+from gdmp_ros import ParameterError, Skill
+from gdmp_ros.data import lasa
+from gdmp_ros.playback.streamer import READ_EVERY, Streamer, StreamSettings
+from gdmp_ros.playback.tool_skill import PlayerSettings
+
+PERIOD_NS = 1_000_000
+
+
+class Source:
+    """A source of measured poses: gives what was set, once."""
+
+    def __init__(self):
+        self.pose, self.age, self.readings = None, 0.0, 0
+
+    def __call__(self):
+        self.readings += 1
+        pose, self.pose = self.pose, None
+        return None if pose is None else (pose, self.age)
+
+
+@pytest.fixture(scope='module')
+def skill():
+    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
+
+
+@pytest.fixture
+def source():
+    return Source()
+
+
+def streamer_of(skill, source, **player_settings):
+    made = Streamer(PERIOD_NS, source, '/measured_pose', StreamSettings(),
+                    PlayerSettings(**player_settings))
+    made.use(skill, 'skill')
+    made.activate(PERIOD_NS)
+    return made
+
+
+def run(streamer, count):
+    for tick in range(1, count + 1):
+        target = streamer.tick(tick * PERIOD_NS, 0.05)
+    return target
+
+
+def test_a_motion_starts_at_the_newest_measured_pose(skill, source):
+    streamer = streamer_of(skill, source)
+    source.pose = skill.start[:7].copy()
+    run(streamer, READ_EVERY)
+    # The robot is moved by hand, and the motion is started before the next regular reading.
+    moved = skill.start[:7] + [0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    source.pose = moved
+    streamer.begin()
+    np.testing.assert_allclose(run(streamer, 1)[:3], moved[:3], atol=1e-4)
+
+
+def test_the_age_of_a_measured_pose_counts_from_its_arrival(skill, source):
+    streamer = streamer_of(skill, source)
+    source.pose, source.age = skill.start[:7].copy(), 0.7
+    with pytest.raises(ParameterError, match=r'is 0\.7\d s old, expected at most 0\.5 s'):
+        streamer.begin()
+    assert not streamer.robot_is_known()
+    source.pose, source.age = skill.start[:7].copy(), 0.1
+    streamer.begin()
+    assert streamer.robot_is_known()
+
+
+def test_without_a_measured_pose_nothing_is_streamed(skill, source):
+    streamer = streamer_of(skill, source)
+    assert run(streamer, READ_EVERY) is None
+    source.pose = skill.start[:7].copy()
+    np.testing.assert_array_equal(run(streamer, READ_EVERY + 1)[:7], skill.start[:7])
+
+
+def test_ticks_read_the_measured_pose_only_for_phase_stopping(skill, source):
+    for kappa, expected in ((0.0, 0), (50.0, 5)):
+        streamer = streamer_of(skill, source, phase_stopping=kappa)
+        source.pose = skill.start[:7].copy()
+        streamer.begin()
+        run(streamer, 1)
+        before = source.readings
+        run(streamer, 5 * READ_EVERY)
+        assert source.readings - before == expected
+
+
+def test_the_phase_stops_while_the_robot_is_held(skill, source):
+    streamer = streamer_of(skill, source, phase_stopping=50.0)
+    source.pose = skill.start[:7].copy()
+    streamer.begin()
+    for tick in range(1, 1001):
+        if tick % READ_EVERY == 0:
+            source.pose = skill.start[:7] - [0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        streamer.tick(tick * PERIOD_NS, 0.05)
+    assert streamer.player.rollout.speed < 0.5
