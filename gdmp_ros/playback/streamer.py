@@ -14,6 +14,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.refusals import Refusals
+from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.realtime.shared_loop import Member
@@ -97,7 +98,7 @@ class Streamer:
 
         :raises DataError: if it is not one of pose and stiffness; the present skill stays
         """
-        skill.reproduce(skill.duration)  # compiles the kernels, or loads them from the cache
+        rehearse(skill, self._player_settings)
         if self.player is None:
             self.player = Player(skill, self._player_settings, self.refusals)
         else:

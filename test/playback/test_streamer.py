@@ -1,4 +1,7 @@
-"""Streaming without ROS: which measured pose is used, and when."""
+"""Streaming without ROS: which measured pose is used, and when; what a tick must not do."""
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -95,3 +98,44 @@ def test_the_phase_stops_while_the_robot_is_held(skill, source):
             source.pose = skill.start[:7] - [0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         streamer.tick(tick * PERIOD_NS, 0.05)
     assert streamer.player.rollout.speed < 0.5
+
+
+LOADING = """
+from gdmp_ros import Skill
+from gdmp_ros.kernels.cache import KernelCache
+from gdmp_ros.playback.streamer import Streamer, StreamSettings
+from gdmp_ros.playback.tool_skill import PlayerSettings
+
+loaded, load = [], KernelCache.load_overload
+def watched(self, *arguments):
+    loaded.append(self.cache_path)
+    return load(self, *arguments)
+KernelCache.load_overload = watched
+
+skill = Skill.load({path!r})
+streamer = Streamer(1_000_000, lambda: (skill.start[:7], 0.0), '', StreamSettings(),
+                    PlayerSettings(phase_stopping=1.0))
+streamer.use(skill, '')
+streamer.activate(1_000_000)
+before = len(loaded)
+assert before > 0
+for tick in range(1, 300):
+    if tick in (30, 120):
+        streamer.begin()
+    if tick == 60:
+        streamer.switch_goal_pose(skill.goal[:7] + [0.0, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
+        streamer.player.request_copy()
+    if tick == 200:
+        streamer.player.stop()
+    streamer.tick(tick * 1_000_000, 0.05)
+print(len(loaded) - before)
+"""
+
+
+def test_no_tick_loads_a_kernel(skill, tmp_path):
+    # A new process: loading takes 25 ms at the first start of a motion.
+    skill.save(tmp_path / 'skill.json')
+    code = LOADING.format(path=str(tmp_path / 'skill.json'))
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          check=False)
+    assert done.stdout == '0\n', done.stdout + done.stderr
