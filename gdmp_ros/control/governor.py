@@ -25,7 +25,7 @@ from gdmp_ros.control.singularity import singular_rate, singular_value
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
 from gdmp_ros.control.torque_limits import SPEED_MARGIN
 from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import cholesky, invert_lower
+from gdmp_ros.manifolds.linalg import cholesky, invert_lower, limit_norm, norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 
 #: Time constant of catching up, unless the catch-up speed limits it [s].
@@ -36,22 +36,6 @@ LINEAR_MARGIN, ANGULAR_MARGIN = 3.0, 15.0
 #: Time constant of that mean [s].
 MEAN_S = 0.03
 _EPSILON = ImpedanceGains.singularity
-
-
-@kernel
-def _norm(v):
-    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-
-
-@kernel
-def _shorten(v, limit):
-    """Shorten a vector to a limit, and return by how much it was longer."""
-    norm = _norm(v)
-    if norm <= limit:
-        return 0.0
-    for i in range(3):
-        v[i] *= limit / norm
-    return norm - limit
 
 
 @kernel
@@ -70,7 +54,7 @@ def _move_into_workspace(position, velocity, limits):
 @kernel
 def _catch_up(lag, deceleration, fastest, velocity):
     """Add the velocity that closes a lag without overshoot."""
-    distance = _norm(lag)
+    distance = norm(3, lag)
     if distance < 1e-12:
         return
     speed = min(distance / CATCH_UP_S, fastest, math.sqrt(2.0 * deceleration * distance))
@@ -140,10 +124,10 @@ def _feed_forward(reference, mean, target, first, limit, margin):
     deviation = np.empty(3)
     for i in range(3):
         deviation[i] = target[ACCELERATION + first + i] - mean[first + i]
-    _shorten(deviation, margin)
+    limit_norm(3, deviation, margin)
     for i in range(3):
         deviation[i] += mean[first + i]
-    _shorten(deviation, limit)
+    limit_norm(3, deviation, limit)
     for i in range(3):
         reference[ACCELERATION + first + i] = deviation[i]
 
@@ -191,12 +175,12 @@ def govern(reference, mean, target, jacobian, inertia, limit_numbers, dt, violat
     _wanted_velocity(reference, target, limits, dt, velocity, violation)
     _slow_down(velocity, jacobian, inertia, limits, violation)
     _brake_at_walls(reference, velocity, limits)
-    violation[SPEED] = _shorten(velocity[:3], limits.speed)
-    violation[ANGULAR_SPEED] = _shorten(velocity[3:], limits.angular_speed)
+    violation[SPEED] = limit_norm(3, velocity[:3], limits.speed)
+    violation[ANGULAR_SPEED] = limit_norm(3, velocity[3:], limits.angular_speed)
     for i in range(6):
         change[i] = (velocity[i] - reference[TWIST + i]) / dt
-    violation[ACCELERATION_LIMIT] = _shorten(change[:3], limits.acceleration)
-    violation[ANGULAR_ACCELERATION] = _shorten(change[3:], limits.angular_acceleration)
+    violation[ACCELERATION_LIMIT] = limit_norm(3, change[:3], limits.acceleration)
+    violation[ANGULAR_ACCELERATION] = limit_norm(3, change[3:], limits.angular_acceleration)
     for i in range(6):
         reference[TWIST + i] += dt * change[i]
         mean[i] += dt / MEAN_S * (change[i] - mean[i])

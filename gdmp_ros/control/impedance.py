@@ -16,6 +16,7 @@ from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
+    limit_norm,
     multiply,
     transposed_multiply,
 )
@@ -95,18 +96,6 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
 
 
 @kernel
-def clip_norm(v, limit):
-    """Shorten ``v`` to ``limit``."""
-    total = 0.0
-    for i in range(v.size):
-        total += v[i] * v[i]
-    norm = math.sqrt(total)
-    if norm > limit:
-        for i in range(v.size):
-            v[i] *= limit / norm
-
-
-@kernel
 def left_jacobian_inverse(e, v, out):
     """
     ``J_l(e)⁻¹ v`` on SO(3): makes the torque the gradient of the rotational energy.
@@ -136,8 +125,8 @@ def elastic_error(pose, target, gains, error):
     for i in range(3):
         error[i] = target[POSE + i] - pose[i]
     rotation_between(pose[3:7], target[POSE + 3:POSE + 7], error[3:])
-    clip_norm(error[:3], gains.position_clip)
-    clip_norm(error[3:], gains.rotation_clip)
+    limit_norm(3, error[:3], gains.position_clip)
+    limit_norm(3, error[3:], gains.rotation_clip)
 
 
 @kernel

@@ -22,6 +22,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from gdmp_ros import choices
 from gdmp_ros.control.guard import QUATERNION_TOLERANCE
+from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError, GdmpError
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -53,26 +54,12 @@ class Series(NamedTuple):
         return f'{self.bag}, topic {self.topic}, sample {sample}, t = {seconds:.3f} s'
 
 
-def _pose_numbers(pose: Any) -> list[float]:
-    p, q = pose.position, pose.orientation
-    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
-
-
-def _reference_numbers(message: Any) -> list[float]:
-    return [*_pose_numbers(message.pose), *message.stiffness]
-
-
-def _wrench_numbers(message: Any) -> list[float]:
-    f, t = message.wrench.force, message.wrench.torque
-    return [f.x, f.y, f.z, t.x, t.y, t.z]
-
-
 _DECODERS: dict[str, Callable[[Any], list[float]]] = {
-    POSE: lambda message: _pose_numbers(message.pose),
+    POSE: lambda message: pose_numbers(message.pose),
     ARRAY: lambda message: list(message.data),
-    REFERENCE: _reference_numbers,
+    REFERENCE: lambda message: [*pose_numbers(message.pose), *message.stiffness],
     JOINTS: lambda message: list(message.position),
-    WRENCH: _wrench_numbers,
+    WRENCH: lambda message: vector_numbers(message.wrench.force, message.wrench.torque),
 }
 
 

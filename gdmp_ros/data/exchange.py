@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from gdmp_ros.data.recordings import tool_manifold
+from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError

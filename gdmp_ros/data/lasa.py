@@ -9,13 +9,13 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from gdmp_ros import choices
+from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.mixture import Mixture
 from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.rotation import SpecialOrthogonal
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
@@ -112,8 +112,7 @@ def data_set(name: str, mapping: str) -> list[Demonstration]:
 
 
 #: Pose and translational stiffness of a robot's tool.
-TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
-               names=('position', 'orientation', 'stiffness'))
+TOOL = tool_manifold(3)
 #: Size of the letter in the workspace, and its centre in the base frame [m].
 EXTENT_M, CENTRE_M = 0.25, (0.47, 0.0, 0.38)
 #: Inclination of the tool into the stroke at high speed [rad].

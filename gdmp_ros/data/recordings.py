@@ -9,13 +9,11 @@ import shutil
 import numpy as np
 
 from gdmp_ros.data import bags
+from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, GdmpError, ManifoldError
 from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
-from gdmp_ros.manifolds.euclidean import Euclidean
-from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
@@ -74,14 +72,6 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
                                     [one.times for one in poses], k_min, k_max)
     return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
             for one, k in zip(poses, profiles)], source
-
-
-def tool_manifold(stiffness_size: int | None) -> Product:
-    """R³ × S³, with SPD(3) or SPD(6) if there is a stiffness."""
-    factors: list[Manifold] = [Euclidean(3), UnitQuaternion()]
-    if stiffness_size is not None:
-        factors.append(SymmetricPositiveDefinite(stiffness_size))
-    return Product(*factors, names=('position', 'orientation', 'stiffness')[:len(factors)])
 
 
 def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Recording:

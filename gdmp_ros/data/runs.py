@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.data.bags import opened, REFERENCE, topics_in
+from gdmp_ros.data.bags import NS, opened, REFERENCE, topics_in
+from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError
 
 #: Sequence numbers of different publishers differ by more than this.
@@ -126,18 +127,16 @@ def _column(messages: list[Any], get: Any) -> np.ndarray:
 
 
 def _stamps(messages: list[Any]) -> np.ndarray:
-    return np.array([m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
+    return np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec
                      for m in messages], dtype=np.int64)
 
 
 def _pose(message: Any) -> list[float]:
-    p, q = message.pose.position, message.pose.orientation
-    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+    return pose_numbers(message.pose)
 
 
 def _twist(message: Any) -> list[float]:
-    v, w = message.twist.linear, message.twist.angular
-    return [v.x, v.y, v.z, w.x, w.y, w.z]
+    return vector_numbers(message.twist.linear, message.twist.angular)
 
 
 def _speed(message: Any) -> float:

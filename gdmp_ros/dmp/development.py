@@ -16,6 +16,7 @@ from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import (
     CUT_LOCUS_LIMIT,
     log_in_frame,
+    RENORMALIZE_EVERY,
     renormalize_frame,
     transport_frame,
     work_array,
@@ -28,9 +29,6 @@ from gdmp_ros.manifolds.rows import (
     project_tangent_rows,
     transport_frame_rows,
 )
-
-#: Frames are renormalized after this many steps.
-RENORMALIZE_EVERY = 32
 
 
 @kernel

@@ -29,13 +29,13 @@ from gdmp_ros.manifolds.factors import (
     frame_at,
     project_tangent,
     renormalize,
+    RENORMALIZE_EVERY,
     renormalize_frame,
     transport_frame,
 )
 from gdmp_ros.manifolds.linalg import copy_numbers
 from gdmp_ros.util.profiles import smoothstep
 
-_RENORMALIZE_EVERY = 32
 #: The forcing term fades out within this part of a duration after the nominal end.
 _FADE = 0.05
 
@@ -83,7 +83,7 @@ def _update_target(motion, s):
 
 @always_inline
 def _needs_renormalization(scalars):
-    return int(scalars.interval) % _RENORMALIZE_EVERY == _RENORMALIZE_EVERY - 1
+    return int(scalars.interval) % RENORMALIZE_EVERY == RENORMALIZE_EVERY - 1
 
 
 @always_inline

@@ -9,19 +9,10 @@ from gdmp_ros.dmp.layout import Motion, OBSTACLE_CAPACITY
 from gdmp_ros.dmp.options import check_range
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
+from gdmp_ros.manifolds.linalg import limit_norm
 
 #: How fast the avoidance decreases with the angle between motion and obstacle [1/rad].
 _ANGLE_DECAY = 3.0
-
-
-@always_inline
-def _limit_norm(size, vector, limit):
-    total = 0.0
-    for i in range(size):
-        total += vector[i] * vector[i]
-    if total > limit * limit:
-        for i in range(size):
-            vector[i] *= limit / math.sqrt(total)
 
 
 @kernel
@@ -90,7 +81,7 @@ def avoid_obstacles(motion):
     obstacle_acceleration(size, position, numbers_at(tangents.velocity, first, size),
                           int(scalars.obstacles), motion.obstacles, scalars.obstacle_gain,
                           scalars.obstacle_reach, avoidance)
-    _limit_norm(size, avoidance, scalars.obstacle_limit)
+    limit_norm(size, avoidance, scalars.obstacle_limit)
     for i in range(size):
         tangents.to_goal[first + i] += avoidance[i] / scalars.stiffness
 

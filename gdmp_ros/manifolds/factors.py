@@ -25,6 +25,8 @@ from gdmp_ros.kernels.intrinsics import kernel_signature
 
 #: Within this distance [rad] of the cut locus the shortest geodesic counts as not unique.
 CUT_LOCUS_LIMIT = 1e-6
+#: Points and frames are renormalized after this many steps along a path.
+RENORMALIZE_EVERY = 32
 
 
 class Kernels(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import inlined, kernel, noinline
+from gdmp_ros.kernels import always_inline, inlined, kernel, noinline
 
 EPS = 2.0 ** -52
 SQRT2 = math.sqrt(2.0)
@@ -122,6 +122,26 @@ def congruence(m, a, s, out, half):
 def gram(m, a, out):
     """``out = a aᵀ``, exactly symmetric."""
     _half_product(m, a, a, out)
+
+
+@always_inline
+def norm(count, v):
+    """Euclidean norm."""
+    total = 0.0
+    for i in range(count):
+        total += v[i] * v[i]
+    return math.sqrt(total)
+
+
+@always_inline
+def limit_norm(count, v, limit):
+    """Shorten ``v`` to ``limit``, and return by how much it was longer."""
+    length = norm(count, v)
+    if length <= limit:
+        return 0.0
+    for i in range(count):
+        v[i] *= limit / length
+    return length - limit
 
 
 @kernel

@@ -21,6 +21,8 @@ from gdmp_ros.util.compile_progress import compilation_reported
 DEEP = 2000
 #: History of /clock: each message is a tick.
 CLOCK_DEPTH = 200
+#: Time between two reports of a node, and without one the node counts as silent [s].
+REPORT_S, SILENT_S = 0.1, 1.0
 
 
 def reliable(depth: int) -> QoSProfile:

@@ -24,6 +24,8 @@ from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.guard import QUATERNION_TOLERANCE
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
+from gdmp_ros.data import message_numbers
+from gdmp_ros.data.message_numbers import vector_numbers
 from gdmp_ros.errors import ManifoldError
 from gdmp_ros.realtime.statistics import Punctuality
 
@@ -38,8 +40,7 @@ ROBOT_STATE_FIXED = 93 + len(LIMITS)
 
 def pose_numbers(pose: Pose) -> np.ndarray:
     """(x, y, z, qw, qx, qy, qz) of a pose message."""
-    p, q = pose.position, pose.orientation
-    return np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z])
+    return np.array(message_numbers.pose_numbers(pose))
 
 
 def set_pose(pose: Pose, numbers: np.ndarray) -> None:
@@ -60,12 +61,11 @@ def stamp_of(ns: int) -> Time:
 
 def reference_target(message: Reference) -> np.ndarray:
     """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
-    p, q = message.pose.position, message.pose.orientation
-    v, w = message.twist.linear, message.twist.angular
-    a, b = message.acceleration.linear, message.acceleration.angular
     target = np.empty(TARGET_SIZE)
-    target[:STIFFNESS] = (p.x, p.y, p.z, q.w, q.x, q.y, q.z, v.x, v.y, v.z, w.x, w.y, w.z,
-                          a.x, a.y, a.z, b.x, b.y, b.z)
+    target[POSE:TWIST] = message_numbers.pose_numbers(message.pose)
+    target[TWIST:ACCELERATION] = vector_numbers(message.twist.linear, message.twist.angular)
+    target[ACCELERATION:STIFFNESS] = vector_numbers(message.acceleration.linear,
+                                                    message.acceleration.angular)
     target[STIFFNESS:-1] = message.stiffness
     target[-1] = message.damping_ratio
     return target

@@ -18,12 +18,9 @@ from rclpy.executors import (
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
-
-#: Time between two reports [s].
-REPORT_S = 0.1
 
 
 class _Spinner:

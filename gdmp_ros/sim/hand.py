@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gdmp_ros.control.impedance import clip_norm
 from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.manifolds.linalg import limit_norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.util.settings import setting
 
@@ -54,6 +54,6 @@ class Hand:
         result = np.concatenate([
             s.stiffness * (self.pose[:3] - measured.pose[:3]) - s.damping * twist[:3],
             s.rotational_stiffness * self._rotation - s.rotational_damping * twist[3:]])
-        clip_norm(result[:3], s.force)
-        clip_norm(result[3:], s.torque)
+        limit_norm(3, result[:3], s.force)
+        limit_norm(3, result[3:], s.torque)
         return result

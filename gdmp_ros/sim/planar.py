@@ -7,15 +7,16 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.model_sources import PERIOD
 
 #: Mass of a link [kg/m], thickness [m], rotor inertia [kg m²] and friction of a joint [Nm s/rad].
 _LINE_MASS, _THICKNESS, _ARMATURE, _FRICTION = 2.0, 0.02, 0.01, 0.05
-_TORQUE, _FORCE, _PERIOD = 100.0, 500.0, 1e-3
+_TORQUE, _FORCE = 100.0, 500.0
 
 
 def _blank() -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
-    spec.option.timestep = _PERIOD
+    spec.option.timestep = PERIOD
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     return spec

@@ -8,14 +8,14 @@ import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
+from gdmp_ros.view import style
+
 matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True,
                             'grid.alpha': 0.3, 'axes.spines.top': False,
                             'axes.spines.right': False, 'legend.frameon': False})
 #: Lines are distinct in black and white too.
 STYLES: tuple[Any, ...] = ('-', '--', ':', '-.', (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)))
-INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
-#: Length of the longest half-axis of all ellipsoids in a figure [m].
-ELLIPSOID_M = 0.035
+INK = style.INK
 
 
 def blank_figure(width: float = 6.4, height: float = 4.0) -> Figure:
@@ -111,19 +111,12 @@ def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray 
     axes.scatter(*positions[-1], marker='*', s=60, color=INK[1], label='end')
     if matrices is not None:
         largest = float(np.linalg.eigvalsh(matrices).max())
-        at = np.searchsorted(_arc_length(positions), np.linspace(0.0, 1.0, count))
-        for i in np.minimum(at, len(positions) - 1):
-            _ellipsoid(axes, positions[i], matrices[i] * ELLIPSOID_M / largest)
+        for i in style.evenly(positions, count):
+            _ellipsoid(axes, positions[i], matrices[i] * style.ELLIPSOID_M / largest)
         axes.plot([], [], color=INK[2], label=f'stiffness (longest {largest:.0f} N/m)')
     axes.set(xlabel='x [m]', ylabel='y [m]', zlabel='z [m]')
     axes.set_aspect('equal')
     axes.legend(loc='upper left')
-
-
-def _arc_length(positions: np.ndarray) -> np.ndarray:
-    steps = np.linalg.norm(np.diff(positions, axis=0, prepend=positions[:1]), axis=1)
-    total = np.cumsum(steps)
-    return np.asarray(total / max(total[-1], 1e-12))
 
 
 def _ellipsoid(axes: Any, centre: np.ndarray, shape: np.ndarray) -> None:

@@ -13,12 +13,14 @@ from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.run_analysis import lateness, Tracking
 from gdmp_ros.data.run_events import Event
 from gdmp_ros.data.runs import Run
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
 
 #: Largest number of points of a curve.
 MAX_POINTS = 3000
-#: Ellipsoids along a path, and the length of the longest half-axis [m].
-ELLIPSOIDS, ELLIPSOID_M = 12, 0.035
-INK = ('#1b4f8a', '#c1440e', '#2e7d32', '#6a3d9a', '#444444', '#b8860b')
+#: Ellipsoids along a path.
+ELLIPSOIDS = 12
 DASH = ('solid', 'dash', 'dot', 'dashdot', 'longdash', 'longdashdot')
 
 
@@ -45,10 +47,7 @@ def _path(positions: np.ndarray, name: str, ink: str, dash: str = 'solid') -> go
 
 def _ellipsoids(positions: np.ndarray, matrices: np.ndarray, name: str) -> go.Scatter3d:
     """Three rings of each ellipsoid; the longest axis is the stiffest direction."""
-    steps = np.linalg.norm(np.diff(positions, axis=0, prepend=positions[:1]), axis=1)
-    passed = np.cumsum(steps)
-    at = np.minimum(np.searchsorted(passed, np.linspace(0.0, passed[-1], ELLIPSOIDS)),
-                    len(positions) - 1)
+    at = evenly(positions, ELLIPSOIDS)
     angle = np.linspace(0.0, 2.0 * np.pi, 25)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     unit = np.vstack([np.vstack([np.roll(ring, k, axis=1), np.full((1, 3), np.nan)])
@@ -137,11 +136,12 @@ def run_over_time(run: Run, tracked: Tracking,
 
 def demonstration_in_space(recording: Recording) -> go.Figure:
     """The demonstrated path, with its stiffness if it has one."""
-    points = recording.demonstration.points
+    shown = recording.demonstration
+    points = shown.points
     traces = [_path(points[:, :3], 'demonstration', INK[0]),
               _point(points[0, :3], 'start', 'circle'),
               _point(points[-1, :3], 'end', 'diamond')]
-    matrices = _stiffness(points)
+    matrices = _stiffness(shown)
     if matrices is not None:
         traces.insert(1, _ellipsoids(points[:, :3], matrices, 'stiffness'))
     return _space(traces)
@@ -156,13 +156,15 @@ def demonstration_over_time(recording: Recording) -> go.Figure:
             ('quaternion', [(name, times, points[:, 3 + k])
                             for k, name in enumerate(('qw', 'qx', 'qy', 'qz'))]),
             ('speed [m/s]', [('tool', times, speed)])]
-    matrices = _stiffness(points)
+    matrices = _stiffness(shown)
     if matrices is not None:
         rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'demonstrated,')))
     return _over_time(rows)
 
 
-def _stiffness(points: np.ndarray) -> np.ndarray | None:
-    """Translational stiffness of points of a demonstration; None without a stiffness."""
-    size = {16: 3, 43: 6}.get(points.shape[1])
-    return None if size is None else points[:, 7:].reshape(-1, size, size)[:, :3, :3].copy()
+def _stiffness(shown: Demonstration) -> np.ndarray | None:
+    """Translational stiffness of a demonstration of a tool; None without a stiffness."""
+    last = shown.manifold.factors[-1]
+    if not isinstance(last, SymmetricPositiveDefinite):
+        return None
+    return shown.points[:, 7:].reshape(-1, *last.point_shape)[:, :3, :3].copy()

@@ -14,13 +14,11 @@ from rich.text import Text
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.ros.clients.client import Client
-from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.lifecycle import reliable, SILENT_S
 from gdmp_ros.ros.polling import PolledGroup, take_latest
 
 #: Interval of the view on a terminal, and of the lines in a pipe or file [s].
 REFRESH_S, LINE_S = 0.2, 1.0
-#: Without a message for this time a node is silent [s].
-TIMEOUT_S = 1.0
 
 
 class Dashboard(Client):
@@ -50,7 +48,7 @@ class Dashboard(Client):
 
     def silent(self, which: str) -> bool:
         """Whether the ``server`` or the ``arm`` is silent."""
-        return time.monotonic() - self._received[which] > TIMEOUT_S
+        return time.monotonic() - self._received[which] > SILENT_S
 
     def rows(self) -> list[tuple[str, str]]:
         """Rows of the view: name and text."""

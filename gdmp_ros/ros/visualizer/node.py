@@ -18,7 +18,7 @@ from visualization_msgs.msg import (
 )
 
 from gdmp_ros.control.manipulability import manipulability
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode, SILENT_S
 from gdmp_ros.ros.messages import pose_numbers, set_pose
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.polling import take_latest
@@ -48,8 +48,6 @@ SPECS = (
 )
 MENU = ('start', 'stop', 'pause', 'resume', 'guide the arm by hand', 'end hand guiding')
 _GOAL, _HAND = 'goal', 'hand'
-#: A node without a message for this time is not shown any more [s].
-TIMEOUT_S = 1.0
 
 
 class Visualizer(ManagedNode):
@@ -156,9 +154,9 @@ class Visualizer(ManagedNode):
             return
         self._poll()
         now = time.monotonic()
-        if now - self._received['server'] > TIMEOUT_S:
+        if now - self._received['server'] > SILENT_S:
             self._goal, self._predicted = None, np.empty((0, 3))
-        if now - self._received['arm'] > TIMEOUT_S:
+        if now - self._received['arm'] > SILENT_S:
             self._robot = None
         oldest = time.monotonic() - self.parameters.path_s
         while self._past and self._past[0][0] < oldest:
