@@ -1,12 +1,12 @@
-"""Measure speed, accuracy and smoothness, beside the peers.
+"""Measure speed, accuracy and smoothness, compared with other libraries.
 
-step         a step of a roll-out from Python, beside movement_primitives
-learn        learning, beside movement_primitives
+step         a step of a roll-out from Python, compared with movement_primitives
+learn        learning, compared with movement_primitives
 accuracy     reproduction of all LASA classes on five manifolds, for steps of 1 to 10 ms
-goal-switch  accelerations after a goal switch, beside movement_primitives
-tempo        the path when the tempo changes, beside movement_primitives
+goal-switch  accelerations after a goal switch, compared with movement_primitives
+tempo        the path when the tempo changes, compared with movement_primitives
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
-stream       the lateness of the nodes beside a bare loop (needs ROS)
+stream       the lateness of the nodes, compared with a bare loop (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
 all          everything, with pictures
 
@@ -15,7 +15,7 @@ examples:
   gdmp bench accuracy --jobs 2 --resume accuracy.jsonl --json accuracy.json
   gdmp bench all --out out/bench
 
-The peers come with: pip install 'gdmp_ros[bench]'
+The other libraries come with: pip install 'gdmp_ros[bench]'
 """
 from __future__ import annotations
 

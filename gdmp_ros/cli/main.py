@@ -39,7 +39,7 @@ GROUPS = {
     },
     'experiments': {
         'demo': 'everything end to end on a simulated Panda',
-        'bench': 'measure speed, accuracy and smoothness beside the peers',
+        'bench': 'measure speed, accuracy and smoothness, compared with other libraries',
         'paper': 'reproduce the experiments of the paper',
         'faults': 'try faults on the nodes',
         'soak': 'operate the nodes for a long time and watch them',

@@ -1,8 +1,9 @@
 """Write demonstrations from a data set: rosbag2 recordings, or data on a manifold.
 
 As recordings, the LASA handwriting data set becomes motions of a tool in a Panda's workspace: the
-letter is scaled to 25 cm and lifted onto a shallow bowl, the tool points down and leans into the
-stroke. The stiffness comes from the variance over the strokes (Gaussian mixture regression).
+letter is scaled to 25 cm and lies on a slightly curved surface, the tool points down and leans
+into the stroke. The stiffness comes from the variance over the strokes (Gaussian mixture
+regression).
 
 With --manifold it becomes the Riemannian LASA data set: one NumPy archive per class with the
 arrays times_1, points_1, times_2, … of every demonstration, on R2, S2, S3, SO3 or SPD2, or the

@@ -177,7 +177,12 @@ class ReferenceGuard:
         self._last_twist = np.zeros(6)
 
     def offer(self, target: np.ndarray, origin: Origin) -> bool:
-        """Accept a reference, or count and explain the refusal; the last good one stays valid."""
+        """
+        Accept a reference, or count and explain the refusal; the last good one stays valid.
+
+        :param target: `TARGET_SIZE` numbers; the quaternion of an accepted one is normalised here
+        :returns: whether it was accepted
+        """
         reason = refusal(target, origin, self.settings)
         if reason is None and self.following:
             reason = self._out_of_sequence(origin) or self._jump(target)

@@ -114,7 +114,7 @@ class TankSettings:
         0.0, 'power that flows into the tank, for tasks that do work continuously; with 0 the '
         'controller is passive', 'W', 0.0, 100.0)
     passive: bool = setting(
-        True, 'restrict what the tank has no energy for; otherwise the tank only meters')
+        True, 'restrict what the tank has no energy for; False only records the energy')
 
 
 @dataclass(frozen=True)

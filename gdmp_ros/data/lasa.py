@@ -142,7 +142,7 @@ def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
 
 
 def _lift(plane: np.ndarray, extent: float) -> np.ndarray:
-    """Planar coordinates [m] to the base frame: up is away from the robot, on a shallow bowl."""
+    """Planar coordinates [m] to the base frame: up becomes x, away from the robot."""
     right, up = plane[:, 0], plane[:, 1]
     height = 0.15 * up + 0.6 * (right ** 2 + up ** 2) / extent
     return np.column_stack([up, -right, height]) + CENTRE_M

@@ -64,7 +64,7 @@ class Primitive:
     """
     A learned motion on a manifold.
 
-    :ivar manifold: where it lives
+    :ivar manifold: manifold of its points
     :ivar connection: ``parallel`` (exact transport) or ``published`` (the paper's)
     :ivar start: point, shape ``point_shape``
     :ivar goal: point, shape ``point_shape``
@@ -73,8 +73,8 @@ class Primitive:
     :ivar velocity: ``τ ẏ(0)`` in the frame, shape ``(tangent_size,)``
     :ivar weights: shape ``(n_basis, tangent_size)``
     :ivar steps: grid intervals per duration
-    :ivar segments: where the motion is split at the cut locus, if it is
-    :ivar provenance: where it came from, for people
+    :ivar segments: parts of a motion that is split at the cut locus; empty otherwise
+    :ivar provenance: source of the skill, as text; no part of the computation
     """
 
     manifold: Manifold

@@ -51,7 +51,8 @@ class Skill(Primitive):
             diagonal: 1e-3 to 1e-1 for noisy or few samples
         :param split: False refuses a demonstration through the cut locus instead
         :raises DataError: without demonstrations, or if their manifolds differ
-        :raises CutLocusError: if samples are so coarse that neighbours are opposite each other
+        :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
+            with ``split=False``, if a demonstration meets the cut locus of its goal
 
         Source: [GDMP] eqs. (20), (21).
         """

@@ -119,6 +119,7 @@ class Player:
         :param measured: pose of the robot; None starts at the start of the skill
         :param goal_pose: instead of that of the skill
         :param goal_stiffness: factor (`ToolSkill.stiffness_factor`) instead of that of the skill
+        :param duration: instead of that of the skill [s]
         :param tolerances: at the goal [m, rad]
         :returns: number of the motion; `motion` has it as soon as the motion has begun
         :raises GdmpError: if the motion is not possible; nothing has changed then

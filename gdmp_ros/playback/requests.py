@@ -30,7 +30,7 @@ class Status(StrEnum):
 #: Status after a request by the status before it; without an entry it does not change.
 AFTER_START = dict.fromkeys(Status, Status.MOVING)
 AFTER_HOLD = dict.fromkeys(Status, Status.HOLDING)
-AFTER_STOP = {Status.MOVING: Status.STOPPING, Status.PAUSED: Status.STOPPING}
+AFTER_STOP = dict.fromkeys((Status.MOVING, Status.PAUSED, Status.HOLDING), Status.STOPPING)
 AFTER_PAUSE, AFTER_RESUME = {Status.MOVING: Status.PAUSED}, {Status.PAUSED: Status.MOVING}
 UNCHANGED: dict[Status, Status] = {}
 

@@ -17,8 +17,6 @@ PANDA = Path(__file__).parent / 'models' / 'panda.xml'
 _BROKEN = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
-#: Posture of the Panda's ready pose [rad].
-READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
 
 
 class Arm:

@@ -9,8 +9,10 @@ from gdmp_ros.control.settings import ImpedanceGains
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.quaternion import rotation_between
-from gdmp_ros.sim.arm import Arm, READY
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.settings import numbers as numbers_of
+
+READY = Arm().data.qpos.copy()
 
 
 def wxyz(rotation):

@@ -8,8 +8,10 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.tool_skill import PlayerSettings
-from gdmp_ros.sim.arm import Arm, READY
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+
+READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
 
 
 def test_forward_kinematics_of_the_ready_pose():

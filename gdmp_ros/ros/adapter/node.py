@@ -244,8 +244,9 @@ class Adapter(ManagedNode):
         numbers = self._six(command)
         if not self._client.service_is_ready():
             self._last = None  # a restarted node does not know it
-            self.get_logger().warning(f'{self.parameters.stiffness_node} is not there to receive '
-                                      'a stiffness', throttle_duration_sec=5.0)
+            self.get_logger().warning('the stiffness cannot be set: the service of '
+                                      f'{self.parameters.stiffness_node} is not available',
+                                      throttle_duration_sec=5.0)
             return
         if self._last is not None and np.all(
                 np.abs(numbers - self._last) <= CHANGED * np.maximum(self._last, 1.0)):

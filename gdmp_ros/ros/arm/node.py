@@ -121,8 +121,7 @@ class PandaSim(ManagedNode):
         stamp = time.time_ns() - (time.monotonic_ns() - deadline_ns)
         for late in range(min(periods, MAX_CATCH_UP) - 1, -1, -1):
             self._advance(stamp - late * self._period_ns)
-        if self._viewer is not None and self._ticks % VIEWER_EVERY == 0:
-            self._viewer.sync()
+        self._sync_viewer()
 
     def _fast_loop(self) -> None:
         arm = self.simulation.loop.arm
@@ -133,6 +132,11 @@ class PandaSim(ManagedNode):
             self._clock_out.publish(ClockMessage(clock=stamp_of(round(arm.time * NS))))
             now = time.monotonic_ns()
             self._lateness.add(now, now)
+            self._sync_viewer()
+
+    def _sync_viewer(self) -> None:
+        if self._viewer is not None and self._ticks % VIEWER_EVERY == 0:
+            self._viewer.sync()
 
     def _advance(self, stamp_ns: int) -> bool:
         """Make a tick and publish it; False while paused."""

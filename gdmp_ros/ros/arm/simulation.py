@@ -98,7 +98,7 @@ class Simulation:
         :param stamp_ns: present time
         """
         if self._reset_requested:
-            self._reset_requested = False
+            self._reset_requested, self.sequence = False, 0
             self.loop.reset()
         if self._hand_guide_requested is not None:
             self._switch_hand_guiding(self._hand_guide_requested)

@@ -170,7 +170,7 @@ class TakeRecorder(ManagedNode):
                 self._finish(f'a take lasts at most {self.parameters.longest:g} s')
         except (GdmpError, OSError) as error:
             self._state.problem = str(error)
-            self.get_logger().error(str(error))
+            self.get_logger().error(str(error), throttle_duration_sec=1.0)
 
     def _report(self) -> None:
         if self._writer is None and self._tap is not None:

@@ -250,7 +250,8 @@ class Visualizer(ManagedNode):
                         'end hand guiding': ('teach', False)}.get(title, (title, None))
         client = self._calls[which]
         if not client.service_is_ready():
-            self.get_logger().warning(f'{title}: the service {client.srv_name} is not there')
+            self.get_logger().warning(f'{title}: the service {client.srv_name} is not '
+                                      'available')
             return
         request = client.srv_type.Request()
         if value is not None:
