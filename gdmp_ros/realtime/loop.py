@@ -1,7 +1,8 @@
 """A periodic loop on absolute deadlines, and the thread it runs in."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import gc
 import os
 import sys
@@ -13,6 +14,8 @@ from typing import Protocol
 SWITCH_INTERVAL_S = 1e-4
 #: Default SCHED_FIFO priority (1 … 99; threaded interrupts run at 50).
 DEFAULT_PRIORITY = 40
+#: Priority of `raised_priority`: above all normal threads, not above any loop.
+RAISED_PRIORITY = 1
 
 
 class Clock(Protocol):
@@ -61,6 +64,29 @@ def run_periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock,
     return missed
 
 
+_real_time_threads: set[RealtimeThread] = set()
+
+
+@contextmanager
+def raised_priority() -> Iterator[None]:
+    """
+    Let the calling thread precede other processes, while a loop of this process has SCHED_FIFO.
+
+    A thread that is interrupted while it holds the GIL keeps the loop waiting, for milliseconds on
+    a busy machine.
+    """
+    if not _real_time_threads:
+        yield
+        return
+    # Threads and processes that are started meanwhile have normal priority.
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    os.sched_setscheduler(0, policy, os.sched_param(RAISED_PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 class RealtimeThread:
     """
     A thread for a periodic loop: real-time priority if granted, no garbage collection.
@@ -105,6 +131,7 @@ class RealtimeThread:
                 # 0 is the calling thread only.
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
                 self.scheduler = 'fifo'
+                _real_time_threads.add(self)
             except OSError:
                 self.scheduler = 'other'
         self._ready.set()
@@ -112,3 +139,5 @@ class RealtimeThread:
             self._target()
         except BaseException as error:
             self.failure = error
+        finally:
+            _real_time_threads.discard(self)

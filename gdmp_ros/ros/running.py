@@ -18,6 +18,7 @@ from rclpy.executors import (
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.loop import raised_priority
 from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
@@ -52,7 +53,7 @@ class _Spinner:
                 continue
             due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
             for node in self._nodes:
-                with self._busy:
+                with self._busy, raised_priority():
                     _attempt(node, node.report)
 
     def shutdown(self) -> None:
@@ -73,7 +74,7 @@ class _Spinner:
 
     def _execute_next(self) -> None:
         task, _, _ = self._executor.wait_for_ready_callbacks(None, None, self._ending.is_set)
-        with self._busy:
+        with self._busy, raised_priority():
             task()
         error = task.exception()
         if error is not None:

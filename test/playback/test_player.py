@@ -390,3 +390,16 @@ def test_requests_from_another_thread_keep_the_reference_continuous(player, skil
     fastest = np.linalg.norm(rows[:, 7:10], axis=1).max()
     assert largest_step(rows) < 1.05 * fastest * DT + 1e-6
     assert player.refusals.count == 0
+
+
+def test_a_stop_while_holding_ends_the_motion(skill):
+    player = Player(skill, SETTINGS)
+    player.start(None)
+    run(player, round(2.0 * skill.duration / DT))
+    assert player.status == 'holding' and player.rollout is not None
+    held = player.target.copy()
+    player.stop()
+    assert player.status == 'stopping'
+    run(player, 1000)
+    assert player.status == 'holding' and player.rollout is None
+    np.testing.assert_allclose(player.target[:7], held[:7], atol=1e-5)

@@ -3,6 +3,7 @@ import gc
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -10,7 +11,12 @@ import psutil
 import pytest
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.loop import (
+    MonotonicClock,
+    raised_priority,
+    RealtimeThread,
+    run_periodic,
+)
 from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
@@ -92,6 +98,28 @@ def test_only_the_streaming_thread_gets_priority():
     plain.start()
     plain.join()
     assert plain.scheduler == 'other'
+
+
+CHILD = 'import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)'
+
+
+def test_priority_is_raised_only_beside_a_loop_with_priority():
+    ending = threading.Event()
+    thread = RealtimeThread(lambda: ending.wait() and None)
+    with raised_priority():
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    thread.start()
+    try:
+        with raised_priority():
+            policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+            child = subprocess.run([sys.executable, '-c', CHILD], capture_output=True, text=True,
+                                   check=True)
+        after = os.sched_getscheduler(0)
+    finally:
+        ending.set()
+        thread.join()
+    assert policy == (os.SCHED_FIFO if thread.scheduler == 'fifo' else os.SCHED_OTHER)
+    assert after == os.SCHED_OTHER and child.stdout == 'True\n'
 
 
 def test_a_failure_in_the_loop_is_kept():
