@@ -26,10 +26,11 @@ from gdmp_ros.util.processes import stop_event
 
 class _Spinner:
     """
-    Executes the callbacks of nodes in one thread and their reports in another, never both at once.
+    Runs nodes in one thread and makes their reports in another, never both at once.
 
-    Reports have no timers: an executor waits anew for all entities of a node after each timer,
-    which takes longer than most reports.
+    Transitions and callbacks are in one thread, because some files may only be used by the thread
+    that opened them. Reports have no timers: an executor waits anew for all entities of a node
+    after each timer, which takes longer than most reports.
     """
 
     def __init__(self, nodes: Sequence[ManagedNode]):
@@ -39,11 +40,21 @@ class _Spinner:
         for node in nodes:
             self._executor.add_node(node)
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._execute, name='callbacks', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='callbacks', daemon=True)
 
     def spin(self, stop: threading.Event) -> None:
-        """Execute callbacks and reports until ``stop``."""
+        """Start the nodes, execute callbacks and reports until ``stop``, and take them down."""
         self._thread.start()
+        try:
+            self._make_reports(stop)
+        finally:
+            # The thread ends first: the executor cannot be shut down while it waits.
+            self._ending.set()
+            self._executor.wake()
+            self._thread.join()
+            self._executor.shutdown()
+
+    def _make_reports(self, stop: threading.Event) -> None:
         due = time.monotonic()
         # The thread ends if the context is shut down.
         while self._thread.is_alive() and not stop.is_set():
@@ -56,21 +67,20 @@ class _Spinner:
                 with self._busy, raised_priority():
                     _attempt(node, node.report)
 
-    def shutdown(self) -> None:
-        """Execute nothing from now on."""
-        # The thread ends first: the executor cannot be shut down while it waits.
-        self._ending.set()
-        if self._thread.is_alive():
-            self._executor.wake()
-            self._thread.join()
-        self._executor.shutdown()
-
-    def _execute(self) -> None:
+    def _run(self) -> None:
         try:
+            with self._busy:
+                for node in self._nodes:
+                    if node.get_parameter('autostart').value:
+                        node.autostart()
             while True:
                 _attempt(self._nodes[0], self._execute_next)
         except (ConditionReachedException, ExternalShutdownException):
-            return
+            pass
+        finally:
+            with self._busy:
+                for node in self._nodes:
+                    node.take_down()
 
     def _execute_next(self) -> None:
         task, _, _ = self._executor.wait_for_ready_callbacks(None, None, self._ending.is_set)
@@ -116,17 +126,10 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         print(f'error: {error}', file=sys.stderr)
         rclpy.shutdown()
         return 2
-    spinner = _Spinner(nodes)
     try:
-        for node in nodes:
-            if node.get_parameter('autostart').value:
-                node.autostart()
-        spinner.spin(stop)
+        _Spinner(nodes).spin(stop)
     finally:
-        spinner.shutdown()
         for node in nodes:
-            node.take_down()
-            # After the deactivation: it publishes.
             node.destroy_node()
         rclpy.shutdown()
         # Another Ctrl-C while the interpreter ends would print a traceback.

@@ -159,12 +159,12 @@ def test_a_skill_is_learned_by_service_while_references_are_streamed(running, tm
     assert not bad.success and 'nowhere' in bad.message
 
 
-def start_speed(states):
-    """Largest joint speed in the first 20 ms of a motion [rad/s]."""
-    speeds = np.abs([m.velocity for m in states]).max(axis=1)
+def assert_gentle_start(states):
+    """The tempo grows from 0 by 5 per second: after 20 ms it is 0.1."""
+    speeds = np.abs([m.velocity for m in states]).max(axis=1)  # rad/s
     moving = int(np.argmax(speeds > 0.005))
     assert moving > 0 and speeds.max() > 0.2
-    return speeds[moving:moving + 20].max()
+    assert speeds[moving:moving + 20].max() < 0.1 * speeds.max()
 
 
 def test_the_arm_holds_when_the_server_is_killed_and_follows_the_next_server(nodes):
@@ -188,5 +188,6 @@ def test_the_arm_holds_when_the_server_is_killed_and_follows_the_next_server(nod
     result = nodes.client.result(30.0)
     assert result.error_code == result.SUCCESSFUL
     # The next motion begins there without a jerk, as the first one did.
-    assert start_speed(nodes.robot[begun:]) < 1.5 * start_speed(nodes.robot[:before])
+    assert_gentle_start(nodes.robot[:before])
+    assert_gentle_start(nodes.robot[begun:])
     assert np.abs(np.diff(nodes.torques(), axis=0)).max() <= 1.0 + 1e-9
