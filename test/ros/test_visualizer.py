@@ -101,6 +101,10 @@ def test_everything_is_shown_and_the_goal_is_switched_by_its_handle(running, vie
                  lambda: np.linalg.norm(running.tool()[:3] - goal[:3]) < 0.01)
     running.wait('the end of the predicted path',
                  lambda: 'predicted path' not in viewer.namespaces())
+    # A viewer that missed the message removes the path, too.
+    late = Viewer(running)
+    late.shown['predicted path', 0] = None
+    running.wait('its end', lambda: 'predicted path' not in late.namespaces())
     assert len(viewer.shown['past path', 0].points) > 10
     # A viewer repeats that the handle is held; after the last repetition it is released.
     held = goal.copy()

@@ -169,9 +169,10 @@ class Visualizer(ManagedNode):
         for marker in shown:
             marker.header.frame_id, marker.header.stamp = self.parameters.frame_id, stamp
         keys = {(marker.ns, marker.id) for marker in shown}
+        # Repeated: a viewer that misses a message must not keep a marker for ever.
+        self._shown |= keys
         gone = [Marker(ns=space, id=number, action=Marker.DELETE)
                 for space, number in sorted(self._shown - keys)]
-        self._shown = keys
         self._markers.publish(MarkerArray(markers=gone + shown))
 
     def _all_markers(self) -> list[Marker]:
