@@ -1,4 +1,5 @@
-"""Names that users choose from; nothing is imported here, so that ``gdmp --help`` is fast."""
+"""Names that users choose from; imports little, so that ``gdmp --help`` is fast."""
+from gdmp_ros.errors import DataError
 
 #: Connections of the transport of frames: exact, or as in [GDMP] section 4.
 CONNECTIONS = ('parallel', 'published')
@@ -19,3 +20,10 @@ LASA_COVARIANCES = 'covariances'
 #: Skills of the gallery.
 GALLERY = ('letter-G', 'letter-S', 'pick-and-place', 'polish', 'screw', 'sphere', 'rotation',
            'covariance')
+
+
+def check_lasa_class(name: str) -> None:
+    """:raises DataError: unless it is a class of the LASA data set; the message lists them"""
+    if name not in LASA_CLASSES:
+        raise DataError(f'LASA class {name!r} is unknown, expected one of '
+                        f'{", ".join(LASA_CLASSES)}')

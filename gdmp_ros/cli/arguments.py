@@ -5,8 +5,8 @@ import argparse
 import math
 from pathlib import Path
 
-from gdmp_ros.choices import LASA_CLASSES, STORAGES
-from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.choices import STORAGES
+from gdmp_ros.errors import ParameterError
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
@@ -52,13 +52,6 @@ def add_parallel(parser: argparse.ArgumentParser) -> None:
                         help='work on a Dask cluster instead')
     parser.add_argument('--resume', type=Path, metavar='FILE',
                         help='keep finished parts in this file and continue from it')
-
-
-def check_lasa_class(name: str) -> None:
-    """:raises DataError: unless it is a class of the LASA data set; the message lists them"""
-    if name not in LASA_CLASSES:
-        raise DataError(f'LASA class {name!r} is unknown, expected one of '
-                        f'{", ".join(LASA_CLASSES)}')
 
 
 def check_number(name: str, value: float, low: float = -math.inf, high: float = math.inf,

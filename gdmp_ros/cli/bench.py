@@ -24,8 +24,8 @@ import importlib
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from gdmp_ros.choices import LASA_CLASSES
-from gdmp_ros.cli.arguments import add_parallel, check_lasa_class, check_number
+from gdmp_ros.choices import check_lasa_class, LASA_CLASSES
+from gdmp_ros.cli.arguments import add_parallel, check_number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 

