@@ -152,13 +152,11 @@ class Manifold(PointSpace):
         :param b: the same
         :returns: shape ``(count, factors)``; the distance in the product is their Euclidean norm
         """
-        table, count = self.factor_table, len(a)
-        frames, steps = np.empty((count, self.frame_size)), np.empty((count, self.tangent_size))
-        rows.frame_rows(table, kernel_array(a), frames, self._scratch())
-        rows.log_in_frame_rows(table, frames, kernel_array(b), steps, np.empty(count),
-                                   self._scratch())
-        return np.column_stack([np.linalg.norm(steps[:, part], axis=1)
-                                for part in self.tangent_slices])
+        out = np.empty((len(a), len(self.factors)))
+        rows.distance_rows(self.factor_table, kernel_array(a), kernel_array(b), out,
+                           np.empty(self.frame_size), np.empty(self.tangent_size),
+                           self._scratch())
+        return out
 
     @final
     def geodesic(self, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from gdmp_ros.manifolds.factors import (
     to_frame,
     transport_frame,
 )
+from gdmp_ros.manifolds.linalg import norm
 
 
 @always_inline
@@ -61,6 +62,17 @@ def log_in_frame_rows(factors, frames, points, coordinates, distances, work):
     for i in range(distances.size):
         distances[i] = log_in_frame(factors, _row(frames, i), _row(points, i),
                                     _row(coordinates, i), work)
+
+
+@kernel
+def distance_rows(factors, a, b, distances, frame, coordinates, work):
+    """Length of the geodesic in each factor, for each row of points."""
+    for i in range(len(distances)):
+        frame_at(factors, _row(a, i), frame, work)
+        log_in_frame(factors, frame, _row(b, i), coordinates, work)
+        for j in range(factors.size):
+            first, end = factors[j].tangent, factors[j].tangent_end
+            distances[i, j] = norm(end - first, numbers_at(coordinates, first, end - first))
 
 
 @kernel

@@ -13,26 +13,19 @@ class Member:
     """
     A task in a shared loop.
 
+    :ivar step: called periodically
     :ivar failure: exception that ended the task, None while it runs; other tasks continue
     """
 
     def __init__(self, loop: _Loop, step: Step):
         self.failure: BaseException | None = None
+        self.step = step
         self._loop = loop
-        self._step = step
 
     @property
     def scheduler(self) -> str:
         """``fifo`` or ``other``."""
         return self._loop.thread.scheduler
-
-    def step(self, deadline_ns: int, now_ns: int) -> None:
-        """Run the task once."""
-        if self.failure is None:
-            try:
-                self._step(deadline_ns, now_ns)
-            except BaseException as error:
-                self.failure = error
 
     def leave(self) -> None:
         """End the task; it does not run any more after the return."""
@@ -50,7 +43,11 @@ class _Loop:
     def _step(self, deadline_ns: int, now_ns: int) -> None:
         with self.stepping:
             for member in self.members:
-                member.step(deadline_ns, now_ns)
+                if member.failure is None:
+                    try:
+                        member.step(deadline_ns, now_ns)
+                    except BaseException as error:
+                        member.failure = error
 
 
 _loops: dict[tuple[int, int], _Loop] = {}
