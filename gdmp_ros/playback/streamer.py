@@ -24,8 +24,7 @@ from gdmp_ros.util.settings import setting
 NS = 1_000_000_000
 #: Ticks between two readings of the measured pose, for motions that need it.
 READ_EVERY = 20
-#: Returns the newest measured pose (x, y, z, qw, qx, qy, qz) that was not returned before and how
-#: long ago it arrived [s]; None if there is none.
+#: Reads the measured pose: (x, y, z, qw, qx, qy, qz) and its age [s]; None if there is no new one.
 PoseSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
 
 
@@ -60,6 +59,7 @@ class Streamer:
     :ivar player: None before there is a skill
     :ivar active: whether ticks are made
     :ivar member: the task in the real-time loop; None with simulated time
+    :ivar ticks: number of calls of `tick`
     :ivar time_jumps: [s], not reported yet
     """
 
@@ -84,7 +84,7 @@ class Streamer:
         self._reading = threading.Lock()
         self._measured: tuple[np.ndarray, float] | None = None
         self._used: tuple[np.ndarray, float] | None = None
-        self._last_tick = self._ticks = 0
+        self._last_tick = self.ticks = 0
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
@@ -171,6 +171,9 @@ class Streamer:
 
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
+        measured = self._measured
+        if measured is not None and _age(measured) <= self.settings.measured_pose_age:
+            return True  # without reading a newer one
         try:
             self._start_pose()
         except ParameterError:
@@ -200,6 +203,7 @@ class Streamer:
         :param longest_s: a longer step is a jump of the time: the motion does not advance then [s]
         :returns: see `Player.tick`; None without a skill
         """
+        self.ticks += 1
         dt = (now_ns - self._last_tick) / NS if self._last_tick else 0.0
         self._last_tick = now_ns
         if not 0.0 <= dt <= longest_s:
@@ -208,8 +212,7 @@ class Streamer:
         player = self.player
         if player is None:
             return None
-        self._ticks += 1
-        if self._ticks % READ_EVERY == 0:
+        if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
         return player.tick(dt)
 
@@ -250,9 +253,13 @@ class Streamer:
             raise ParameterError(f'no measured pose has arrived on {self._measured_from}: the '
                                  "robot's pose is not known (with start_from: skill a motion "
                                  "starts at the skill's own start)")
-        pose, arrived = measured
-        age = time.monotonic() - arrived
+        age = _age(measured)
         if age > self.settings.measured_pose_age:
             raise ParameterError(f'the last measured pose on {self._measured_from} is {age:.2f} s '
                                  f'old, expected at most {self.settings.measured_pose_age:g} s')
-        return pose
+        return measured[0]
+
+
+def _age(measured: tuple[np.ndarray, float]) -> float:
+    """Time since a pose arrived [s]."""
+    return time.monotonic() - measured[1]

@@ -25,8 +25,7 @@ from gdmp_ros.control.guard import QUATERNION_TOLERANCE
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
 from gdmp_ros.data import message_numbers
-from gdmp_ros.data.message_numbers import vector_numbers
-from gdmp_ros.errors import ManifoldError
+from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.realtime.statistics import Punctuality
 
 NS = 1_000_000_000
@@ -63,9 +62,10 @@ def reference_target(message: Reference) -> np.ndarray:
     """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
     target = np.empty(TARGET_SIZE)
     target[POSE:TWIST] = message_numbers.pose_numbers(message.pose)
-    target[TWIST:ACCELERATION] = vector_numbers(message.twist.linear, message.twist.angular)
-    target[ACCELERATION:STIFFNESS] = vector_numbers(message.acceleration.linear,
-                                                    message.acceleration.angular)
+    target[TWIST:ACCELERATION] = message_numbers.vector_numbers(message.twist.linear,
+                                                               message.twist.angular)
+    target[ACCELERATION:STIFFNESS] = message_numbers.vector_numbers(message.acceleration.linear,
+                                                                   message.acceleration.angular)
     target[STIFFNESS:-1] = message.stiffness
     target[-1] = message.damping_ratio
     return target
@@ -163,6 +163,18 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     return result
 
 
+def deserialized(data: Buffer, kind: Any) -> Any:
+    """
+    Read a serialised message.
+
+    :raises DataError: if it is not one of this type
+    """
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError as error:
+        raise DataError(f'not a {kind.__name__}: {error}') from None
+
+
 class PoseReader:
     """
     Reads serialised PoseStamped messages of one frame.
@@ -184,7 +196,7 @@ class PoseReader:
         """
         (x, y, z, qw, qx, qy, qz), normalised.
 
-        :raises ManifoldError: as `checked_pose`
+        :raises GdmpError: as `checked_pose` and `deserialized`
         """
         if (data[:_HEADER] == self._begin
                 and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
@@ -193,7 +205,7 @@ class PoseReader:
             if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
                 return np.array([x, y, z, qw / norm, qx / norm, qy / norm, qz / norm])
         # Names the reason.
-        return checked_pose(deserialize_message(data, PoseStamped), self._frame)
+        return checked_pose(deserialized(data, PoseStamped), self._frame)
 
 
 class SerializedTemplate:

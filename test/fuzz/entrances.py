@@ -274,20 +274,22 @@ def _moving(server: Any) -> None:
 def topic_goal_pose() -> Entrance:
     """``~/goal_pose`` while a skill is executed."""
     from geometry_msgs.msg import PoseStamped
+    from rclpy.serialization import serialize_message
 
     def use(server: Any, message: Any) -> None:
         _moving(server)
-        server.take_goal_pose(message)
+        server.take_goal_pose(serialize_message(message))
     return _message(PoseStamped, [_pose(), _pose('world')], 'server', use)
 
 
 def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
+    from rclpy.serialization import serialize_message
     from std_msgs.msg import Float64MultiArray
 
     def use(server: Any, message: Any) -> None:
         _moving(server)
-        server.take_goal_stiffness(message)
+        server.take_goal_stiffness(serialize_message(message))
     return _message(Float64MultiArray, [_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))],
                     'server', use)
 

@@ -3,6 +3,7 @@ from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
@@ -108,6 +109,13 @@ def test_invalid_goals_are_refused_with_the_reason_and_the_motion_continues(runn
         running.wait(f'a refusal: {reason}', lambda n=refused: running.state.refused == n)
         assert reason in running.state.last_refusal
         assert 'goal_stiffness' in running.state.last_refusal
+    for publisher, kind in ((running.client._pose, PoseStamped),
+                            (running.client._matrix, Float64MultiArray)):
+        publisher.publish(serialize_message(kind())[:6])  # cut off
+        refused += 1
+        running.wait('the refusal of a damaged message',
+                     lambda n=refused: running.state.refused == n)
+        assert f'not a {kind.__name__}' in running.state.last_refusal
     assert running.client.result(30.0).error_code == ExecuteSkill.Result.SUCCESSFUL
     running.wait('the tool to be at the goal of the skill', lambda: np.linalg.norm(
         running.tool()[:3] - skill.goal[:3]) < 0.002)

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 import shutil
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
@@ -22,7 +22,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
-from gdmp_ros.ros.messages import checked_pose, PoseReader
+from gdmp_ros.ros.messages import deserialized, PoseReader
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import take_latest, take_latest_with_age
 from gdmp_ros.ros.running import own_arguments, run
@@ -31,6 +31,8 @@ from gdmp_ros.ros.server.learning import LearningProcess, skill_from_parameters
 from gdmp_ros.ros.server.parameters import player_settings, SPECS, stream_settings
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
+
+T = TypeVar('T')
 
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
@@ -52,7 +54,6 @@ class TrajectoryServer(ManagedNode):
         self.parameters = Parameters(self, SPECS)
         self._learning = LearningProcess(self, self.parameters)
         self._configured = False
-        self._ticks = 0
 
     # Lifecycle
 
@@ -129,8 +130,7 @@ class TrajectoryServer(ManagedNode):
         self._tick(now, CLOCK_JUMP_S, now)
 
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
-        self._ticks += 1
-        if self._ticks % POLL_EVERY == 0:
+        if self.streamer.ticks % POLL_EVERY == 0:
             self._poll(self._goal_poses, self.take_goal_pose)
             self._poll(self._goal_matrices, self.take_goal_stiffness)
         target = self.streamer.tick(now_ns, longest_s)
@@ -140,11 +140,12 @@ class TrajectoryServer(ManagedNode):
     # Interfaces
 
     def _add_inputs(self) -> None:
-        self._measured = PoseReader(self.parameters.frame_id)
+        self._poses = PoseReader(self.parameters.frame_id)
         self._measurements = self.add_subscription(
             PoseStamped, self.parameters.measured_pose_topic, None, raw=True)
-        self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None)
-        self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None)
+        self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None, raw=True)
+        self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None,
+                                                    raw=True)
         if self.get_parameter('use_sim_time').value:
             self.add_subscription(ClockMessage, '/clock', self._clock_tick, CLOCK_DEPTH)
 
@@ -193,42 +194,40 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().warning(str(problem))
         return reply
 
-    def _poll(self, subscription: Any, use: Callable[[Any], None]) -> None:
-        message = take_latest(subscription)
-        if message is not None:
-            use(message)
+    def _poll(self, subscription: Any, use: Callable[[bytes], None]) -> None:
+        data = take_latest(subscription)
+        if data is not None:
+            use(data)
 
-    def _guarded(self, topic: str, use: Callable[[], None]) -> None:
+    def _guarded(self, topic: str, use: Callable[[], T]) -> T | None:
         """Use a message, or refuse it; the next report logs the reason."""
         try:
-            use()
+            return use()
         except GdmpError as error:
             self.streamer.refusals.add(f'{topic}: {error}')
-
-    def _checked(self, message: PoseStamped) -> np.ndarray:
-        return checked_pose(message, self.parameters.frame_id)
+            return None
 
     def _read_measured(self) -> tuple[np.ndarray, float] | None:
         taken = take_latest_with_age(self._measurements)
-        pose = None if taken is None else self.read_measured(taken[0])
-        return None if taken is None or pose is None else (pose, taken[1])
+        if taken is None:
+            return None
+        data, age = taken
+        pose = self.read_measured(data)
+        return None if pose is None else (pose, age)
 
     def read_measured(self, data: bytes) -> np.ndarray | None:
-        """Read a measured pose (serialised), or refuse it."""
-        try:
-            return self._measured.read(data)
-        except GdmpError as error:
-            self.streamer.refusals.add(f'measured_pose: {error}')
-            return None
+        """Read the measured pose of a serialised message, or refuse it."""
+        return self._guarded('measured_pose', lambda: self._poses.read(data))
 
-    def take_goal_pose(self, message: PoseStamped) -> None:
-        """Switch the pose goal, or refuse it."""
-        self._guarded('goal_pose', lambda: self.streamer.switch_goal_pose(self._checked(message)))
+    def take_goal_pose(self, data: bytes) -> None:
+        """Switch the pose goal to that of a serialised message, or refuse it."""
+        self._guarded('goal_pose',
+                      lambda: self.streamer.switch_goal_pose(self._poses.read(data)))
 
-    def take_goal_stiffness(self, message: Float64MultiArray) -> None:
-        """Switch the stiffness goal, or refuse it."""
-        self._guarded('goal_stiffness',
-                      lambda: self.streamer.switch_goal_stiffness(message.data))
+    def take_goal_stiffness(self, data: bytes) -> None:
+        """Switch the stiffness goal to that of a serialised message, or refuse it."""
+        self._guarded('goal_stiffness', lambda: self.streamer.switch_goal_stiffness(
+            deserialized(data, Float64MultiArray).data))
 
     def _publish_report(self) -> None:
         player = self.streamer.player
