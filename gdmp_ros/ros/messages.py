@@ -188,7 +188,7 @@ class PoseReader:
         message = PoseStamped()
         message.header.frame_id = frame
         data = serialize_message(message)
-        self._numbers = len(data) - 7 * 8
+        self._size, self._numbers = len(data), len(data) - 7 * 8
         # Encapsulation; behind the stamp the string of the frame.
         self._begin, self._string = data[:_HEADER], data[_HEADER + 8:_HEADER + 12 + len(frame)]
 
@@ -198,7 +198,7 @@ class PoseReader:
 
         :raises GdmpError: as `checked_pose` and `deserialized`
         """
-        if (data[:_HEADER] == self._begin
+        if (len(data) >= self._size and data[:_HEADER] == self._begin
                 and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
             x, y, z, qx, qy, qz, qw = struct.unpack_from('<7d', data, self._numbers)
             norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)

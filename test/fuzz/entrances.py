@@ -251,6 +251,17 @@ def _message(kind: Any, valid: list[Any], name: str, use: Callable[[Any, Any], N
     return Entrance(feed, [serialize_message(message) for message in valid])
 
 
+def _serialised(valid: list[Any], use: Callable[[Any, bytes], None]) -> Entrance:
+    """Raw bytes, as the server takes them from a topic."""
+    from rclpy.serialization import serialize_message
+    server = node('server')
+
+    def feed(data: bytes) -> None:
+        use(server, data)
+        tick('server')
+    return Entrance(feed, [serialize_message(message) for message in valid])
+
+
 def _pose(frame: str = FRAME) -> Any:
     from geometry_msgs.msg import PoseStamped
     message = PoseStamped()
@@ -273,37 +284,27 @@ def _moving(server: Any) -> None:
 
 def topic_goal_pose() -> Entrance:
     """``~/goal_pose`` while a skill is executed."""
-    from geometry_msgs.msg import PoseStamped
-    from rclpy.serialization import serialize_message
-
-    def use(server: Any, message: Any) -> None:
+    def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal_pose(serialize_message(message))
-    return _message(PoseStamped, [_pose(), _pose('world')], 'server', use)
+        server.take_goal_pose(data)
+    return _serialised([_pose(), _pose('world')], use)
 
 
 def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
-    from rclpy.serialization import serialize_message
-    from std_msgs.msg import Float64MultiArray
-
-    def use(server: Any, message: Any) -> None:
+    def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal_stiffness(serialize_message(message))
-    return _message(Float64MultiArray, [_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))],
-                    'server', use)
+        server.take_goal_stiffness(data)
+    return _serialised([_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], use)
 
 
 def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
-    from geometry_msgs.msg import PoseStamped
-    from rclpy.serialization import serialize_message
-
-    def use(server: Any, message: Any) -> None:
-        pose = server.read_measured(serialize_message(message))
+    def use(server: Any, data: bytes) -> None:
+        pose = server.read_measured(data)
         if pose is not None and server.streamer.player is not None:
             server.streamer.player.observe(pose)
-    return _message(PoseStamped, [_pose()], 'server', use)
+    return _serialised([_pose()], use)
 
 
 def topic_clock() -> Entrance:

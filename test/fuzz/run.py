@@ -30,7 +30,8 @@ def fuzz_here(name: str, runs: int, folder: Path) -> None:
     import atheris
 
     # Kernels first: what has been imported is left as it is.
-    importlib.import_module('gdmp_ros.sim.closed_loop')
+    for module in ('gdmp_ros.sim.closed_loop', 'gdmp_ros.playback.tool_skill'):
+        importlib.import_module(module)
     skill_file = importlib.import_module('gdmp_ros.dmp.skill_file')
     for key, function in list(vars(skill_file).items()):
         if inspect.isfunction(function) and function.__module__ == skill_file.__name__:
