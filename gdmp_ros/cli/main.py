@@ -11,6 +11,7 @@ from types import ModuleType
 
 from gdmp_ros import __version__
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.util.signals import noted_interrupts
 
 #: Verbs by purpose, with their help; the module of a verb has its name.
 GROUPS = {
@@ -114,6 +115,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words:
         parser().print_help()
         return 0
+    with noted_interrupts() as interrupted:
+        try:
+            return _run(words)
+        except Exception:
+            if not interrupted.is_set():
+                raise
+            return _interrupted()
+
+
+def _run(words: Sequence[str]) -> int:
     try:
         module, options = parse(words)
         # Numba is imported after the arguments have been checked: it takes half a second.
@@ -124,8 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'error: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print('interrupted', file=sys.stderr)
-        return 130
+        return _interrupted()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -133,6 +143,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = f'{error.filename}: ' if error.filename else ''
         print(f'error: {place}{error.strerror or error}', file=sys.stderr)
         return 1
+
+
+def _interrupted() -> int:
+    print('interrupted', file=sys.stderr)
+    return 130
 
 
 if __name__ == '__main__':

@@ -22,7 +22,7 @@ from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
 from gdmp_ros.ros.polling import PolledGroup, take
-from gdmp_ros.util.processes import stop_event
+from gdmp_ros.util.signals import stop_event
 
 TOPIC = '/bare_publisher/reference'
 PERIOD_NS = 1_000_000

@@ -21,7 +21,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import raised_priority
 from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
-from gdmp_ros.util.processes import stop_event
+from gdmp_ros.util.signals import stop_event
 
 
 class _Spinner:

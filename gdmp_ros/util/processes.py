@@ -5,25 +5,9 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 import signal
 import subprocess
-import threading
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.util.child_process import command as child_command
-
-
-def interrupt_on_sigterm() -> None:
-    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that everything is cleaned up."""
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-    signal.signal(signal.SIGTERM, interrupt)
-
-
-def stop_event() -> threading.Event:
-    """Event that SIGINT and SIGTERM set from now on instead of ending this process."""
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    return stop
 
 
 class ChildProcesses:

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
-from gdmp_ros.util.processes import stop_event
+from gdmp_ros.util.signals import stop_event
 
 FRAME = 'panda_link0'
 CENTRE = np.array([0.5, 0.0, 0.42, 0.0, 1.0, 0.0, 0.0])

@@ -19,7 +19,7 @@ from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.polling import PolledGroup, take
 from gdmp_ros.ros.recorder.record import DRAIN_S
 from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.processes import stop_event
+from gdmp_ros.util.signals import stop_event
 
 JOINTS = 7
 #: Length of the windows of the extreme values [s].

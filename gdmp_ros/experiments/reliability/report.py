@@ -14,7 +14,7 @@ from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import short_skill, Trial
 from gdmp_ros.util.atomic_write import write_json, write_text
 from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import interrupt_on_sigterm
+from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
 
 WORDS = {True: 'holds', False: 'FAILS', None: 'not tried'}

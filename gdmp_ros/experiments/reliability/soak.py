@@ -20,7 +20,7 @@ from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import interrupt_on_sigterm
+from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress, table
 from gdmp_ros.view import plots
 

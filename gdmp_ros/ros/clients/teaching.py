@@ -15,7 +15,8 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.teacher import Teacher
 from gdmp_ros.ros.testbed import ARM, MODULES, TAKE_RECORDER
 from gdmp_ros.util.dds_network import default_environment, Domain
-from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
+from gdmp_ros.util.processes import ChildProcesses
+from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress
 
 KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'

@@ -21,7 +21,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.polling import PolledGroup
 from gdmp_ros.util.dds_network import default_environment
-from gdmp_ros.util.processes import stop_event
+from gdmp_ros.util.signals import stop_event
 
 #: Recording ends if the disk has less free space: closing a bag needs some [MB].
 KEEP_FREE_MB = 64.0

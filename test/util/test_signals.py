@@ -1,0 +1,49 @@
+"""Ctrl-C: noted even if compiled code turns it into another exception."""
+import os
+import signal
+
+import pytest
+
+from gdmp_ros.cli import describe, main
+from gdmp_ros.util.signals import noted_interrupts
+
+
+def press_ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupt_is_noted_and_the_handler_is_restored():
+    with noted_interrupts() as noted:
+        assert not noted.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            press_ctrl_c()
+        assert noted.is_set()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_background_job_goes_on_ignoring_ctrl_c():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with noted_interrupts() as noted:
+            press_ctrl_c()
+        assert not noted.is_set()
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_a_verb_that_fails_because_of_ctrl_c_was_interrupted(monkeypatch, capsys):
+    def fails(options):
+        raise RuntimeError('unable to convert call argument')
+
+    def fails_by_ctrl_c(options):
+        try:
+            press_ctrl_c()
+        except KeyboardInterrupt:
+            fails(options)
+    monkeypatch.setattr(describe, 'run', fails_by_ctrl_c)
+    assert main.main(['describe']) == 130
+    assert 'interrupted' in capsys.readouterr().err
+    monkeypatch.setattr(describe, 'run', fails)
+    with pytest.raises(RuntimeError, match='unable to convert'):
+        main.main(['describe'])
