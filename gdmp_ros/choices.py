@@ -3,6 +3,10 @@ from gdmp_ros.errors import DataError
 
 #: Connections of the transport of frames: exact, or as in [GDMP] section 4.
 CONNECTIONS = ('parallel', 'published')
+#: What learning fits: the motion (output), or the forcing term as in [GDMP].
+FITS = ('output', 'forcing')
+#: How a motion ends: at rest at its goal, or as it was demonstrated.
+ENDS = ('rest', 'moving')
 #: Sources of the stiffness of a skill; see `gdmp_ros.data.recordings.with_stiffness`.
 STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 #: Storage plugins of rosbag2.

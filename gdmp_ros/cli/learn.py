@@ -8,7 +8,7 @@ demonstrations may have different starts, goals and durations. A folder stands f
 examples:
   gdmp learn demos/GShape_1 -o skill.json
   gdmp learn demos/GShape_* -o skill.json --n-basis auto --tolerance 2e-4
-  gdmp learn noisy.bag -o skill.json --smooth 8 --regularization 1e-3
+  gdmp learn recorded.bag -o skill.json --fit output
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
 from __future__ import annotations
@@ -18,7 +18,7 @@ import json
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
+from gdmp_ros.choices import CONNECTIONS, ENDS, FITS, STIFFNESSES
 from gdmp_ros.cli.arguments import add_bags, add_parallel, add_stiffness_range
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.terminal import progress, table
@@ -50,6 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='cut-off frequency of smoothing: gain 1/2 at this frequency')
     parser.add_argument('--regularization', type=float, default=0.0, metavar='R',
                         help='ridge of the regression, 1e-3 to 1e-1 for noisy data')
+    parser.add_argument('--fit', choices=FITS, default='forcing',
+                        help='forcing: fit the forcing term, for clean data (default); output: '
+                             'fit the motion, for recorded data with noise')
+    parser.add_argument('--end', choices=ENDS,
+                        help='how the motion ends: at rest at its goal (default of --fit output), '
+                             'or moving as demonstrated (default of --fit forcing)')
     parser.add_argument('--alpha-g', type=float, default=8.0, metavar='G',
                         help='gain of the moving goal: a larger gain reaches a new goal sooner, '
                              'with more acceleration (default %(default)g)')
@@ -71,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
     settings = LearningSettings(
         options.n_basis, options.connection, options.tolerance, options.smooth,
         options.regularization, options.alpha_g, options.stiffness, options.k_min, options.k_max,
-        options.pose_topic, options.stiffness_topic)
+        options.pose_topic, options.stiffness_topic, fit=options.fit, end=options.end)
     if options.each:
         _learn_each(bags, settings, options)
         return

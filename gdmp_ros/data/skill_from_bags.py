@@ -33,6 +33,8 @@ class LearningSettings:
     pose_topic: str = ''
     stiffness_topic: str = ''
     frame: str = ''
+    fit: str = 'forcing'
+    end: str | None = None
 
 
 class LearnedSkill(NamedTuple):
@@ -65,6 +67,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization, alpha_g=settings.alpha_g,
+                        fit=settings.fit, end=settings.end,
                         provenance={'demonstrations': [str(bag) for bag in bags],
                                     'frame': shown[0].frame, 'stiffness': source})
     return LearnedSkill(skill, demonstrations, source)

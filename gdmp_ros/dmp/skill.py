@@ -34,6 +34,7 @@ class Skill(Primitive):
               n_basis: int | str = 60, alpha_z: float = 60.0, alpha_x: float = 4.6052,
               connection: str = 'parallel', *, alpha_g: float = 8.0, tolerance: float = 1e-4,
               smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
+              fit: str = 'forcing', end: str | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -50,6 +51,10 @@ class Skill(Primitive):
         :param regularization: ridge added to the normal equations, as a fraction of their
             diagonal: 1e-3 to 1e-1 for noisy or few samples
         :param split: False refuses a demonstration through the cut locus instead
+        :param fit: ``forcing`` fits the forcing term, as in [GDMP]; ``output`` fits the motion:
+            choose it for recorded demonstrations, because noise does not decide how it begins
+        :param end: ``rest`` at the goal, or ``moving`` as demonstrated; by default ``rest`` with
+            ``fit='output'`` and ``moving`` with ``fit='forcing'``
         :raises DataError: without demonstrations, or if their manifolds differ
         :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
             with ``split=False``, if a demonstration meets the cut locus of its goal
@@ -59,7 +64,7 @@ class Skill(Primitive):
         # The one place where this room uses a higher one: see docs/design.md.
         from gdmp_ros.learning.fit import FitSettings, learn
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
-                               regularization, split, dict(provenance or {}))
+                               regularization, split, dict(provenance or {}), fit, end)
         return cls.of(learn(demonstrations, n_basis, settings, tolerance))
 
     def through(self, points: Sequence[tuple[float, np.ndarray]],

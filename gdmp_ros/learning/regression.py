@@ -8,7 +8,7 @@ from gdmp_ros.dmp.forcing import design_matrix
 
 
 def scaled_design_matrix(functions: np.ndarray, alpha_x: float,
-                  s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+                         s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Design matrix with columns of unit length, and their original lengths.
 

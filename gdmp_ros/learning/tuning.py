@@ -93,7 +93,7 @@ def basis_errors(demonstrations: Sequence[Demonstration],
         if several:
             unseen = np.mean([reproduction_error(
                 Skill.learn([*demonstrations[:i], *demonstrations[i + 1:]], count), one, _DT)
-                for i, one in enumerate(demonstrations)])
+                              for i, one in enumerate(demonstrations)])
         result.append(BasisError(count, detail, float(training), float(unseen)))
         step()
     return result
@@ -160,7 +160,7 @@ def speeds(demonstrations: Sequence[Demonstration], skill: Skill) -> Speeds:
     fastest = skill.duration / min(one.duration for one in demonstrations)
     path = skill.reproduce(_DT)
     linear, half_angular = (np.linalg.norm(path.velocities[:, part], axis=1).max()
-                         for part in (slice(0, 3), slice(3, 6)))
+                            for part in (slice(0, 3), slice(3, 6)))
     times = np.arange(0.0, skill.duration, _DT)
     # Velocities on S³ are half-angles.
     return Speeds(float(fastest * linear), float(2.0 * fastest * half_angular),

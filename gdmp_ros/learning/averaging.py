@@ -1,0 +1,45 @@
+"""Averages of neighbouring samples, so that many samples cost no more time than few."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.manifolds.factors import work_array
+from gdmp_ros.manifolds.point_space import kernel_array
+from gdmp_ros.manifolds.rows import exp_rows, log_rows
+
+#: Demonstrations with more samples are averaged to at least this many.
+SAMPLES = 500
+
+
+class Samples(NamedTuple):
+    """
+    A demonstration with few samples.
+
+    :ivar progress: of the first and the last sample, and their number
+    """
+
+    demonstration: Demonstration
+    progress: tuple[float, float, int]
+
+
+def averaged(demonstration: Demonstration) -> Samples:
+    """Average neighbouring samples, so that many samples cost no more time than few."""
+    count = len(demonstration.times)
+    size = count // SAMPLES
+    if size < 2:
+        return Samples(demonstration, (0.0, 1.0, count))
+    manifold, groups = demonstration.manifold, count // size
+    points = demonstration.flat_points[:groups * size]
+    middles = np.repeat(points[size // 2::size], size, axis=0)
+    tangents, table = np.empty((len(points), manifold.tangent_size)), manifold.factor_table
+    log_rows(table, kernel_array(middles), kernel_array(points), tangents, np.empty(len(points)),
+             work_array(table))
+    mean, made = tangents.reshape(groups, size, -1).mean(axis=1), middles[::size].copy()
+    exp_rows(table, middles[::size].copy(), mean, made, work_array(table))
+    times = demonstration.times[:groups * size].reshape(groups, size).mean(axis=1)
+    progress = (times - demonstration.times[0]) / demonstration.duration
+    return Samples(Demonstration(times, made.reshape(groups, *manifold.point_shape), manifold),
+                   (float(progress[0]), float(progress[-1]), groups))

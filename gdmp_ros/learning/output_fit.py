@@ -1,0 +1,284 @@
+"""
+Fit of the motion: weights whose roll-out is nearest to the demonstrations.
+
+The forcing term needs second derivatives, which amplify noise. Here the positions are fitted.
+Along a demonstration the system is a critically damped filter of the way to its target; it is
+linear in start velocity and weights (`gdmp_ros.learning.response`). A penalty on the third
+derivative keeps the motion smooth; generalised cross-validation chooses its strength for each
+factor. Gauss-Newton steps with the real roll-out remove what the curvature of the space leaves.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.segments import targets
+from gdmp_ros.errors import CutLocusError, ParameterError
+from gdmp_ros.learning.averaging import averaged, SAMPLES, Samples
+from gdmp_ros.learning.endpoints import Endpoint, goal_of, start_of
+from gdmp_ros.learning.forcing_fit import fit_forcing
+from gdmp_ros.learning.preparation import (
+    blank_primitive,
+    common_segments,
+    FitSettings,
+    frame_of,
+    own_segments,
+)
+from gdmp_ros.learning.response import response_to, responses
+from gdmp_ros.learning.ridge import Regression, regression, Ridge, Rows, solve
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.factors import work_array
+from gdmp_ros.manifolds.point_space import kernel_array
+from gdmp_ros.manifolds.rows import log_in_frame_rows
+
+#: The motion begins with a velocity if it is this many times its standard error.
+MOVING = 4.0
+#: Gauss-Newton steps; a step that improves the error by less than this share is the last one.
+STEPS, IMPROVEMENT = 4, 0.01
+#: Parts of a step that are tried. The responses are no good Jacobian of the published connection.
+SHARES = {'parallel': (1.0,), 'published': (1.0, 0.5, 0.25, 0.1)}
+#: Grid of the roll-outs for these steps: 1 / COARSE of a duration. Only for the exact connection:
+#: the error of the published one grows with the spacing of its grid.
+COARSE = 1000
+#: Largest number of basis functions.
+MOST = 1000
+#: Numbers of basis functions that are tried, and the score / best score that is good enough.
+COUNTS, GOOD_ENOUGH = (10, 14, 20, 28, 40, 60, 85, 120, 170, 240), 1.05
+
+
+class _Shape(NamedTuple):
+    """
+    A demonstration as the regression sees it.
+
+    :ivar start: point
+    :ivar goal: point
+    :ivar frame: at the start
+    :ivar progress: of the rows
+    :ivar points: flat; after the end the goal
+    :ivar targets: flat
+    :ivar curve: the points, unrolled from the start
+    :ivar to_target: from each point to its target, in the frame there
+    """
+
+    start: np.ndarray
+    goal: np.ndarray
+    frame: np.ndarray
+    progress: np.ndarray
+    points: np.ndarray
+    targets: np.ndarray
+    curve: np.ndarray
+    to_target: np.ndarray
+
+
+class OutputFit:
+    """A prepared fit: makes primitives with any number of basis functions."""
+
+    def __init__(self, shown: list[Demonstration], settings: FitSettings):
+        """:param shown: uniform (`gdmp_ros.learning.preparation.prepared`)"""
+        starts, goals = [start_of(d) for d in shown], [goal_of(d) for d in shown]
+        samples = [averaged(d) for d in shown]
+        self._shown, self._settings = shown, settings
+        self._manifold = manifold = shown[0].manifold
+        segments = common_segments([one.demonstration for one in samples], settings.split)
+        self._blank = blank_primitive(shown, [one.point for one in starts],
+                                      [one.point for one in goals], segments,
+                                      replace(settings, connection='parallel'))
+        self._rows = Rows(tuple(one.progress for one in samples), settings.rests)
+        self._moving = self._which_move(starts)
+        self._shapes = [self._shape(k, samples[k], starts[k].point, goals[k].point)
+                        for k in range(len(samples))]
+        self._first = [manifold.log_in_frame(shape.frame, shape.targets[0].reshape(
+            manifold.point_shape))[0] for shape in self._shapes]
+        self._goal = np.mean(self._first, axis=0)
+        self._wanted = np.vstack([self._rows.scale(k)[:, None] * self._linearised(k)
+                                  for k in range(len(samples))])
+
+    def primitive(self, count: int) -> Primitive:
+        """
+        The primitive with ``count`` basis functions.
+
+        :raises ParameterError: if it is less than 2 or more than `MOST`
+        """
+        if not 2 <= count <= MOST:
+            raise ParameterError(f"n_basis is {count}, expected 2 to {MOST} with fit='output'")
+        fitted = self._fitted(count, self._wanted)
+        if all(isinstance(factor, Euclidean) for factor in self._manifold.factors):
+            # The responses are exact, and the connections are the same.
+            return replace(fitted, connection=self._settings.connection)
+        fitted = self._refined(fitted)
+        if self._settings.connection == 'parallel':
+            return fitted
+        return self._refined(self._published(fitted))
+
+    def best_count(self, tolerance: float) -> int:
+        """
+        The smallest number of basis functions that cross-validation finds as good as any.
+
+        :param tolerance: an error of this part of the span is good enough for a factor
+        """
+        spans = np.max([[np.abs(shape.curve[:, columns]).max() for columns in self._columns]
+                        for shape in self._shapes], axis=0)
+        most = max(len(self._wanted) // 3, COUNTS[0])
+        scores = {count: self._scores(count) for count in COUNTS if count <= most}
+        best = np.min(list(scores.values()), axis=0)
+        limit = np.maximum(GOOD_ENOUGH * best, (tolerance * spans) ** 2)
+        return next(count for count, score in scores.items() if (score <= limit).all())
+
+    # Preparation
+
+    @property
+    def _columns(self) -> list[slice]:
+        return self._manifold.tangent_slices
+
+    def _which_move(self, starts: list[Endpoint]) -> tuple[bool, ...]:
+        """For each factor, whether the demonstrations begin with a velocity."""
+        manifold, velocities = self._manifold, []
+        for demonstration, start in zip(self._shown, starts):
+            first = demonstration.points[0]
+            tangent = manifold.from_frame(manifold.frame(first), start.velocity)
+            velocities.append(manifold.to_frame(frame_of(self._blank, first), tangent))
+        velocity = np.mean(velocities, axis=0)
+        error = np.sqrt(np.mean([one.velocity_error ** 2 for one in starts], axis=0)
+                        / len(starts))
+        return tuple(bool(np.linalg.norm(velocity[columns])
+                          > MOVING * np.linalg.norm(error[columns]))
+                     for columns in self._columns)
+
+    def _shape(self, number: int, samples: Samples, start: np.ndarray, goal: np.ndarray
+               ) -> _Shape:
+        manifold, shown = self._manifold, samples.demonstration
+        progress = self._rows.of(number)
+        flat_goal = manifold.flat(goal)
+        held = np.broadcast_to(flat_goal, (self._rows.holds(number), flat_goal.size))
+        points = np.vstack([shown.flat_points, held])
+        attracting = targets(manifold, own_segments(self._blank, shown), flat_goal, progress)
+        frame = frame_of(self._blank, start)
+        offset, _ = manifold.log_in_frame(frame, shown.points[0])
+        development = Development(manifold, points, manifold.transport_frame(frame, offset),
+                                  targets=attracting)
+        return _Shape(start, goal, frame, progress, points, attracting,
+                      development.unrolled + offset, development.to_target)
+
+    def _linearised(self, number: int) -> np.ndarray:
+        """What the responses add up to: the curve without the free motion to its target."""
+        shape, gains = self._shapes[number], self._settings.gains
+        first, response = self._first[number], responses(2, gains)
+        # On a flat space the target does not move in these coordinates.
+        moved = shape.curve + shape.to_target - first
+        at_nodes = np.column_stack([np.interp(response.progress, shape.progress, column)
+                                    for column in moved.T])
+        followed = response_to(at_nodes, gains)
+        free = np.column_stack([np.interp(shape.progress, response.progress, column)
+                                for column in followed.T])
+        to_goal = response.at(shape.progress)[0][:, None] * first
+        return np.asarray(shape.curve - to_goal - free)
+
+    # Regression
+
+    def _scores(self, count: int) -> np.ndarray:
+        return np.array([one.score for one in self._solve(count, self._wanted)])
+
+    def _solve(self, count: int, wanted: np.ndarray) -> list[Ridge]:
+        """The regression of each factor."""
+        return [solve(self._regression(count, moving), wanted[:, columns], self._goal[columns])
+                for columns, moving in zip(self._columns, self._moving)]
+
+    def _regression(self, count: int, moving: bool) -> Regression:
+        return regression(count, self._settings.gains, self._rows, moving)
+
+    def _fitted(self, count: int, wanted: np.ndarray) -> Primitive:
+        velocity = np.zeros(self._manifold.tangent_size)
+        weights = np.zeros((count, self._manifold.tangent_size))
+        for columns, moving, found in zip(self._columns, self._moving, self._solve(count, wanted)):
+            if moving:
+                velocity[columns] = found.solution[0]
+            weights[:, columns] = found.solution[-count:]
+        return replace(self._blank, velocity=velocity, weights=weights)
+
+    def _predicted(self, primitive: Primitive) -> np.ndarray:
+        """What the responses of a primitive add up to."""
+        matrix = self._regression(primitive.n_basis, True).matrix
+        return np.asarray(matrix @ np.vstack([primitive.velocity, primitive.weights]))
+
+    def _refined(self, primitive: Primitive) -> Primitive:
+        """Gauss-Newton steps with the real roll-out, while they improve it."""
+        best, residuals = primitive, self._residuals(primitive)
+        for _ in range(STEPS):
+            before = _size(residuals)
+            if before == math.inf:
+                break
+            target = self._fitted(best.n_basis, self._predicted(best) + residuals)
+            for share in SHARES[primitive.connection]:
+                step = replace(best, velocity=_between(best.velocity, target.velocity, share),
+                               weights=_between(best.weights, target.weights, share))
+                after = self._residuals(step)
+                if _size(after) < (1.0 - IMPROVEMENT) * before:
+                    best, residuals = step, after
+                    break
+            else:
+                break
+        return best
+
+    def _residuals(self, primitive: Primitive) -> np.ndarray:
+        """
+        From the roll-out to the demonstrations, in its frame; scaled rows.
+
+        Infinite if the roll-out jumps, as with the published connection far from its goal.
+        """
+        try:
+            return np.vstack([scale[:, None] * away
+                              for scale, away in self._deviations(primitive)])
+        except CutLocusError:
+            return np.full(self._wanted.shape, np.inf)
+
+    def _deviations(self, primitive: Primitive) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        manifold = self._manifold
+        if primitive.connection == 'parallel':
+            primitive = replace(primitive, steps=COARSE)
+        table = manifold.factor_table
+        for number, shape in enumerate(self._shapes):
+            rollout = Rollout(primitive, start=shape.start, goal=shape.goal, duration=1.0)
+            path = rollout.sample(shape.progress).points.reshape(len(shape.progress), -1)
+            offset, _ = manifold.log_in_frame(shape.frame, path[0].reshape(manifold.point_shape))
+            frames = Development(manifold, path,
+                                 manifold.transport_frame(shape.frame, offset)).frames
+            away = np.empty((len(path), manifold.tangent_size))
+            log_in_frame_rows(table, frames, kernel_array(shape.points), away,
+                              np.empty(len(path)), work_array(table))
+            yield self._rows.scale(number), away
+
+    # The published connection
+
+    def _published(self, fitted: Primitive) -> Primitive:
+        """
+        A primitive with the published connection from which Gauss-Newton steps converge.
+
+        Its motion is not linear in the weights. The candidates: the weights of the exact
+        connection; a fit of the forcing term to its motion, which has no noise; and to the
+        demonstrations.
+        """
+        times = np.linspace(0.0, fitted.duration, 2 * SAMPLES)
+        path = Demonstration(times, Rollout(fitted).sample(times).points, self._manifold)
+        candidates = [replace(fitted, connection='published')]
+        candidates += [replace(fit_forcing(shown, self._settings)(fitted.n_basis),
+                               start=fitted.start, goal=fitted.goal, frame=fitted.frame)
+                       for shown in ([path], self._shown)]
+        return min(candidates, key=lambda one: _size(self._residuals(one)))
+
+
+def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
+    return np.asarray(first + share * (second - first))
+
+
+def _size(residuals: np.ndarray) -> float:
+    """Root of the sum of squares; infinite if a roll-out was not."""
+    size = float(np.linalg.norm(residuals))
+    return size if math.isfinite(size) else math.inf

@@ -1,0 +1,139 @@
+"""What every fit begins with: checked demonstrations, and the primitive without its weights."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import math
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.choices import ENDS, FITS
+from gdmp_ros.dmp.demonstration import as_list, Demonstration
+from gdmp_ros.dmp.primitive import carry_frame, check_connection, Gains, MIN_STEPS, Primitive
+from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
+from gdmp_ros.errors import CutLocusError, DataError, ParameterError
+from gdmp_ros.manifolds import Manifold
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How to learn; see `gdmp_ros.dmp.Skill.learn`."""
+
+    gains: Gains
+    connection: str
+    smoothing: float | None = None
+    regularization: float = 0.0
+    split: bool = True
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    fit: str = 'forcing'
+    end: str | None = None
+
+    def __post_init__(self) -> None:
+        check_connection(self.connection)
+        if not (math.isfinite(self.regularization) and self.regularization >= 0.0):
+            raise ParameterError(f'regularization is {self.regularization!r}, '
+                                 'expected a number >= 0')
+        if self.fit not in FITS:
+            raise ParameterError(f'fit is {self.fit!r}, expected one of {", ".join(FITS)}')
+        if self.end not in (None, *ENDS):
+            raise ParameterError(f'end is {self.end!r}, expected one of {", ".join(ENDS)}')
+        if self.fit == 'forcing' and self.end == 'rest':
+            raise ParameterError("end='rest' needs fit='output': fit='forcing' has no data after "
+                                 'the end of the demonstration')
+        if self.fit == 'output' and self.regularization > 0.0:
+            raise ParameterError("regularization is for fit='forcing' only: fit='output' chooses "
+                                 'the smoothness by cross-validation')
+
+    @property
+    def rests(self) -> bool:
+        """Whether the motion comes to rest at its goal."""
+        return self.fit == 'output' and self.end != 'moving'
+
+
+def prepared(demonstrations: Demonstration | Sequence[Demonstration],
+             smoothing: float | None) -> list[Demonstration]:
+    """
+    Demonstrations ready for regression: smoothed, uniform in time, with consistent signs.
+
+    :raises DataError: without demonstrations, or if their manifolds differ
+    """
+    shown = as_list(demonstrations)
+    if not shown:
+        raise DataError('learning needs at least one demonstration, got none')
+    for number, demonstration in enumerate(shown):
+        if demonstration.manifold != shown[0].manifold:
+            raise DataError(f'demonstration {number} is on {demonstration.manifold!r}, '
+                            f'the first on {shown[0].manifold!r}')
+    if smoothing is not None:
+        shown = [d.smoothed(smoothing) for d in shown]
+    return [d.uniform().aligned(shown[0].points[0]) for d in shown]
+
+
+def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals: list[np.ndarray],
+                    segments: Segments, settings: FitSettings) -> Primitive:
+    """
+    The primitive without velocity and weights: everything that does not depend on them.
+
+    :param starts: start of each demonstration, point
+    :param goals: its goal
+    :param segments: see `common_segments`
+    """
+    manifold = shown[0].manifold
+    start = _mean(manifold, starts)
+    duration = float(np.mean([d.duration for d in shown]))
+    return Primitive(
+        manifold=manifold, connection=settings.connection, gains=settings.gains, start=start,
+        goal=_mean(manifold, goals), frame=manifold.frame(start), duration=duration,
+        velocity=np.zeros(manifold.tangent_size), weights=np.zeros((2, manifold.tangent_size)),
+        steps=max(MIN_STEPS, math.ceil(duration / 1e-3 - 1e-6)),
+        segments=segments, provenance=settings.provenance)
+
+
+def common_segments(shown: list[Demonstration], allowed: bool) -> Segments:
+    """
+    Where a motion is split at the cut locus; all demonstrations have the same segments.
+
+    :param allowed: False for one segment
+    """
+    if not allowed:
+        return Segments()
+    manifold = shown[0].manifold
+    distances, spacing = zip(*(cut_locus_distances(manifold, d.flat_points, d.flat_points[-1])
+                               for d in shown))
+    split = tuple(any(column) for column in zip(
+        *(split_factors(manifold, one, steps) for one, steps in zip(distances, spacing))))
+    if not any(split):
+        return Segments()
+    ends = segment_ends(spacing, split)
+    at = [_points_at(d, ends) for d in shown]
+    waypoints = [_mean(manifold, [points[k] for points in at]) for k in range(len(ends))]
+    return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)
+
+
+def own_segments(blank: Primitive, demonstration: Demonstration) -> Segments:
+    """The segments of a primitive with the waypoints of one demonstration."""
+    if len(blank.segments) == 1:
+        return blank.segments
+    own = _points_at(demonstration, blank.segments.ends)
+    return replace(blank.segments, waypoints=own.reshape(len(own), -1))
+
+
+def frame_of(blank: Primitive, start: np.ndarray) -> np.ndarray:
+    """The frame of a primitive, carried to the start of a demonstration."""
+    return carry_frame(blank.manifold, blank.frame, start)[0]
+
+
+def _points_at(demonstration: Demonstration, progress: np.ndarray) -> np.ndarray:
+    return demonstration.at(demonstration.times[0] + progress * demonstration.duration)
+
+
+def _mean(manifold: Manifold, points: list[np.ndarray]) -> np.ndarray:
+    """Fréchet mean; points opposite each other have none."""
+    if len(points) == 1:
+        return points[0]
+    try:
+        return manifold.mean([manifold.align(p, points[0]) for p in points])
+    except CutLocusError as error:
+        raise CutLocusError(f'the demonstrations differ too much to have a mean: {error}',
+                            error.distance) from None
