@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gdmp_ros.dmp.integrator import advance
+from gdmp_ros.dmp.options import check_steps
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import ParameterError
@@ -46,8 +47,11 @@ class Batch:
         """
         Let time pass for all of them and return their states then.
 
-        :param dt: 0 or more [s]; one for all, or one for each, shape ``(len(rollouts),)``
+        :param dt: as in `Rollout.advance`; one for all, or one for each, shape
+            ``(len(rollouts),)``
+        :raises ParameterError: as `Rollout.advance`
         """
+        check_steps(np.min(dt), np.max(dt))
         out = np.empty(self._size)
         out[self._times] = dt
         advance(self._memory, out)

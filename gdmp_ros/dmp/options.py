@@ -11,6 +11,8 @@ import numpy as np
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 
+#: Longest time that may pass in one call [s]; NaN and infinity are longer.
+LONGEST_STEP = 3600.0
 #: Fastest speed of the phase that `Rollout.set_speed` accepts.
 MAX_SPEED = 2.0
 
@@ -71,6 +73,20 @@ def merged_options(options: Options | None, changes: dict[str, Any]) -> Options:
         raise ParameterError(f'unknown option {", ".join(unknown)}; expected one of '
                              f'{", ".join(known)}')
     return Options(**{**known, **changes})
+
+
+def check_steps(least: float, most: float) -> None:
+    """
+    Check times to pass.
+
+    :param least: the shortest [s]
+    :param most: the longest [s]
+    :raises ParameterError: unless they are from 0 to `LONGEST_STEP`
+    """
+    if not (least >= 0.0 and most <= LONGEST_STEP):
+        wrong = most if least >= 0.0 else least
+        raise ParameterError(f'the time to pass is {wrong!r} s, expected a number from 0 to '
+                             f'{LONGEST_STEP:g}')
 
 
 def check_range(name: str, value: object, low: float, high: float) -> float:

@@ -10,7 +10,13 @@ from gdmp_ros.dmp.initial import initialise, new_memory, Start
 from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.layout import FINISHED, Motion, parts
 from gdmp_ros.dmp.obstacles import store_obstacles
-from gdmp_ros.dmp.options import check_range, MAX_SPEED, merged_options, Options
+from gdmp_ros.dmp.options import (
+    check_range,
+    check_steps,
+    MAX_SPEED,
+    merged_options,
+    Options,
+)
 from gdmp_ros.dmp.primitive import Primitive, Trajectory
 from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import ParameterError
@@ -80,7 +86,9 @@ class Rollout:
         """
         Let ``dt`` seconds pass and return the state then.
 
-        :param dt: 0 or more [s]; the path does not depend on how time is cut into steps
+        :param dt: from 0 to `LONGEST_STEP` [s]; the path does not depend on how time is cut into
+            steps
+        :raises ParameterError: for another number; nothing has changed then
         """
         out = np.empty(self.state_size)
         self.advance_to(dt, out)
@@ -93,7 +101,9 @@ class Rollout:
         For loops that do not allocate.
 
         :param out: shape ``(state_size,)``; see `State.numbers`
+        :raises ParameterError: as `advance`
         """
+        check_steps(dt, dt)
         out[0] = dt
         advance(self.memory, out)
 
@@ -107,6 +117,7 @@ class Rollout:
         steps = np.diff(times, prepend=self.motion.scalars.time)
         if not (steps >= 0.0).all():
             raise ParameterError('sample: times must not decrease, nor lie before the present')
+        check_steps(0.0, steps.max(initial=0.0))
         out = np.empty((len(times), self.state_size))
         out[:, 0] = steps
         advance(self.memory, out.reshape(-1))

@@ -89,12 +89,12 @@ def _parse(document: Any) -> Primitive:
     if not isinstance(provenance, dict):
         raise DataError(f'provenance: expected an object, got {provenance!r}')
     return Primitive(manifold=manifold, connection=str(document.get('connection')),
-                 gains=Gains(**gains), start=_point(document, 'start', manifold),
-                 goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
-                 duration=float(duration),
-                 velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
-                 weights=weights, steps=steps, segments=_segments(document, manifold),
-                 provenance=provenance)
+                     gains=Gains(**gains), start=_point(document, 'start', manifold),
+                     goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
+                     duration=float(duration),
+                     velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
+                     weights=weights, steps=steps, segments=_segments(document, manifold),
+                     provenance=provenance)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -96,7 +96,7 @@ def _responses(skill: Primitive, moments: np.ndarray) -> np.ndarray:
 
 
 def _remaining(skill: Primitive, moments: np.ndarray,
-             wanted: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+               wanted: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Remaining error at each moment: in the coordinates of the weights, and by factor."""
     manifold, rollout = skill.manifold, Rollout(skill, duration=1.0)
     error = np.empty((len(moments), manifold.tangent_size))

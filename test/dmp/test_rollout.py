@@ -3,9 +3,10 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from gdmp_ros import Euclidean, ParameterError, Rollout, Skill
+from gdmp_ros import Batch, Euclidean, ParameterError, Rollout, Skill, Sphere
 from test.motions import motion
 
 
@@ -37,3 +38,17 @@ for connection in ('parallel', 'published'):
 """
     subprocess.run([sys.executable, '-c', code], check=True,
                    env={**os.environ, 'NUMBA_NRT_STATS': '1'})
+
+
+@pytest.mark.parametrize('dt', [-1e-9, float('nan'), float('inf'), -float('inf'), 3601.0])
+def test_a_time_that_cannot_pass_is_refused_and_changes_nothing(dt, rng):
+    skill = Skill.learn(motion(Sphere(2), rng))
+    rollout, other = Rollout(skill), Rollout(skill)
+    before = rollout.advance(0.3).numbers
+    out = np.empty(rollout.state_size)
+    for call in (rollout.advance, lambda dt: rollout.advance_to(dt, out),
+                 lambda dt: rollout.sample(np.array([0.4, 0.4 + dt])), Batch([other]).advance):
+        with pytest.raises(ParameterError, match='time'):
+            call(dt)
+    np.testing.assert_array_equal(rollout.advance(0.0).numbers, before)
+    assert not rollout.flags
