@@ -71,7 +71,7 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
     """
     m = stiffness.shape[0]
     lower, inverse, work, rotated = (np.empty(m * m), np.empty(m * m), np.empty(m * m),
-                                    np.empty(m * m))
+                                     np.empty(m * m))
     cholesky(m, inertia_inverse.reshape(m * m), lower)
     invert_lower(m, lower, inverse)
     multiply(m, stiffness.reshape(m * m), lower, work)

@@ -87,7 +87,7 @@ class Manifold(PointSpace):
         """
         out = np.empty((1, self.point_size))
         rows.exp_rows(self.factor_table, self.flat(base)[None], self.vector(tangent)[None],
-                          out, self._scratch())
+                      out, self._scratch())
         return out.reshape(self.point_shape)
 
     @final
@@ -112,7 +112,7 @@ class Manifold(PointSpace):
         """
         out, distance = np.empty((1, self.tangent_size)), np.empty(1)
         rows.log_rows(self.factor_table, self.flat(base)[None], self.flat(point)[None], out,
-                          distance, self._scratch())
+                      distance, self._scratch())
         return out[0], float(distance[0])
 
     @final
@@ -202,7 +202,7 @@ class Manifold(PointSpace):
         drawn = self.from_frame(self.frame(base), rng.standard_normal(self.tangent_size))
         out = np.empty((1, self.tangent_size))
         rows.project_tangent_rows(self.factor_table, self.flat(base)[None], drawn[None], out,
-                                      self._scratch())
+                                  self._scratch())
         return out[0]
 
     # Frames: tangents as coordinates that need no transport of their own.
@@ -219,7 +219,7 @@ class Manifold(PointSpace):
         """Frame after parallel transport along the geodesic with these coordinates."""
         out = np.array(frame)[None]
         rows.transport_frame_rows(self.factor_table, out, self.vector(coordinates)[None],
-                                      self._scratch())
+                                  self._scratch())
         return out[0]
 
     @final
@@ -231,7 +231,7 @@ class Manifold(PointSpace):
         """
         out, distance = np.empty((1, self.tangent_size)), np.empty(1)
         rows.log_in_frame_rows(self.factor_table, kernel_array(frame)[None],
-                                   self.flat(point)[None], out, distance, self._scratch())
+                               self.flat(point)[None], out, distance, self._scratch())
         return out[0], float(distance[0])
 
     @final
@@ -239,7 +239,7 @@ class Manifold(PointSpace):
         """Tangent with these coordinates, shape ``(tangent_size,)``."""
         out = np.empty((1, self.tangent_size))
         rows.from_frame_rows(self.factor_table, kernel_array(frame)[None],
-                                 self.vector(coordinates)[None], out, self._scratch())
+                             self.vector(coordinates)[None], out, self._scratch())
         return out[0]
 
     @final
@@ -247,7 +247,7 @@ class Manifold(PointSpace):
         """Coordinates of a tangent, shape ``(tangent_size,)``."""
         out = np.empty((1, self.tangent_size))
         rows.to_frame_rows(self.factor_table, kernel_array(frame)[None],
-                               self.vector(tangent)[None], out, self._scratch())
+                           self.vector(tangent)[None], out, self._scratch())
         return out[0]
 
     def _scratch(self) -> np.ndarray:

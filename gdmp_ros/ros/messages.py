@@ -63,9 +63,9 @@ def reference_target(message: Reference) -> np.ndarray:
     target = np.empty(TARGET_SIZE)
     target[POSE:TWIST] = message_numbers.pose_numbers(message.pose)
     target[TWIST:ACCELERATION] = message_numbers.vector_numbers(message.twist.linear,
-                                                               message.twist.angular)
+                                                                message.twist.angular)
     target[ACCELERATION:STIFFNESS] = message_numbers.vector_numbers(message.acceleration.linear,
-                                                                   message.acceleration.angular)
+                                                                    message.acceleration.angular)
     target[STIFFNESS:-1] = message.stiffness
     target[-1] = message.damping_ratio
     return target
@@ -76,7 +76,7 @@ def fill_reference(message: Reference, numbers: np.ndarray) -> None:
     set_pose(message.pose, numbers[POSE:])
     set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])
     set_vectors(message.acceleration.linear, message.acceleration.angular,
-                 numbers[ACCELERATION:ACCELERATION + 6])
+                numbers[ACCELERATION:ACCELERATION + 6])
     message.stiffness = numbers[STIFFNESS:-1]
     message.damping_ratio = float(numbers[-1])
 

@@ -61,7 +61,7 @@ def test_uneven_stamps_do_not_change_the_stiffness(tmp_path):
         paths.append(np.column_stack([0.3 * t, shift * t ** 2, 0.01 * shift + 0 * t]))
         times.append(t)
     even = stiffness_at_samples([np.column_stack([0.3 * s, shift * s ** 2, 0.01 * shift + 0 * s])
-                            for shift in (0.0, 0.05, -0.05, 0.02)], [s] * 4)
+                                 for shift in (0.0, 0.05, -0.05, 0.02)], [s] * 4)
     uneven = stiffness_at_samples(paths, times)
     np.testing.assert_allclose(np.linalg.eigvalsh(uneven[0]), np.linalg.eigvalsh(even[0]),
                                rtol=0.05)

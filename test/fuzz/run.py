@@ -100,7 +100,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
         reached = trial.succeeded()
     return {'inputs': sent, 'seconds': seconds, 'crashes': 0 if reached else 1,
             'notes': f'{rate:.0f} ticks per second meanwhile, then a motion reached its goal'
-                     if reached else 'the motion afterwards did not reach its goal'}
+            if reached else 'the motion afterwards did not reach its goal'}
 
 
 def fuzz_apart(name: str, runs: int, folder: Path) -> dict[str, object]:

@@ -19,12 +19,12 @@ from gdmp_ros.manifolds.registry import KINDS
 
 EPS = np.finfo(float).eps
 LISTED = [Euclidean(1), Euclidean(3), Sphere(1), Sphere(2), Sphere(5), UnitQuaternion(),
-             SpecialOrthogonal(2), SpecialOrthogonal(3), SpecialOrthogonal(4),
-             SpecialOrthogonal(5),
-             SymmetricPositiveDefinite(1), SymmetricPositiveDefinite(2),
-             SymmetricPositiveDefinite(3), SymmetricPositiveDefinite(6),
-             Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3)),
-             Product(Sphere(2), SpecialOrthogonal(3))]
+          SpecialOrthogonal(2), SpecialOrthogonal(3), SpecialOrthogonal(4),
+          SpecialOrthogonal(5),
+          SymmetricPositiveDefinite(1), SymmetricPositiveDefinite(2),
+          SymmetricPositiveDefinite(3), SymmetricPositiveDefinite(6),
+          Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3)),
+          Product(Sphere(2), SpecialOrthogonal(3))]
 #: With every kind that has been added to the registry.
 MANIFOLDS = [*LISTED, *(kind.of_size(2) for kind in KINDS
                         if kind not in {type(manifold) for manifold in LISTED})]

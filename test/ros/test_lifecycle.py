@@ -121,7 +121,7 @@ class Replay:
             state = self.nodes.state
             return (messages.pose_numbers(state.goal[0])[:3] == pytest.approx(
                 messages.pose_numbers(pose.pose)[:3])
-                and state.distance_to_goal[2] != before)
+                    and state.distance_to_goal[2] != before)
         self.nodes.wait('both goals to be used', used)
         del self.references[count:]
 

@@ -37,7 +37,7 @@ def test_parameters_describe_themselves(running, node):
 def test_parameters_change_live_and_are_checked_first(running):
     # A change that contradicts another parameter is refused as a whole.
     bad = running.set_parameters(ARM, speed=0.1, stiffness_min=[900.0, 20.0],
-                  stiffness_max=[800.0, 30.0])
+                                 stiffness_max=[800.0, 30.0])
     assert not bad.successful and 'stiffness_min is (900.0, 20.0)' in bad.reason
     assert 'expected less than stiffness_max' in bad.reason
     assert values_of(running, ARM, 'speed') == [1.7]
@@ -108,7 +108,7 @@ def test_an_invalid_value_at_start_up_is_one_clear_line():
         started = [subprocess.Popen(
             [sys.executable, '-m', MODULES[ARM], '--ros-args', '-p', f'{name}:={value}'],
             env=domain.environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            for name, value, _ in cases]
+                   for name, value, _ in cases]
         errors = [process.communicate(timeout=240)[1] for process in started]
     for process, error, (_, _, reason) in zip(started, errors, cases):
         assert process.returncode == 2

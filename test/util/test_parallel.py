@@ -42,13 +42,13 @@ def test_a_local_cluster_of_two_workers_does_the_same(tmp_path):
                       dashboard_address=None) as cluster:
         path = tmp_path / 'journal.jsonl'
         done = map_tasks('squares', abs, {k: -v for k, v in TASKS.items()},
-                      dask=cluster.scheduler_address, journal=Journal(path, 'squares'))
+                         dask=cluster.scheduler_address, journal=Journal(path, 'squares'))
         assert done == TASKS
         assert len(path.read_text().splitlines()) == 1 + len(TASKS)
         assert json.loads(path.read_text().splitlines()[-1])[0] in TASKS
         task = ('GShape', 'S3', 'parallel', 60)
         errors = map_tasks('accuracy', accuracy.one_class, {'one': task},
-                        dask=cluster.scheduler_address)
+                           dask=cluster.scheduler_address)
         assert errors['one'] == pytest.approx(accuracy.one_class(task), rel=1e-9)
 
 

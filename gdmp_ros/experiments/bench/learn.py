@@ -20,9 +20,9 @@ def run(settings: timing.Settings) -> dict[str, Any]:
     with timing.one_core():
         return {
             'pose_ms': timing.median_time(lambda: lambda: Skill.learn(shown, 50), 5,
-                                           count) * 1e3,
+                                          count) * 1e3,
             'pose_stiffness_ms': timing.median_time(lambda: lambda: Skill.learn(stiff, 50), 5,
-                                                     count) * 1e3,
+                                                    count) * 1e3,
             'peer_pose_ms': timing.median_time(lambda: peer.learn, 1, count) * 1e3}
 
 

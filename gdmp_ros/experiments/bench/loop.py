@@ -26,7 +26,7 @@ def run(settings: timing.Settings) -> dict[str, Any]:
             loop.reset()
             begun = time.perf_counter()
             errors_m = [np.linalg.norm(tick.measurement.pose[:3] - target[:3])
-                    for target, tick in execution_ticks(skill, loop)]
+                        for target, tick in execution_ticks(skill, loop)]
             seconds = len(errors_m) * loop.arm.period
             ratios.append(seconds / (time.perf_counter() - begun))
             errors.append(float(np.sqrt(np.mean(np.square(errors_m)))))

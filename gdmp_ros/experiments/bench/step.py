@@ -71,7 +71,7 @@ def run(settings: timing.Settings) -> dict[str, Any]:
             'peer_pose_us': measure_peer(count),
             'spd_us': {str(m): measure_step(
                 timing.skill(SymmetricPositiveDefinite(m), DURATION), count)
-                for m in SPD_SIZES}}
+                       for m in SPD_SIZES}}
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:

@@ -98,7 +98,7 @@ def run(settings: Settings) -> Data:
     """Mean of `FIGURES`, and step time, for each data set and method."""
     everything = data_sets(settings.letters)
     done = map_tasks('methods on data sets', examine,
-                  {f'{s} {name}': (s, name) for s, name in everything}, settings.jobs)
+                     {f'{s} {name}': (s, name) for s, name in everything}, settings.jobs)
     sets = list(dict.fromkeys(s for s, _ in everything))
     labels, values, spread, lost = [], [], [], []
     for data_set in sets:

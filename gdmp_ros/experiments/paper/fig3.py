@@ -42,14 +42,14 @@ def errors_of(shown: list[Demonstration]) -> list[list[float]]:
 def run(settings: Settings) -> Data:
     """Errors of all; curves of one demonstration on each manifold."""
     done = map_tasks('Riemannian LASA', errors, {f'{name} {mapping}': (name, mapping)
-                                              for mapping in SETS for name in LASA_CLASSES},
-                  settings.jobs)
+                                                 for mapping in SETS for name in LASA_CLASSES},
+                     settings.jobs)
     counts = {m: sum(len(lasa.strokes(name)) for name in LASA_CLASSES) if m in LASA_MANIFOLDS
               else len(LASA_CLASSES) for m in SETS}
     data: Data = {'expected': np.array([counts[m] for m in SETS])}
     data |= {f'errors_{mapping}_{connection}': np.array(
         [[*done[f'{name} {mapping}'][i]] for name in LASA_CLASSES])
-        for mapping in SETS for i, connection in enumerate(CONNECTIONS)}
+             for mapping in SETS for i, connection in enumerate(CONNECTIONS)}
     for mapping in SETS:
         shown = lasa.data_set(PICTURED, mapping)[0]
         data.update({f'{mapping}_{key}': value for key, value in curves(shown).items()})

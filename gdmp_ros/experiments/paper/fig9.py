@@ -119,7 +119,7 @@ def draw(data: Data) -> dict[str, Any]:
              title='over time')
     plots.series(forces, data['times'], np.column_stack(
         [data['switched_force'], data['straight_force']]),
-        ['x', 'y', 'x, not switched', 'y, not switched'], 'spring force [N]')
+                 ['x', 'y', 'x, not switched', 'y, not switched'], 'spring force [N]')
     path.legend(fontsize=7, loc='upper center', bbox_to_anchor=(0.5, 0.75))
     plots.below(time)
     return {'fig9': figure}

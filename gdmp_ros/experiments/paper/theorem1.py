@@ -54,7 +54,7 @@ def unforced(manifold: Manifold, rng: np.random.Generator, connection: str) -> S
 
 
 def spring_skill(manifold: Manifold, start: np.ndarray, goal: np.ndarray, velocity: np.ndarray,
-           alpha_z: float, connection: str) -> Skill:
+                 alpha_z: float, connection: str) -> Skill:
     """A skill of the spring alone: ``Z(0)`` is ``velocity``, τ is 1 s."""
     frame = manifold.frame(start)
     return Skill(manifold, connection, Gains(alpha_z, _ALPHA_X), start, goal, frame, 1.0,

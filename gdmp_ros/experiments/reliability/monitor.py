@@ -56,7 +56,7 @@ class Monitor(Node):
         self._reference = messages.SerializedTemplate(reference, TARGET_SIZE,
                                                       messages.fill_reference)
         self._state = messages.SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
-                                   messages.fill_robot_state)
+                                                  messages.fill_robot_state)
         self._sequence, self._torque, self._stamp = 0, np.zeros(JOINTS), 0
         self._inputs = [(self.create_subscription(
             kind, topic, lambda _: None, reliable(DEEP), raw=True, callback_group=PolledGroup()),

@@ -77,7 +77,7 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
         str(folder / 'monitor.json'), FRAME])
     trial.wait('the monitor', lambda: 'monitoring' in trial.log('monitor'), 60.0)
     trial.children.start('bare', 'gdmp_ros.realtime.bare_loop', [str(folder / 'bare.npy'),
-                                                        str(2 * wanted + 100_000)])
+                                                                 str(2 * wanted + 100_000)])
     trial.spend(1.0)
     first = trial.state.ticks
     worker, samples, begun = Worker(trial, skills, rng), [], time.monotonic()
@@ -185,7 +185,7 @@ def judge(document: dict[str, Any]) -> Outcome:
     first, last, bare = samples[0], samples[-1], document['bare']
     ticks, missed = last['ticks'] - first['ticks'], last['missed'] - first['missed']
     missed_part, bare_part = (missed / (ticks + missed),
-                         bare['missed'] / (bare['ticks'] + bare['missed']))
+                              bare['missed'] / (bare['ticks'] + bare['missed']))
     outcome.need('ticks', ticks, lambda v: v >= 0.99 * 60_000 * document['minutes'])
     outcome.need('references lost', seen['lost'], lambda v: v == 0)
     outcome.need('states of the arm', seen['states'],

@@ -178,8 +178,8 @@ class Adapter(ManagedNode):
         if not due:
             return
         command = Command(messages.pose_numbers(message.pose),
-                        np.asarray(message.stiffness).reshape(6, 6),
-                        message.header.stamp.sec * messages.NS + message.header.stamp.nanosec)
+                          np.asarray(message.stiffness).reshape(6, 6),
+                          message.header.stamp.sec * messages.NS + message.header.stamp.nanosec)
         for output in due:
             output.send(command)
 

@@ -78,7 +78,7 @@ class Dashboard(Client):
         p, v = r.pose.position, r.twist.linear
         stiffness = np.linalg.eigvalsh(np.asarray(r.stiffness).reshape(6, 6)[:3, :3])
         limited = ', '.join(f'{limit.name} by {value:.2g} {limit.unit}'
-                           for limit, value in zip(LIMITS, r.limited) if value > 0.0)
+                            for limit, value in zip(LIMITS, r.limited) if value > 0.0)
         return [(self.arm, f'at {p.x:.3f} {p.y:.3f} {p.z:.3f} m, '
                            f'{np.linalg.norm([v.x, v.y, v.z]):.3f} m/s'),
                 ('stiffness', f'{stiffness[0]:.0f} to {stiffness[-1]:.0f} N/m'),

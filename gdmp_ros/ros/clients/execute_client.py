@@ -44,7 +44,7 @@ def execute(request: ExecuteRequest) -> int:
     client = ServerClient(request.server)
     try:
         client.wait(f'the state of {request.server}', lambda: client.state is not None,
-                      request.wait)
+                    request.wait)
         for kind, name, fields in (
                 (LoadSkill, 'load_skill', {'path': request.skill} if request.skill else None),
                 (SetSpeed, 'set_speed', {'scale': request.speed} if request.speed is not None

@@ -29,10 +29,10 @@ class ServerClient(Client):
         super().__init__('server_client', check)
         self.state: ServerState | None = None
         self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
-                                       reliable(10))
+                                      reliable(10))
         self._pose = self.node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
         self._matrix = self.node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
-                                                   reliable(10))
+                                                  reliable(10))
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._result: Any = None
         self._handle: Any = None

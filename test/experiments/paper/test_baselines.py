@@ -20,8 +20,8 @@ from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefin
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)
 DEFINED_ON = [(Classical, S3), (UdeQuaternion, S3), (AbuDakkaQuaternion, S3), (LogError, S3),
-            (UdeRotation, SO3), (TransportedToStart, SPD3), (TransportedAlong, SPD3),
-            (LiteralScheme, SPD3), (Ours, S3), (Ours, SPD3)]
+              (UdeRotation, SO3), (TransportedToStart, SPD3), (TransportedAlong, SPD3),
+              (LiteralScheme, SPD3), (Ours, S3), (Ours, SPD3)]
 
 
 def relative_error(method, shown):

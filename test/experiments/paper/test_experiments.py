@@ -219,7 +219,7 @@ def test_published_leaves_the_cone_for_a_far_goal_and_parallel_does_not():
     spd = theorem1.SPACES['SPD3']
     for connection, held in (('published', True), ('parallel', False)):
         skill = theorem1.spring_skill(spd, 1000.0 * np.eye(3), 50.0 * np.eye(3), np.zeros(6), 60.0,
-                                connection)
+                                      connection)
         assert ('held' in energies(skill, 1.0)[1]) == held
 
 

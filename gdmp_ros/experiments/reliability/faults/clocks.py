@@ -21,7 +21,7 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     node = trial.client.node
     publisher = node.create_publisher(Clock, '/clock', reliable(10))
     trial.wait('the server to subscribe', lambda: publisher.get_subscription_count() > 0,
-                        10.0)
+               10.0)
     trial.client.execute()
     trial.wait_progress(0.2)
     stamp = trial.state.header.stamp

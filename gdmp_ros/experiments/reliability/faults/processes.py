@@ -147,7 +147,7 @@ def two_servers(trial: Trial, quick: bool) -> Outcome:
     other = short_skill(trial.folder, name='Angle')
     trial.start_server('second_server', skill=str(other), extra=[
         '-r', '__node:=second_server', '-r', '~/reference:=/trajectory_server/reference'],
-        start_from='skill', execute_on_activate=True)
+                       start_from='skill', execute_on_activate=True)
     trial.wait('the second server', lambda: 'does not follow' in trial.log(ARM), 60.0)
     trial.client.execute()
     outcome.claim('the first reaches its goal', trial.succeeded())
