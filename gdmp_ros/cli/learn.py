@@ -157,10 +157,11 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
     """Print errors by factor, segments, and samples that may be wrong."""
     if len(bags) > 1 or len(fit.factors) > 1:
         heads = ['demonstration', 'duration [s]', 'samples',
-                 *(f'{name}: mean, largest' for name in fit.factors)]
+                 *(f'{name}: mean, largest, noise' for name in fit.factors)]
         table('errors by factor', heads, [
             [bag.name, f'{d.duration:.3f}', d.samples,
-             *(f'{mean:.1e}, {most:.1e}' for mean, most in zip(d.mean_error, d.largest_error))]
+             *(f'{mean:.1e}, {most:.1e}, {noise:.1e}'
+               for mean, most, noise in zip(d.mean_error, d.largest_error, d.noise))]
             for bag, d in zip(bags, fit.demonstrations)])
     if fit.segments:
         at = ', '.join(f'{s:.3f}' for s in fit.segments)

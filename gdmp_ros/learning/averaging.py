@@ -11,7 +11,7 @@ from gdmp_ros.manifolds.point_space import kernel_array
 from gdmp_ros.manifolds.rows import exp_rows, log_rows
 
 #: Demonstrations with more samples are averaged to at least this many.
-SAMPLES = 500
+SAMPLES = 1000
 
 
 class Samples(NamedTuple):

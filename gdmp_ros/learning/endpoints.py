@@ -52,7 +52,7 @@ def _endpoint(demonstration: Demonstration, points: np.ndarray, direction: float
     value, velocity, error = (np.zeros(manifold.tangent_size) for _ in range(3))
     noise = []
     for columns in manifold.tangent_slices:
-        sd = _noise(local[:, columns])
+        sd = noise_level(local[:, columns])
         noise.append(sd)
         value[columns], slope, slope_error = _local_fit(local[:, columns], sd)
         velocity[columns] = direction * slope * (count - 1)
@@ -61,8 +61,12 @@ def _endpoint(demonstration: Demonstration, points: np.ndarray, direction: float
     return Endpoint(point, velocity, error, tuple(noise))
 
 
-def _noise(samples: np.ndarray) -> float:
-    """Standard deviation of the noise of a coordinate, from third differences."""
+def noise_level(samples: np.ndarray) -> float:
+    """
+    Standard deviation of the noise of a coordinate, from third differences.
+
+    :param samples: equally spaced in time, shape ``(samples, n)``
+    """
     differences = np.diff(samples, n=3, axis=0)
     # The variance of a third difference is 1 + 9 + 9 + 1 times that of a sample.
     return math.sqrt(float((differences ** 2).mean()) / 20.0)

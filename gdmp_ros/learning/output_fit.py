@@ -129,8 +129,11 @@ class OutputFit:
         most = max(len(self._wanted) // 3, COUNTS[0])
         scores = {count: self._scores(count) for count in COUNTS if count <= most}
         best = np.min(list(scores.values()), axis=0)
-        limit = np.maximum(GOOD_ENOUGH * best, (tolerance * spans) ** 2)
-        return next(count for count, score in scores.items() if (score <= limit).all())
+        limit = np.maximum(GOOD_ENOUGH * best, (tolerance * spans) ** 2) + np.finfo(float).tiny
+        excess = {count: float(np.max(score / limit)) for count, score in scores.items()}
+        # Good for every factor, or else the number that is nearest to it.
+        return next((count for count in excess if excess[count] <= 1.0),
+                    min(excess, key=lambda count: excess[count]))
 
     # Preparation
 
@@ -265,7 +268,7 @@ class OutputFit:
         connection; a fit of the forcing term to its motion, which has no noise; and to the
         demonstrations.
         """
-        times = np.linspace(0.0, fitted.duration, 2 * SAMPLES)
+        times = np.linspace(0.0, fitted.duration, SAMPLES)
         path = Demonstration(times, Rollout(fitted).sample(times).points, self._manifold)
         candidates = [replace(fitted, connection='published')]
         candidates += [replace(fit_forcing(shown, self._settings)(fitted.n_basis),

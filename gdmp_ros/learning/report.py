@@ -12,6 +12,7 @@ from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import deviation, mean_distance
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.learning.endpoints import noise_level
 from gdmp_ros.learning.regression import scaled_design_matrix
 
 #: A sample is suspect if its deviation from its neighbours is this many times the local median.
@@ -39,6 +40,7 @@ class DemonstrationFit(NamedTuple):
     :ivar mean_error: by factor, geodesic
     :ivar largest_error: by factor
     :ivar relative_error: mean geodesic error / span
+    :ivar noise: by factor, standard deviation of a coordinate of a sample
     """
 
     duration: float
@@ -47,6 +49,7 @@ class DemonstrationFit(NamedTuple):
     largest_error: tuple[float, ...]
     relative_error: float
     suspicions: tuple[Suspicion, ...]
+    noise: tuple[float, ...]
 
 
 class Fit(NamedTuple):
@@ -84,7 +87,19 @@ def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:
     relative = mean_distance(away) / demonstration.span()
     return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
                             tuple(away.max(axis=0).tolist()), relative,
-                            tuple(suspect_samples(demonstration)))
+                            tuple(suspect_samples(demonstration)), _noise(demonstration))
+
+
+def _noise(demonstration: Demonstration) -> tuple[float, ...]:
+    curve = _unrolled(demonstration.uniform())
+    return tuple(noise_level(curve[:, columns])
+                 for columns in demonstration.manifold.tangent_slices)
+
+
+def _unrolled(demonstration: Demonstration) -> np.ndarray:
+    manifold = demonstration.manifold
+    return Development(manifold, demonstration.flat_points,
+                       manifold.frame(demonstration.points[0])).unrolled
 
 
 def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
@@ -95,8 +110,7 @@ def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
     found = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
                        f'{spacing[i] / usual:.0f} times the usual spacing')
              for i in np.flatnonzero(spacing > _GAP * usual)]
-    manifold, points = demonstration.manifold, demonstration.flat_points
-    curve = Development(manifold, points, manifold.frame(demonstration.points[0])).unrolled
+    curve = _unrolled(demonstration)
     scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
     found += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
     first = {one.sample: one for one in reversed(found)}

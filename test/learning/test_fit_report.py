@@ -21,3 +21,14 @@ def test_the_report_finds_the_spoiled_samples_only(rng):
     assert len(told) == len(found)
     assert 'jumps' in told[300] and 'repeats' in told[500] and 'gap' in told[599]
     assert set(told) <= {300, 500, 501, 599}
+
+
+def test_the_report_tells_the_noise_of_each_factor(rng):
+    clean = wave(TOOL, rng, np.linspace(0.0, 3.0, 900))
+    scale = np.repeat([1e-3, 5e-3, 2e-2], [3, 3, 6])
+    noisy = Demonstration(clean.times, np.array([
+        TOOL.exp(point, scale * rng.standard_normal(12)) for point in clean.points]), TOOL)
+    skill = Skill.learn(noisy, fit='output')
+    np.testing.assert_allclose(fit_report(skill, noisy).demonstrations[0].noise[:2], [1e-3, 5e-3],
+                               rtol=0.1)
+    assert max(fit_report(skill, clean).demonstrations[0].noise) < 1e-5

@@ -156,6 +156,8 @@ def test_auto_takes_fewer_functions_for_noisy_data_and_never_fails(rng):
         skill = Skill.learn(shown, n_basis='auto', tolerance=1e-6, fit='output')
         counts.append(skill.n_basis)
     assert counts[0] >= counts[1] >= counts[2]
+    tool = wave(TOOL, rng, np.linspace(0.0, 3.0, 1000), 5.0)
+    assert Skill.learn(noisy(tool, 1e-2, rng), n_basis='auto', fit='output').n_basis >= 10
     letter = lasa.riemannian(lasa.strokes('GShape')[0], 'S3')
     skill = Skill.learn(letter, n_basis='auto', fit='output', end='moving')
     assert reproduction_error(skill, letter)[0] < 1e-4 and 35 <= skill.n_basis <= 85
