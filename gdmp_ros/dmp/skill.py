@@ -43,18 +43,20 @@ class Skill(Primitive):
         goal, the motion is split automatically (`gdmp_ros.dmp.segments`).
 
         :param n_basis: number of basis functions, at least 2; ``'auto'`` for the smallest that
-            meets ``tolerance``
+            meets ``tolerance`` or, with ``fit='output'``, that cross-validation finds as good as
+            any
         :param connection: ``parallel`` or ``published``
         :param tolerance: for ``'auto'``: mean geodesic error / span of the reproduction; with
             several demonstrations, between it and that of very many basis functions
         :param smoothing: cut-off [Hz] of `Demonstration.smoothed`; None does not smooth
         :param regularization: ridge added to the normal equations, as a fraction of their
-            diagonal: 1e-3 to 1e-1 for noisy or few samples
+            diagonal: 1e-3 to 1e-1 for noisy or few samples; for ``fit='forcing'`` only
         :param split: False refuses a demonstration through the cut locus instead
         :param fit: ``forcing`` fits the forcing term, as in [GDMP]; ``output`` fits the motion:
             choose it for recorded demonstrations, because noise does not decide how it begins
         :param end: ``rest`` at the goal, or ``moving`` as demonstrated; by default ``rest`` with
             ``fit='output'`` and ``moving`` with ``fit='forcing'``
+        :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, or if their manifolds differ
         :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
             with ``split=False``, if a demonstration meets the cut locus of its goal
