@@ -8,6 +8,14 @@ from gdmp_ros.cli import describe, main
 from gdmp_ros.util.signals import noted_interrupts
 
 
+@pytest.fixture(autouse=True)
+def usual_handler():
+    """Without it, Ctrl-C would reach rclpy's handler if the tests run as a background job."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def press_ctrl_c():
     os.kill(os.getpid(), signal.SIGINT)
 
@@ -23,13 +31,10 @@ def test_an_interrupt_is_noted_and_the_handler_is_restored():
 
 def test_a_background_job_goes_on_ignoring_ctrl_c():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        with noted_interrupts() as noted:
-            press_ctrl_c()
-        assert not noted.is_set()
-        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    with noted_interrupts() as noted:
+        press_ctrl_c()
+    assert not noted.is_set()
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
 
 
 def test_a_verb_that_fails_because_of_ctrl_c_was_interrupted(monkeypatch, capsys):
