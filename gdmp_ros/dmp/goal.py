@@ -1,4 +1,10 @@
-"""The goal of a motion, and how it moves after a switch, [GDMP] eq. (28)."""
+"""
+The goal of a motion: how it moves to a new one, [GDMP] eq. (28), and on with a moving target.
+
+The target is the goal that was asked for, its *anchor*, or moves on from it along a geodesic with
+a constant velocity. After a switch the goal has an offset from its target, which fades. Both are
+coordinates in a frame that is transported with the target.
+"""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,9 +14,23 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.layout import Motion
-from gdmp_ros.kernels import always_inline, jitable
+from gdmp_ros.kernels import always_inline, jitable, noinline
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, exp, log, log_in_frame
+from gdmp_ros.manifolds.factors import (
+    CUT_LOCUS_LIMIT,
+    frame_at,
+    frame_point,
+    from_frame,
+    log,
+    log_in_frame,
+    to_frame,
+    transport_frame,
+)
+from gdmp_ros.manifolds.linalg import copy_numbers
+from gdmp_ros.util.profiles import smoothstep
+
+#: A velocity of the goal below this part of a still factor's is none.
+_NEGLIGIBLE = 1e-6
 
 
 @jitable
@@ -31,16 +51,93 @@ def goal_fraction(alpha_g: Any, rate: Any, elapsed: Any) -> Any:
     return 1.0 - rate / alpha_g * math.exp(-alpha_g * (elapsed - slow))
 
 
+@jitable
+def target_shift(scalars: Any, s: Any) -> Any:
+    """Time for which the target has moved from its anchor at ``s`` [s]."""
+    if scalars.target_by_progress == 1:
+        # The term with Log_Y0(G) takes the share x of the way away. With 1 + x instead of 1 only
+        # x² is missing, which is nothing at the end.
+        left = min(s - scalars.target_since, 0.0) * scalars.duration
+        return left * (1.0 + math.exp(-scalars.alpha_x * s))
+    return (scalars.time + (s - scalars.progress) * scalars.time_per_progress
+            - scalars.target_since)
+
+
 @always_inline
 def move_goal(motion, s):
-    """Write the goal at ``s``, in closed form from its switch."""
-    scalars, points, tangents = motion.scalars, motion.points, motion.tangents
+    """Write the goal at ``s``, and its frame."""
+    scalars, tangents, frame = motion.scalars, motion.tangents, motion.frames.goal
     fraction = goal_fraction(scalars.alpha_g, scalars.goal_rate, s - scalars.switched_at)
+    copy_numbers(motion.sizes.frame, motion.frames.anchor, frame)
+    if scalars.target_is_moving == 1:
+        shift = target_shift(scalars, s)
+        for i in range(motion.sizes.tangent):
+            tangents.spare[i] = shift * tangents.target_velocity[i]
+        transport_frame(motion.factors, frame, tangents.spare, motion.work)
+    scalars.offset_left = 1.0 - fraction
     for i in range(motion.sizes.tangent):
-        tangents.spare[i] = fraction * tangents.goal_direction[i]
-    exp(motion.factors, points.goal_from, tangents.spare, points.goal, motion.work)
-    if fraction == 1.0:
+        tangents.spare[i] = scalars.offset_left * tangents.goal_offset[i]
+    transport_frame(motion.factors, frame, tangents.spare, motion.work)
+    frame_point(motion.factors, frame, motion.points.goal, motion.work)
+    if fraction == 1.0 and scalars.target_is_moving == 0:
+        copy_numbers(motion.sizes.point, motion.points.anchor, motion.points.goal)
         scalars.goal_is_moving = 0
+
+
+@always_inline
+def _follow_target_velocity(motion, s):
+    """Let the velocity of the goal follow that of its target, like the goal itself."""
+    scalars, tangents = motion.scalars, motion.tangents
+    share = -math.expm1(-scalars.alpha_g / scalars.steps)
+    moving = False
+    passed = scalars.target_by_progress == 1 and s >= scalars.target_since
+    for i in range(motion.factors.size):
+        factor = motion.factors[i]
+        for k in range(factor.tangent, factor.tangent_end):
+            wanted = 0.0 if passed else tangents.target_velocity[k]
+            tangents.goal_velocity[k] += share * (wanted - tangents.goal_velocity[k])
+            moving = moving or max(abs(wanted), abs(tangents.goal_velocity[k])) > (
+                _NEGLIGIBLE * motion.still_speeds[i])
+    if not moving:
+        for k in range(motion.sizes.tangent):
+            tangents.target_velocity[k], tangents.goal_velocity[k] = 0.0, 0.0
+        scalars.target_is_moving = 0
+
+
+@always_inline
+def _share_of_goal(motion, factor, s):
+    """How much the target of a factor moves with the goal: 1 unless it is split."""
+    count = motion.sizes.waypoints
+    if count == 0 or motion.split[factor] == 0.0:
+        return 1.0
+    begin = motion.segment_ends[count - 1]
+    return smoothstep(min((s - begin) / (1.0 - begin), 1.0)) if s > begin else 0.0
+
+
+@always_inline
+def update_lead(motion, s):
+    """Write the velocity of the target by s, transported from the goal to the present point."""
+    noinline()
+    scalars, tangents, spare = motion.scalars, motion.tangents, motion.frames.spare
+    _follow_target_velocity(motion, s)
+    rate = scalars.duration if scalars.target_by_progress == 1 else scalars.time_per_progress
+    from_frame(motion.factors, motion.frames.goal, tangents.goal_velocity, tangents.spare,
+               motion.work)
+    if scalars.parallel == 1:
+        copy_numbers(motion.sizes.frame, motion.frames.mid, spare)
+    else:
+        frame_at(motion.factors, motion.points.mid, spare, motion.work)
+        copy_numbers(motion.sizes.frame, spare, motion.frames.now)
+    log_in_frame(motion.factors, spare, motion.points.goal, tangents.offset, motion.work)
+    transport_frame(motion.factors, spare, tangents.offset, motion.work)
+    to_frame(motion.factors, spare, tangents.spare, tangents.lead, motion.work)
+    for i in range(motion.factors.size):
+        factor = motion.factors[i]
+        for k in range(factor.tangent, factor.tangent_end):
+            tangents.lead[k] *= rate * _share_of_goal(motion, i, s)
+    if scalars.parallel == 0:
+        copy_numbers(motion.sizes.tangent, tangents.lead, tangents.offset)
+        from_frame(motion.factors, motion.frames.now, tangents.offset, tangents.lead, motion.work)
 
 
 @always_inline
@@ -56,42 +153,97 @@ def update_start_to_goal(motion, target):
         motion.scalars.cut_locus = 1
 
 
-def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray,
+def present_target(manifold: Manifold, motion: Motion) -> np.ndarray:
+    """The point that was asked for last, moved on with its velocity to the present."""
+    scalars, anchor = motion.scalars, motion.points.anchor
+    if not scalars.target_is_moving or scalars.target_by_progress:
+        return np.array(anchor.reshape(manifold.point_shape))
+    shift = target_shift(scalars, scalars.progress)
+    tangent = manifold.from_frame(motion.frames.anchor, shift * motion.tangents.target_velocity)
+    return manifold.exp(anchor.reshape(manifold.point_shape), tangent)
+
+
+def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray, velocity: np.ndarray | None,
                 speeds: Sequence[float] | None) -> None:
     """
     Let the goal move to a new one from the next node on.
 
     :param new: point
+    :param velocity: with which the new goal moves on, tangent there [1/s]; None for a goal at rest
     :param speeds: fastest it may move in each factor [1/s at speed 1]; None for no limit
     """
-    scalars, points = motion.scalars, motion.points
+    scalars, points, tangents = motion.scalars, motion.points, motion.tangents
     switched_at = (scalars.interval + 1.0) / scalars.steps
-    present = _goal_at(manifold, motion, switched_at)
-    direction, distance = manifold.log_anyway(present, new)
+    followed = bool(scalars.target_is_moving) and not scalars.target_by_progress
+    far = not followed or bool((manifold.factor_distances(
+        present_target(manifold, motion).reshape(1, -1), new.reshape(1, -1))[0]
+                                > motion.tolerances).any())
+    frame = _goal_frame(manifold, motion, switched_at)
+    step, distance = manifold.log_in_frame(frame, new)
     if distance < CUT_LOCUS_LIMIT:
         scalars.cut_locus = 1
-    motion.tangents.goal_direction[:] = direction
-    points.goal_from[:], points.goal_new[:] = present.reshape(-1), new.reshape(-1)
-    scalars.goal_rate = rate = _largest_rate(manifold, present, new, speeds, scalars.duration)
+    frame = manifold.transport_frame(frame, step)
+    set_target_velocity(motion, None if velocity is None else manifold.to_frame(frame, velocity))
+    motion.frames.anchor[:], points.anchor[:] = frame, new.reshape(-1)
+    # In the transported frame the way back has the opposite coordinates.
+    tangents.goal_offset[:] = -step
+    scalars.goal_rate = rate = _largest_rate(manifold, step, speeds, scalars.duration)
     slow = max(0.0, 1.0 / rate - 1.0 / scalars.alpha_g) if 0.0 < rate < math.inf else 0.0
     scalars.switched_at = switched_at
-    scalars.settle_by = max(2.0, switched_at + 1.0 + slow)
-    scalars.goal_is_moving, scalars.finished, scalars.not_settled = 1, 0, 0
+    scalars.goal_is_moving = 1
+    if far or velocity is None:
+        scalars.finished = scalars.not_settled = 0
+        scalars.arrived_at = -1.0
+        scalars.settle_by = max(2.0, switched_at + 1.0 + slow)
 
 
-def _goal_at(manifold: Manifold, motion: Motion, s: float) -> np.ndarray:
-    scalars, points, shape = motion.scalars, motion.points, manifold.point_shape
+def set_target_velocity(motion: Motion, velocity: np.ndarray | None) -> None:
+    """
+    Let the target move from now on.
+
+    :param velocity: coordinates in the frame of its anchor [1/s]; None ends it, but a velocity
+        that belongs to the nominal end stays (``target_by_progress``)
+    """
+    scalars, tangents = motion.scalars, motion.tangents
+    if velocity is None:
+        if not scalars.target_by_progress:
+            tangents.target_velocity[:] = 0.0
+        return
+    tangents.target_velocity[:] = velocity
+    scalars.target_by_progress = 0
+    scalars.target_since = scalars.time
+    scalars.target_is_moving = 1
+
+
+def end_with(manifold: Manifold, motion: Motion, velocity: np.ndarray) -> None:
+    """
+    Let the target move through the goal at the nominal end, and stop there.
+
+    :param velocity: tangent at the goal [1/s at speed 1]
+    """
+    motion.tangents.target_velocity[:] = manifold.to_frame(motion.frames.anchor, velocity)
+    scalars = motion.scalars
+    scalars.target_by_progress = scalars.target_is_moving = scalars.goal_is_moving = 1
+    scalars.target_since = 1.0
+
+
+def _goal_frame(manifold: Manifold, motion: Motion, s: float) -> np.ndarray:
+    """Frame at the goal at ``s``."""
+    scalars, tangents, frame = motion.scalars, motion.tangents, np.array(motion.frames.anchor)
     if not scalars.goal_is_moving:
-        return np.array(points.goal.reshape(shape))
-    fraction = goal_fraction(scalars.alpha_g, scalars.goal_rate, s - scalars.switched_at)
-    return manifold.exp(points.goal_from.reshape(shape), fraction * motion.tangents.goal_direction)
+        return frame
+    if scalars.target_is_moving:
+        frame = manifold.transport_frame(frame, target_shift(scalars, s)
+                                         * tangents.target_velocity)
+    left = 1.0 - goal_fraction(scalars.alpha_g, scalars.goal_rate, s - scalars.switched_at)
+    return manifold.transport_frame(frame, left * tangents.goal_offset)
 
 
-def _largest_rate(manifold: Manifold, present: np.ndarray, new: np.ndarray,
-                  speeds: Sequence[float] | None, duration: float) -> float:
+def _largest_rate(manifold: Manifold, step: np.ndarray, speeds: Sequence[float] | None,
+                  duration: float) -> float:
     """Largest rate of a goal's fraction by s."""
     if speeds is None:
         return math.inf
-    away = manifold.factor_distances(present.reshape(1, -1), new.reshape(1, -1))[0]
+    away = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
     return min((speed * duration / d for speed, d in zip(speeds, away) if d > 0.0),
                default=math.inf)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.dmp.arrival import STILL_TOLERANCES
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.dmp.layout import blank, Motion, parts, SCALARS
 from gdmp_ros.dmp.options import Options
@@ -44,6 +45,8 @@ def new_memory(skill: Primitive, options: Options) -> np.ndarray:
     motion.basis[:] = basis(skill.n_basis, skill.gains.alpha_x)
     motion.weights[:] = skill.weights
     motion.tolerances[:] = options.tolerances_of(manifold)
+    motion.still_speeds[:] = [STILL_TOLERANCES * factor.goal_tolerance
+                              for factor in manifold.factors]
     if len(segments) > 1:
         motion.segment_ends[:] = segments.ends
         motion.waypoints[:] = segments.waypoints
@@ -79,8 +82,12 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
     motion.frames.start[:] = frame
     for point in (motion.points.start, motion.points.node):
         point[:] = first.reshape(-1)
-    for point in (motion.points.goal, motion.points.goal_from, motion.points.goal_new):
+    for point in (motion.points.goal, motion.points.anchor):
         point[:] = goal.reshape(-1)
+    motion.frames.anchor[:] = manifold.frame(goal)
+    for tangent in (motion.tangents.goal_offset, motion.tangents.target_velocity,
+                    motion.tangents.goal_velocity, motion.tangents.lead, motion.peaks):
+        tangent[:] = 0.0
     motion.tangents.velocity[:] = (skill.velocity if parallel
                                    else manifold.from_frame(frame, skill.velocity))
     # On the cut locus both logarithms then begin along the same one of the shortest ways.
@@ -94,6 +101,45 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
         raise ParameterError('an initial acceleration needs an initial velocity')
 
 
+def finite_tangent(manifold: Manifold, name: str, tangent: np.ndarray) -> np.ndarray:
+    """
+    Return a tangent as a float64 vector.
+
+    :param name: what it is, for messages
+    :raises ManifoldError: if the shape is wrong
+    :raises ParameterError: if an entry is not finite
+    """
+    vector = manifold.vector(tangent)
+    if not np.isfinite(vector).all():
+        raise ParameterError(f'the {name} has an entry that is NaN or infinite')
+    return vector
+
+
+def recover(manifold: Manifold, motion: Motion, point: np.ndarray) -> None:
+    """
+    Let a roll-out whose last step was not finite go on from rest where it is held.
+
+    Its goal is this point, until it is switched.
+
+    :param point: where it is held
+    """
+    scalars, tangents, frames = motion.scalars, motion.tangents, motion.frames
+    if scalars.interval >= 0.0 and scalars.parallel:
+        # From the middle of the interval to the point that is held.
+        frames.mid[:] = manifold.transport_frame(
+            np.array(frames.mid), 0.5 / scalars.steps * tangents.velocity)
+    for tangent in (tangents.velocity, tangents.velocity_before, tangents.target_velocity,
+                    tangents.goal_velocity, tangents.goal_offset, tangents.lead):
+        tangent[:] = 0.0
+    for goal in (motion.points.anchor, motion.points.goal):
+        goal[:] = point.reshape(-1)
+    frames.anchor[:] = manifold.frame(point)
+    scalars.goal_is_moving = scalars.target_is_moving = scalars.target_by_progress = 0
+    scalars.held = 0
+    scalars.progress = (scalars.interval + 1.0) / scalars.steps
+    scalars.speed = scalars.speed_ramp = scalars.speed_slope = 0.0
+
+
 def _reset_scalars(motion: Motion, skill: Primitive, options: Options, duration: float) -> None:
     scalars, gains = motion.scalars, skill.gains
     for name in SCALARS.names or ():
@@ -103,9 +149,10 @@ def _reset_scalars(motion: Motion, skill: Primitive, options: Options, duration:
     scalars.speed = scalars.speed_ramp = scalars.speed_goal = options.speed
     scalars.slowdown, scalars.speed_rate = 1.0, options.speed_rate
     scalars.duration, scalars.steps = duration, skill.steps
+    scalars.time_per_progress = duration / options.speed if options.speed > 0.0 else duration
     scalars.alpha_x, scalars.alpha_g = gains.alpha_x, gains.alpha_g
     scalars.stiffness = gains.alpha_z * gains.beta_z
-    scalars.goal_rate, scalars.settle_by = math.inf, 2.0
+    scalars.goal_rate, scalars.settle_by, scalars.arrived_at = math.inf, 2.0, -1.0
     scalars.parallel = int(skill.connection == 'parallel')
 
 
@@ -121,9 +168,8 @@ def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: S
     acceleration = np.zeros_like(velocity) if start.acceleration is None else start.acceleration
     if not scalars.speed > 0.0:
         raise ParameterError('an initial velocity needs an initial speed above 0')
-    for name, tangent in (('velocity', velocity), ('acceleration', acceleration)):
-        if not np.isfinite(tangent).all():
-            raise ParameterError(f'the initial {name} has an entry that is NaN or infinite')
+    velocity = finite_tangent(manifold, 'initial velocity', velocity)
+    acceleration = finite_tangent(manifold, 'initial acceleration', acceleration)
     scale = scalars.duration / scalars.speed
     first, second = (manifold.to_frame(frame, v) if scalars.parallel else manifold.vector(v)
                      for v in (scale * velocity, scale * scale * acceleration))

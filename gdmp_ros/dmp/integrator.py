@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import math
 
+from gdmp_ros.dmp.arrival import update_arrival
 from gdmp_ros.dmp.forcing import forcing
-from gdmp_ros.dmp.goal import move_goal, update_start_to_goal
-from gdmp_ros.dmp.interpolation import check_finished, write_state
+from gdmp_ros.dmp.goal import move_goal, update_lead, update_start_to_goal
+from gdmp_ros.dmp.interpolation import write_state
 from gdmp_ros.dmp.layout import motion_view, state_size, total_size
 from gdmp_ros.dmp.obstacles import avoid_obstacles
 from gdmp_ros.dmp.phase import pass_time
@@ -150,7 +151,8 @@ def _advance_velocity(motion, s):
                 - tangents.start_to_goal[i] * x)
         attraction = tangents.to_goal[i] + shaping * term
         tangents.velocity[i] = (motion.decay[i] * tangents.velocity[i]
-                                + motion.pull[i] * attraction)
+                                + motion.pull[i] * attraction
+                                + (1.0 - motion.decay[i]) * tangents.lead[i])
 
 
 @always_inline
@@ -196,6 +198,8 @@ def _step(motion):
     _update_target(motion, s)
     _drift_to_mid(motion, h)
     _log_of_target(motion)
+    if scalars.target_is_moving == 1:
+        update_lead(motion, s)
     _advance_velocity(motion, s)
     sizes, tangents = motion.sizes, motion.tangents
     total = _drift_to_node(motion, 0.5 * h) + _sum(sizes.tangent, tangents.velocity)
@@ -205,6 +209,7 @@ def _step(motion):
         copy_numbers(sizes.tangent, tangents.velocity_before, tangents.velocity)
         return False
     scalars.interval += 1.0
+    update_arrival(motion, s)
     return True
 
 
@@ -230,8 +235,6 @@ def _advance_to(motion, state):
         pass_time(scalars, state[0])
     _step_to_present(motion)
     write_state(motion, state)
-    if scalars.progress >= 1.0 and scalars.finished == 0:
-        check_finished(motion, numbers_at(state, 2, motion.sizes.point))
 
 
 @kernel

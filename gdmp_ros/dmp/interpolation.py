@@ -1,5 +1,5 @@
 """
-The state of a roll-out between two nodes, and whether the motion has finished.
+The state of a roll-out between two nodes.
 
 In ``parallel`` the velocity changes linearly in the frame at the middle of the interval, which
 agrees exactly with both half drifts; in ``published`` by a cubic Hermite polynomial in the frame
@@ -97,22 +97,3 @@ def write_state(motion, out):
     frame_point(motion.factors, frames.now, point, motion.work)
     from_frame(motion.factors, frames.now, tangents.rate, velocity, motion.work)
     from_frame(motion.factors, frames.now, tangents.spare, acceleration, motion.work)
-
-
-@always_inline
-def check_finished(motion, point):
-    """Decide whether the motion has finished (only once s has reached 1)."""
-    scalars, away = motion.scalars, motion.tangents.spare
-    frame_at(motion.factors, point, motion.frames.now, motion.work)
-    log_in_frame(motion.factors, motion.frames.now, motion.points.goal_new, away, motion.work)
-    arrived = True
-    for i in range(motion.factors.size):
-        factor = motion.factors[i]
-        total = 0.0
-        for k in range(factor.tangent, factor.tangent_end):
-            total += away[k] * away[k]
-        arrived = arrived and total <= motion.tolerances[i] ** 2
-    if arrived:
-        scalars.finished, scalars.not_settled = 1, 0
-    elif scalars.progress >= scalars.settle_by:
-        scalars.finished, scalars.not_settled = 1, 1

@@ -38,34 +38,47 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'speed_goal',          # what was asked for
     'speed_rate',          # largest rate of change [1/s]
     'slowdown',            # factor of the speed from phase stopping
+    'time_per_progress',   # dt/ds of the last step [s]
     'goal_rate',           # largest rate of a goal's fraction by s
     'switched_at',         # s at which the goal was switched
+    'offset_left',         # fraction of the goal's offset from its target that is left
+    'target_since',        # where a moving target was at its anchor: time [s], or s (see below)
+    'arrived_at',          # s since which the motion has been at rest at its goal, -1 if it is not
     'settle_by',           # s at which the motion ends, whether the goal is reached or not
     'correction_end',      # s at which the correction of the start has faded out
     'obstacles',           # how many there are
     'obstacle_gain', 'obstacle_reach', 'obstacle_limit',
     'parallel',            # flag: connection, 1 parallel, 0 published
-    'goal_is_moving',      # flag
+    'goal_is_moving',      # flag: it has not reached its target, or the target moves
+    'target_is_moving',    # flag: the target has a velocity, or had one until now
+    'target_by_progress',  # flag: the target moves with s to its anchor, not with time
     'held',                # flag: a step was not finite, the last state is kept
     'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
 
 
 class Frames(NamedTuple):
-    """Frames: at the start, in the middle of the last two intervals, at the present point."""
+    """
+    Frames: at the start, in the middle of the last two intervals, at the present point, at goals.
+
+    ``anchor`` is at ``Points.anchor``, ``goal`` at the present goal.
+    """
 
     start: Any
     before: Any
     mid: Any
     now: Any
+    anchor: Any
+    goal: Any
+    spare: Any
 
 
 class Points(NamedTuple):
     """
     Points: start, the last two nodes and the middle between them, goals.
 
-    The goal moves from ``goal_from`` to ``goal_new``. ``target`` is what attracts the motion now,
-    ``first_target`` what attracted it first; both are the goal unless the skill is split
-    (`gdmp_ros.dmp.segments`).
+    ``anchor`` is the goal that was asked for last; ``goal`` moves there, and on with it if it has
+    a velocity. ``target`` is what attracts the motion now, ``first_target`` what attracted it
+    first; both are the goal unless the skill is split (`gdmp_ros.dmp.segments`).
     """
 
     start: Any
@@ -73,8 +86,7 @@ class Points(NamedTuple):
     mid: Any
     node: Any
     goal: Any
-    goal_from: Any
-    goal_new: Any
+    anchor: Any
     target: Any
     first_target: Any
 
@@ -83,14 +95,20 @@ class Tangents(NamedTuple):
     """
     Vectors: coordinates in the frame (``parallel``) or tangents (``published``).
 
-    ``velocity`` is Z at the node, ``velocity_before`` that at the node before.
+    ``velocity`` is Z at the node, ``velocity_before`` that at the node before; ``lead`` is the
+    velocity of the target by s, at the point. In the frame of the goal: ``goal_offset`` from the
+    target to the goal at the last switch, ``target_velocity`` [1/s], and ``goal_velocity``, which
+    follows it continuously.
     """
 
     velocity: Any
     velocity_before: Any
     to_goal: Any
     start_to_goal: Any
-    goal_direction: Any
+    goal_offset: Any
+    target_velocity: Any
+    goal_velocity: Any
+    lead: Any
     forcing: Any
     start_correction: Any
     offset: Any
@@ -109,6 +127,8 @@ class Motion(NamedTuple):
     :ivar pull: ``(1 - e^(-α_z h)) β_z`` for each coordinate
     :ivar basis: centres and widths of the basis functions, shape ``(2, n_basis)``
     :ivar tolerances: distance at which each factor counts as arrived
+    :ivar still_speeds: below this speed a factor does not move [1/s]
+    :ivar peaks: largest norm of Z of each factor up to the nominal end
     :ivar segment_ends: s at which each segment but the last ends
     """
 
@@ -121,6 +141,8 @@ class Motion(NamedTuple):
     basis: Any
     weights: Any
     tolerances: Any
+    still_speeds: Any
+    peaks: Any
     segment_ends: Any
     waypoints: Any
     obstacles: Any
@@ -160,7 +182,9 @@ def motion_view(memory):
     weights = matrix_at(memory, at, sizes.basis, n)
     at += sizes.basis * n
     tolerances = numbers_at(memory, at, sizes.factors)
-    at += sizes.factors
+    still_speeds = numbers_at(memory, at + sizes.factors, sizes.factors)
+    peaks = numbers_at(memory, at + 2 * sizes.factors, sizes.factors)
+    at += 3 * sizes.factors
     segment_ends = numbers_at(memory, at, sizes.waypoints)
     at += sizes.waypoints
     waypoints = matrix_at(memory, at, sizes.waypoints, p)
@@ -168,20 +192,22 @@ def motion_view(memory):
     obstacles = numbers_at(memory, at, OBSTACLE_CAPACITY * sizes.position)
     at += OBSTACLE_CAPACITY * sizes.position
     frames = Frames(_row(memory, at, f, 0), _row(memory, at, f, 1), _row(memory, at, f, 2),
-                    _row(memory, at, f, 3))
+                    _row(memory, at, f, 3), _row(memory, at, f, 4), _row(memory, at, f, 5),
+                    _row(memory, at, f, 6))
     at += _FRAMES * f
     points = Points(_row(memory, at, p, 0), _row(memory, at, p, 1), _row(memory, at, p, 2),
                     _row(memory, at, p, 3), _row(memory, at, p, 4), _row(memory, at, p, 5),
-                    _row(memory, at, p, 6), _row(memory, at, p, 7), _row(memory, at, p, 8))
+                    _row(memory, at, p, 6), _row(memory, at, p, 7))
     at += _POINTS * p
     tangents = Tangents(_row(memory, at, n, 0), _row(memory, at, n, 1), _row(memory, at, n, 2),
                         _row(memory, at, n, 3), _row(memory, at, n, 4), _row(memory, at, n, 5),
                         _row(memory, at, n, 6), _row(memory, at, n, 7), _row(memory, at, n, 8),
-                        _row(memory, at, n, 9), _row(memory, at, n, 10))
+                        _row(memory, at, n, 9), _row(memory, at, n, 10), _row(memory, at, n, 11),
+                        _row(memory, at, n, 12), _row(memory, at, n, 13))
     at += _TANGENTS * n
     return Motion(sizes, scalars, factors, split, decay, pull, basis, weights, tolerances,
-                  segment_ends, waypoints, obstacles, frames, points, tangents,
-                  numbers_at(memory, at, sizes.work))
+                  still_speeds, peaks, segment_ends, waypoints, obstacles, frames, points,
+                  tangents, numbers_at(memory, at, sizes.work))
 
 
 @inlined
@@ -209,7 +235,7 @@ def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: in
     n, p, f = int(last['tangent_end']), int(last['point_end']), int(last['frame_end'])
     position = int(factors[obstacle_factor]['size']) if obstacle_factor >= 0 else 0
     work = work_size(int(factors['size'].max()))
-    total = (_SIZES + _SCALARS + len(factors) * (_FACTOR + 2) + 2 * n + 2 * n_basis + n_basis * n
+    total = (_SIZES + _SCALARS + len(factors) * (_FACTOR + 4) + 2 * n + 2 * n_basis + n_basis * n
              + waypoints * (1 + p) + OBSTACLE_CAPACITY * position + _FRAMES * f + _POINTS * p
              + _TANGENTS * n + work)
     memory = np.zeros(total)

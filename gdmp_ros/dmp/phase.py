@@ -45,5 +45,7 @@ def pass_time(scalars, dt):
     if ramp < dt or left == 0.0:
         scalars.speed_ramp = goal
         passed += _follow_ramp(scalars, 0.0, dt - ramp)
+    if passed > 0.0:
+        scalars.time_per_progress = scalars.duration * dt / passed
     scalars.progress += passed / scalars.duration
     scalars.time += dt

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gdmp_ros.dmp.goal import switch_goal
-from gdmp_ros.dmp.initial import initialise, new_memory, Start
+from gdmp_ros.dmp.goal import end_with, present_target, switch_goal
+from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, recover, Start
 from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.layout import FINISHED, Motion, parts
 from gdmp_ros.dmp.obstacles import store_obstacles
@@ -28,8 +28,8 @@ class Rollout:
 
     Not to be shared between threads. `flags` reports what happened: ``cut_locus`` (start, point or
     goal were exactly opposite each other; one of the shortest ways was taken), ``held`` (a step
-    was not finite; the last state is kept), ``not_settled`` (finished without reaching the goal's
-    tolerance).
+    was not finite; the last state is kept until `retarget`), ``not_settled`` (finished without
+    coming to rest within the goal's tolerance).
 
     :ivar skill: what is executed
     """
@@ -37,7 +37,8 @@ class Rollout:
     def __init__(self, skill: Primitive, start: np.ndarray | None = None,
                  goal: np.ndarray | None = None, duration: float | None = None,
                  velocity: np.ndarray | None = None, *, acceleration: np.ndarray | None = None,
-                 options: Options | None = None, **settings: float | Sequence[float] | None):
+                 final_velocity: np.ndarray | None = None, options: Options | None = None,
+                 **settings: float | Sequence[float] | None):
         """
         Begin at the skill's start, or elsewhere.
 
@@ -48,6 +49,9 @@ class Rollout:
             initial speed) by default
         :param acceleration: initial acceleration, tangent at the start [1/s²]; by default zero
             where a velocity is given, otherwise the demonstrated one
+        :param final_velocity: with which the motion passes its goal at the nominal end, tangent at
+            the goal [1/s at speed 1]; it returns to the goal afterwards. By default that which was
+            learned: none with ``end='rest'``
         :param options: see `Options`; single ones may be given by name instead
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
@@ -64,6 +68,8 @@ class Rollout:
         self.state_size = point_end + 2 * self._manifold.tangent_size
         self._point = slice(2, point_end)
         self._velocity = slice(point_end, point_end + self._manifold.tangent_size)
+        self._final_velocity = (None if final_velocity is None else finite_tangent(
+            self._manifold, 'final velocity', final_velocity))
         self.begin(start, velocity, acceleration)
 
     def begin(self, start: np.ndarray | None = None, velocity: np.ndarray | None = None,
@@ -80,7 +86,18 @@ class Rollout:
         initialise(self.motion, self.skill, self._options, self._goal, self._duration,
                    Start(None if start is None else self._checked(start, self.skill.start),
                          velocity, acceleration, speed))
+        if self._final_velocity is not None:
+            end_with(self._manifold, self.motion, self._missing_velocity())
         self.advance(0.0)
+
+    def _missing_velocity(self) -> np.ndarray:
+        """What the motion lacks of its final velocity at the nominal end, tangent at the goal."""
+        plain = self.copy()
+        plain.motion.scalars.speed = plain.motion.scalars.speed_ramp = 1.0
+        plain.set_speed(1.0)
+        end = plain.advance(self._duration)
+        return np.asarray(self._final_velocity) - self._manifold.transport(
+            end.point, self._goal, end.velocity)
 
     def advance(self, dt: float) -> State:
         """
@@ -145,19 +162,29 @@ class Rollout:
         self.memory = memory
         self.motion: Motion = parts(memory)
 
-    def retarget(self, goal: np.ndarray) -> None:
+    def retarget(self, goal: np.ndarray, velocity: np.ndarray | None = None) -> None:
         """
         Switch to a new goal; the present one moves there along the geodesic, [GDMP] eq. (28).
+
+        With a velocity the new goal moves on from now on, in real time whatever the tempo, along
+        the geodesic that begins with it. The motion follows it without lag. Call this again with
+        every new measurement of the goal.
 
         Where the skill is split into segments (`gdmp_ros.dmp.segments`), a split factor keeps its
         targets on the way and goes to the new goal in its last segment. A goal exactly opposite to
         the present one is reached along one of the shortest ways, with the flag ``cut_locus``.
 
         :param goal: point; its representative (±q) nearest to the present goal is taken
-        :raises ManifoldError: if it is not a point; nothing has changed then
+        :param velocity: tangent at the goal [1/s], shape ``(tangent_size,)``
+        :raises ManifoldError: if it is not a point, or the velocity no tangent; nothing has
+            changed then
         """
         new = self._manifold.align(self._manifold.check_point(goal), self.goal)
-        switch_goal(self._manifold, self.motion, new, self._options.goal_speed)
+        if velocity is not None:
+            velocity = finite_tangent(self._manifold, 'velocity of the goal', velocity)
+        if self.motion.scalars.held:
+            recover(self._manifold, self.motion, self.state.point)
+        switch_goal(self._manifold, self.motion, new, velocity, self._options.goal_speed)
 
     def set_speed(self, scale: float) -> None:
         """
@@ -220,8 +247,8 @@ class Rollout:
 
     @property
     def goal(self) -> np.ndarray:
-        """The goal that was asked for last, shape ``point_shape``."""
-        return np.array(self.motion.points.goal_new.reshape(self._manifold.point_shape))
+        """The goal that was asked for last, where it is now, shape ``point_shape``."""
+        return present_target(self._manifold, self.motion)
 
     @property
     def duration(self) -> float:
@@ -233,9 +260,11 @@ class Rollout:
         """
         Whether the motion has finished.
 
-        From the nominal end on, as soon as every factor is within its tolerance of the goal; or at
-        ``s >= max(2, s_switch + 1)``, later if ``goal_speed`` delays the goal, then with the flag
-        ``not_settled``. A new goal clears it.
+        From the nominal end on, as soon as every factor has been within its tolerance of the goal
+        and at rest relative to it, for a twentieth of a duration. At rest: at most 1 % of the
+        largest speed of the motion (`gdmp_ros.dmp.arrival`). Or at ``s >= max(2, s_switch + 1)``,
+        later if ``goal_speed`` delays the goal, then with the flag ``not_settled``. A new goal
+        clears it, also a moving one that jumps by more than the tolerance.
         """
         return bool(self.memory.item(FINISHED))
 

@@ -143,7 +143,7 @@ def test_an_opposite_goal_is_flagged_and_reached(manifold, connection, rng):
     rollout = Rollout(skill)
     rollout.advance(0.5)
     # Otherwise the sign of a quaternion would be chosen anew.
-    rollout.motion.points.goal_new[:] = opposite.reshape(-1)
+    rollout.motion.points.anchor[:] = opposite.reshape(-1)
     rollout.retarget(opposite)
     assert 'cut_locus' in rollout.flags
     path = rollout.sample(np.arange(0.51, 4.0, 0.01)).points
