@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         CutLocusError,
         DataError,
         GdmpError,
+        GdmpWarning,
         ManifoldError,
         ParameterError,
     )
@@ -40,9 +41,9 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 __all__ = ['Batch', 'CutLocusError', 'DataError', 'Demonstration', 'Euclidean', 'fit_report',
-           'from_spec', 'Gains', 'GdmpError', 'Manifold', 'ManifoldError', 'Options',
-           'ParameterError', 'Product', 'Rollout', 'Skill', 'SpecialOrthogonal', 'Sphere', 'State',
-           'SymmetricPositiveDefinite', 'Trajectory', 'UnitQuaternion']
+           'from_spec', 'Gains', 'GdmpError', 'GdmpWarning', 'Manifold', 'ManifoldError',
+           'Options', 'ParameterError', 'Product', 'Rollout', 'Skill', 'SpecialOrthogonal',
+           'Sphere', 'State', 'SymmetricPositiveDefinite', 'Trajectory', 'UnitQuaternion']
 
 
 def __getattr__(name: str) -> Any:

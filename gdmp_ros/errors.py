@@ -6,6 +6,10 @@ class GdmpError(Exception):
     """Something was refused; the message says what, where, the limit and what was got."""
 
 
+class GdmpWarning(UserWarning):
+    """Something was done, but not as it was asked for."""
+
+
 class ManifoldError(GdmpError, ValueError):
     """An array is not a point or a tangent of the manifold it was given to."""
 

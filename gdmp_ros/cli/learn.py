@@ -7,8 +7,8 @@ demonstrations may have different starts, goals and durations. A folder stands f
 
 examples:
   gdmp learn demos/GShape_1 -o skill.json
-  gdmp learn demos/GShape_* -o skill.json --n-basis auto --tolerance 2e-4
-  gdmp learn recorded.bag -o skill.json --fit output
+  gdmp learn demos/GShape_* -o skill.json --tolerance 1e-3
+  gdmp learn recorded.bag -o skill.json --end moving
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
 from __future__ import annotations
@@ -41,18 +41,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'vary; none; auto (default): recorded, else variance if there are two '
                         'takes or more')
     add_stiffness_range(parser)
-    parser.add_argument('--n-basis', type=_count, default=60, metavar='N',
-                        help='number of basis functions, or auto: as few as the tolerance allows '
-                             '(default %(default)s)')
+    parser.add_argument('--n-basis', type=_count, default='auto', metavar='N',
+                        help='number of basis functions, or auto (default): as few as describe '
+                             'the data as well as any number')
     parser.add_argument('--tolerance', type=float, default=1e-4, metavar='E',
-                        help='for auto: mean error / span (default %(default)s)')
+                        help='for auto: mean error / span that is good enough '
+                             '(default %(default)s)')
     parser.add_argument('--smooth', type=float, metavar='HZ',
                         help='cut-off frequency of smoothing: gain 1/2 at this frequency')
     parser.add_argument('--regularization', type=float, default=0.0, metavar='R',
-                        help='ridge of the regression, 1e-3 to 1e-1 for noisy data')
-    parser.add_argument('--fit', choices=FITS, default='forcing',
-                        help='forcing: fit the forcing term, for clean data (default); output: '
-                             'fit the motion, for recorded data with noise')
+                        help='with --fit forcing: ridge of the regression, 1e-3 to 1e-1 for '
+                             'noisy data')
+    parser.add_argument('--fit', choices=FITS, default='output',
+                        help='output (default): fit the motion, for recorded data; forcing: fit '
+                             'the forcing term, as in the paper, for clean data')
     parser.add_argument('--end', choices=ENDS,
                         help='how the motion ends: at rest at its goal (default of --fit output), '
                              'or moving as demonstrated (default of --fit forcing)')

@@ -2,15 +2,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 import difflib
 import importlib
 import os
 import sys
 from types import ModuleType
+from typing import Any
+import warnings
 
 from gdmp_ros import __version__
-from gdmp_ros.errors import GdmpError
+from gdmp_ros.errors import GdmpError, GdmpWarning
 from gdmp_ros.util.signals import noted_interrupts
 
 #: Verbs by purpose, with their help; the module of a verb has its name.
@@ -129,7 +132,7 @@ def _run(words: Sequence[str]) -> int:
         module, options = parse(words)
         # Numba is imported after the arguments have been checked: it takes half a second.
         from gdmp_ros.util.compile_progress import compilation_reported
-        with compilation_reported():
+        with compilation_reported(), _warnings_as_notes():
             return int(module.run(options) or 0)
     except GdmpError as error:
         print(f'error: {error}', file=sys.stderr)
@@ -143,6 +146,22 @@ def _run(words: Sequence[str]) -> int:
         place = f'{error.filename}: ' if error.filename else ''
         print(f'error: {place}{error.strerror or error}', file=sys.stderr)
         return 1
+
+
+@contextmanager
+def _warnings_as_notes() -> Iterator[None]:
+    """Print our warnings in one line, without the place in the code."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+            if issubclass(category, GdmpWarning):
+                print(f'note: {message}', file=sys.stderr)
+            else:
+                usual(message, category, *rest, **more)
+        warnings.showwarning = show
+        warnings.simplefilter('always', GdmpWarning)
+        yield
 
 
 def _interrupted() -> int:

@@ -21,7 +21,7 @@ class LearningSettings:
     :ivar frame: frame that the poses must have; empty for any
     """
 
-    n_basis: int | str = 60
+    n_basis: int | str = 'auto'
     connection: str = 'parallel'
     tolerance: float = 1e-4
     smoothing: float | None = None
@@ -33,7 +33,7 @@ class LearningSettings:
     pose_topic: str = ''
     stiffness_topic: str = ''
     frame: str = ''
-    fit: str = 'forcing'
+    fit: str = 'output'
     end: str | None = None
 
 

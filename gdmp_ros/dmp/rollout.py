@@ -96,8 +96,8 @@ class Rollout:
         plain.motion.scalars.speed = plain.motion.scalars.speed_ramp = 1.0
         plain.set_speed(1.0)
         end = plain.advance(self._duration)
-        return np.asarray(self._final_velocity) - self._manifold.transport(
-            end.point, self._goal, end.velocity)
+        return np.asarray(self._final_velocity - self._manifold.transport(
+            end.point, self._goal, end.velocity))
 
     def advance(self, dt: float) -> State:
         """

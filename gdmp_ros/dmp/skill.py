@@ -34,7 +34,7 @@ class Skill(Primitive):
               n_basis: int | str = 60, alpha_z: float = 60.0, alpha_x: float = 4.6052,
               connection: str = 'parallel', *, alpha_g: float = 8.0, tolerance: float = 1e-4,
               smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
-              fit: str = 'forcing', end: str | None = None,
+              fit: str = 'output', end: str | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -44,16 +44,19 @@ class Skill(Primitive):
 
         :param n_basis: number of basis functions, at least 2; ``'auto'`` for the smallest that
             meets ``tolerance`` or, with ``fit='output'``, that cross-validation finds as good as
-            any
+            any, for each factor by its own span
         :param connection: ``parallel`` or ``published``
         :param tolerance: for ``'auto'``: mean geodesic error / span of the reproduction; with
-            several demonstrations, between it and that of very many basis functions
-        :param smoothing: cut-off [Hz] of `Demonstration.smoothed`; None does not smooth
+            ``fit='forcing'`` and several demonstrations, between it and that of very many basis
+            functions. If it cannot be met, the best is returned with a `GdmpWarning`
+        :param smoothing: cut-off [Hz] of `Demonstration.smoothed`, before the fit; None does not
+            smooth. ``fit='output'`` chooses the smoothness itself and rarely needs it
         :param regularization: ridge added to the normal equations, as a fraction of their
-            diagonal: 1e-3 to 1e-1 for noisy or few samples; for ``fit='forcing'`` only
+            diagonal: 1e-3 to 1e-1 for noisy or few samples; for ``fit='forcing'`` only, ignored
+            with a `GdmpWarning` otherwise
         :param split: False refuses a demonstration through the cut locus instead
-        :param fit: ``forcing`` fits the forcing term, as in [GDMP]; ``output`` fits the motion:
-            choose it for recorded demonstrations, because noise does not decide how it begins
+        :param fit: ``output`` fits the motion, so that noise of recorded demonstrations does not
+            decide how it begins; ``forcing`` fits the forcing term, as in [GDMP]
         :param end: ``rest`` at the goal, or ``moving`` as demonstrated; by default ``rest`` with
             ``fit='output'`` and ``moving`` with ``fit='forcing'``
         :raises ParameterError: if a setting is out of range, or does not fit the others

@@ -12,7 +12,7 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.output_fit import OutputFit
-from gdmp_ros.learning.preparation import FitSettings, prepared
+from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 
 __all__ = ['FitSettings', 'learn']
 
@@ -41,10 +41,9 @@ def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tole
     """
     The primitive with the fewest basis functions that meets the tolerance, found by bisection.
 
-    :raises ParameterError: if none does
+    If none does, the most accurate one is returned with a warning.
     """
-    if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
-        raise ParameterError(f'tolerance is {tolerance!r}, expected a number between 0 and 1')
+    check_tolerance(tolerance)
     most = max(MIN_BASIS, min(MAX_BASIS, samples // 2))
     error = _error_measure(make(most), shown)
     tried: dict[int, float] = {}
@@ -56,10 +55,9 @@ def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tole
     low, high = MIN_BASIS - 1, MIN_BASIS
     while not meets(high):
         if high == most:
-            raise ParameterError(
-                f"n_basis='auto': {most} basis functions leave a mean error of "
-                f'{tried[most]:.2g} of the span, the tolerance is {tolerance:.2g}: smooth the '
-                'demonstration or accept a larger tolerance')
+            best = min(tried, key=lambda count: tried[count])
+            warn_tolerance(best, tried[best], tolerance)
+            return make(best)
         low, high = high, min(2 * high, most)
     while high - low > 1:
         middle = (low + high) // 2

@@ -22,18 +22,20 @@ from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError, ParameterError
-from gdmp_ros.learning.averaging import averaged, SAMPLES, Samples
+from gdmp_ros.learning.averaging import averaged, Samples
 from gdmp_ros.learning.endpoints import Endpoint, goal_of, start_of
-from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.preparation import (
     blank_primitive,
+    check_tolerance,
     common_segments,
     FitSettings,
     frame_of,
     own_segments,
+    warn_tolerance,
 )
+from gdmp_ros.learning.published_fit import with_published
 from gdmp_ros.learning.response import response_to, responses
-from gdmp_ros.learning.ridge import Regression, regression, Ridge, Rows, solve
+from gdmp_ros.learning.ridge import regression, Ridge, Rows, solve
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.point_space import kernel_array
@@ -43,10 +45,7 @@ from gdmp_ros.manifolds.rows import log_in_frame_rows
 MOVING = 4.0
 #: Gauss-Newton steps; a step that improves the error by less than this share is the last one.
 STEPS, IMPROVEMENT = 4, 0.01
-#: Parts of a step that are tried. The responses are no good Jacobian of the published connection.
-SHARES = {'parallel': (1.0,), 'published': (1.0, 0.5, 0.25, 0.1)}
-#: Grid of the roll-outs for these steps: 1 / COARSE of a duration. Only for the exact connection:
-#: the error of the published one grows with the spacing of its grid.
+#: Grid of the roll-outs for these steps: 1 / COARSE of a duration.
 COARSE = 1000
 #: Largest number of basis functions.
 MOST = 1000
@@ -116,14 +115,18 @@ class OutputFit:
         fitted = self._refined(fitted)
         if self._settings.connection == 'parallel':
             return fitted
-        return self._refined(self._published(fitted))
+        return with_published(fitted, [(one.start, one.goal) for one in self._shapes])
 
     def best_count(self, tolerance: float) -> int:
         """
         The smallest number of basis functions that cross-validation finds as good as any.
 
+        Only the demonstrations count: a sudden stop after their end is nothing they show.
+
         :param tolerance: an error of this part of the span is good enough for a factor
+        :raises ParameterError: unless it is between 0 and 1
         """
+        check_tolerance(tolerance)
         spans = np.max([[np.abs(shape.curve[:, columns]).max() for columns in self._columns]
                         for shape in self._shapes], axis=0)
         most = max(len(self._wanted) // 3, COUNTS[0])
@@ -132,8 +135,12 @@ class OutputFit:
         limit = np.maximum(GOOD_ENOUGH * best, (tolerance * spans) ** 2) + np.finfo(float).tiny
         excess = {count: float(np.max(score / limit)) for count, score in scores.items()}
         # Good for every factor, or else the number that is nearest to it.
-        return next((count for count in excess if excess[count] <= 1.0),
-                    min(excess, key=lambda count: excess[count]))
+        chosen = next((count for count in excess if excess[count] <= 1.0),
+                      min(excess, key=lambda count: excess[count]))
+        error = float(np.max(np.sqrt(scores[chosen]) / np.maximum(spans, np.finfo(float).tiny)))
+        if error > tolerance:
+            warn_tolerance(chosen, error, tolerance)
+        return chosen
 
     # Preparation
 
@@ -187,20 +194,22 @@ class OutputFit:
     # Regression
 
     def _scores(self, count: int) -> np.ndarray:
-        return np.array([one.score for one in self._solve(count, self._wanted)])
+        shown = np.concatenate([np.arange(len(self._rows.of(k))) < self._rows.progress[k][2]
+                                for k in range(len(self._shapes))])
+        rows = replace(self._rows, rests=False)
+        return np.array([one.score for one in self._solve(count, self._wanted[shown], rows)])
 
-    def _solve(self, count: int, wanted: np.ndarray) -> list[Ridge]:
+    def _solve(self, count: int, wanted: np.ndarray, rows: Rows) -> list[Ridge]:
         """The regression of each factor."""
-        return [solve(self._regression(count, moving), wanted[:, columns], self._goal[columns])
+        return [solve(regression(count, self._settings.gains, rows, moving), wanted[:, columns],
+                      self._goal[columns])
                 for columns, moving in zip(self._columns, self._moving)]
-
-    def _regression(self, count: int, moving: bool) -> Regression:
-        return regression(count, self._settings.gains, self._rows, moving)
 
     def _fitted(self, count: int, wanted: np.ndarray) -> Primitive:
         velocity = np.zeros(self._manifold.tangent_size)
         weights = np.zeros((count, self._manifold.tangent_size))
-        for columns, moving, found in zip(self._columns, self._moving, self._solve(count, wanted)):
+        for columns, moving, found in zip(self._columns, self._moving,
+                                          self._solve(count, wanted, self._rows)):
             if moving:
                 velocity[columns] = found.solution[0]
             weights[:, columns] = found.solution[-count:]
@@ -208,7 +217,7 @@ class OutputFit:
 
     def _predicted(self, primitive: Primitive) -> np.ndarray:
         """What the responses of a primitive add up to."""
-        matrix = self._regression(primitive.n_basis, True).matrix
+        matrix = regression(primitive.n_basis, self._settings.gains, self._rows, True).matrix
         return np.asarray(matrix @ np.vstack([primitive.velocity, primitive.weights]))
 
     def _refined(self, primitive: Primitive) -> Primitive:
@@ -218,23 +227,18 @@ class OutputFit:
             before = _size(residuals)
             if before == math.inf:
                 break
-            target = self._fitted(best.n_basis, self._predicted(best) + residuals)
-            for share in SHARES[primitive.connection]:
-                step = replace(best, velocity=_between(best.velocity, target.velocity, share),
-                               weights=_between(best.weights, target.weights, share))
-                after = self._residuals(step)
-                if _size(after) < (1.0 - IMPROVEMENT) * before:
-                    best, residuals = step, after
-                    break
-            else:
+            step = self._fitted(best.n_basis, self._predicted(best) + residuals)
+            after = self._residuals(step)
+            if not _size(after) < (1.0 - IMPROVEMENT) * before:
                 break
+            best, residuals = step, after
         return best
 
     def _residuals(self, primitive: Primitive) -> np.ndarray:
         """
         From the roll-out to the demonstrations, in its frame; scaled rows.
 
-        Infinite if the roll-out jumps, as with the published connection far from its goal.
+        Infinite if the roll-out jumps.
         """
         try:
             return np.vstack([scale[:, None] * away
@@ -244,8 +248,7 @@ class OutputFit:
 
     def _deviations(self, primitive: Primitive) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         manifold = self._manifold
-        if primitive.connection == 'parallel':
-            primitive = replace(primitive, steps=COARSE)
+        primitive = replace(primitive, steps=COARSE)
         table = manifold.factor_table
         for number, shape in enumerate(self._shapes):
             rollout = Rollout(primitive, start=shape.start, goal=shape.goal, duration=1.0)
@@ -257,28 +260,6 @@ class OutputFit:
             log_in_frame_rows(table, frames, kernel_array(shape.points), away,
                               np.empty(len(path)), work_array(table))
             yield self._rows.scale(number), away
-
-    # The published connection
-
-    def _published(self, fitted: Primitive) -> Primitive:
-        """
-        A primitive with the published connection from which Gauss-Newton steps converge.
-
-        Its motion is not linear in the weights. The candidates: the weights of the exact
-        connection; a fit of the forcing term to its motion, which has no noise; and to the
-        demonstrations.
-        """
-        times = np.linspace(0.0, fitted.duration, SAMPLES)
-        path = Demonstration(times, Rollout(fitted).sample(times).points, self._manifold)
-        candidates = [replace(fitted, connection='published')]
-        candidates += [replace(fit_forcing(shown, self._settings)(fitted.n_basis),
-                               start=fitted.start, goal=fitted.goal, frame=fitted.frame)
-                       for shown in ([path], self._shown)]
-        return min(candidates, key=lambda one: _size(self._residuals(one)))
-
-
-def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    return np.asarray(first + share * (second - first))
 
 
 def _size(residuals: np.ndarray) -> float:

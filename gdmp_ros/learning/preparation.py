@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any
+import warnings
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from gdmp_ros.choices import ENDS, FITS
 from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.primitive import carry_frame, check_connection, Gains, MIN_STEPS, Primitive
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
-from gdmp_ros.errors import CutLocusError, DataError, ParameterError
+from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
 
 
@@ -26,7 +27,7 @@ class FitSettings:
     regularization: float = 0.0
     split: bool = True
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    fit: str = 'forcing'
+    fit: str = 'output'
     end: str | None = None
 
     def __post_init__(self) -> None:
@@ -42,8 +43,8 @@ class FitSettings:
             raise ParameterError("end='rest' needs fit='output': fit='forcing' has no data after "
                                  'the end of the demonstration')
         if self.fit == 'output' and self.regularization > 0.0:
-            raise ParameterError("regularization is for fit='forcing' only: fit='output' chooses "
-                                 'the smoothness by cross-validation')
+            warnings.warn("regularization is for fit='forcing' only, and ignored: fit='output' "
+                          'chooses the smoothness by cross-validation', GdmpWarning, stacklevel=4)
 
     @property
     def rests(self) -> bool:
@@ -137,3 +138,16 @@ def _mean(manifold: Manifold, points: list[np.ndarray]) -> np.ndarray:
     except CutLocusError as error:
         raise CutLocusError(f'the demonstrations differ too much to have a mean: {error}',
                             error.distance) from None
+
+
+def check_tolerance(tolerance: float) -> None:
+    """:raises ParameterError: unless the tolerance of ``n_basis='auto'`` is between 0 and 1"""
+    if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
+        raise ParameterError(f'tolerance is {tolerance!r}, expected a number between 0 and 1')
+
+
+def warn_tolerance(count: int, error: float, tolerance: float) -> None:
+    """Warn that ``n_basis='auto'`` could not meet the tolerance."""
+    warnings.warn(f"n_basis='auto': the tolerance of {tolerance:.2g} of the span cannot be met: "
+                  f'the best, {count} basis functions, leaves {error:.2g}, noise of the '
+                  'demonstrations included', GdmpWarning, stacklevel=5)

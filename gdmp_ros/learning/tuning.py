@@ -82,21 +82,25 @@ def basis_errors(demonstrations: Sequence[Demonstration],
     :param step: called after each of `COUNTS`
     """
     result, several = [], len(demonstrations) > 1
-    finest = Skill.learn(demonstrations, COUNTS[-1]).reproduce(_DT)
+    finest = Skill.learn(demonstrations, COUNTS[-1], end='moving').reproduce(_DT)
     manifold = demonstrations[0].manifold
     motion = Demonstration(finest.times, finest.points, manifold)
     for count in COUNTS:
-        skill = Skill.learn(demonstrations, count)
+        skill = Skill.learn(demonstrations, count, end='moving')
         training = reproduction_error(skill, demonstrations, _DT).mean()
         detail = mean_distance(deviation(skill, motion, finest.times)) / motion.span()
         unseen = np.nan
         if several:
-            unseen = np.mean([reproduction_error(
-                Skill.learn([*demonstrations[:i], *demonstrations[i + 1:]], count), one, _DT)
+            unseen = np.mean([_error_on(one, [*demonstrations[:i], *demonstrations[i + 1:]], count)
                               for i, one in enumerate(demonstrations)])
         result.append(BasisError(count, detail, float(training), float(unseen)))
         step()
     return result
+
+
+def _error_on(unseen: Demonstration, shown: Sequence[Demonstration], count: int) -> float:
+    skill = Skill.learn(shown, count, end='moving')
+    return float(reproduction_error(skill, unseen, _DT)[0])
 
 
 def sufficient_basis(errors: Sequence[BasisError]) -> int:

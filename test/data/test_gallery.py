@@ -4,7 +4,6 @@ from pathlib import Path
 import re
 
 import jsonschema
-import numpy as np
 import pytest
 
 from gdmp_ros import Skill
@@ -27,8 +26,9 @@ def test_every_skill_has_a_file_a_picture_and_an_entry_on_the_page(made):
     page = (made / 'index.md').read_text()
     for name in gallery.EXAMPLES:
         skill = Skill.load(made / f'{name}.json')
-        away = skill.manifold.distance(skill.reproduce(0.01).points[-1], skill.goal)
-        assert away < 0.02 * max(1.0, float(np.abs(skill.goal).max())), name
+        rollout = skill.rollout()
+        rollout.advance(1.3 * skill.duration)
+        assert rollout.finished and rollout.flags == set(), name
         assert (made / f'{name}.png').stat().st_size > 10_000
         assert f']({name}.png)' in page
     screw = Skill.load(made / 'screw.json')

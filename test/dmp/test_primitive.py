@@ -59,7 +59,7 @@ def distances(manifold, a, b):
 @pytest.mark.parametrize('name', ['GShape', 'Sine'])
 def test_handwriting_is_reproduced_for_any_dt(name, mapping, connection):
     shown = lasa.data_set(name, mapping)[0]
-    skill = Skill.learn(shown, n_basis=60, connection=connection)
+    skill = Skill.learn(shown, n_basis=60, connection=connection, end='moving')
     # Of all 30 classes the covariances are 3e-4 on average; these two are harder.
     largest = 2e-3 if mapping == lasa.COVARIANCES else 8e-5
     for dt in (1e-3, 2e-3, 5e-3, 10e-3):
@@ -397,7 +397,7 @@ def test_several_demonstrations_average_start_goal_and_duration(rng):
     skill = Skill.learn(shown)
     assert skill.duration == pytest.approx(2.0)
     starts = [manifold.align(d.points[0], shown[0].points[0]) for d in shown]
-    assert manifold.distance(skill.start, manifold.mean(starts)) < 1e-9
+    assert manifold.distance(skill.start, manifold.mean(starts)) < 1e-6
     assert reproduction_error(skill, shown).max() < 0.1
 
 

@@ -6,6 +6,7 @@ from gdmp_ros import (
     DataError,
     Demonstration,
     Euclidean,
+    GdmpWarning,
     ParameterError,
     Skill,
     Sphere,
@@ -29,9 +30,9 @@ def test_any_rate_gives_the_same_motion(rate, rng):
 def test_auto_finds_the_smallest_count_that_meets_the_tolerance(cycles, rng):
     shown = wave(UnitQuaternion(), rng, np.linspace(0.0, 3.0, 1500), cycles)
     for tolerance in (1e-3, 1e-4):
-        skill = Skill.learn(shown, n_basis='auto', tolerance=tolerance)
+        skill = Skill.learn(shown, n_basis='auto', tolerance=tolerance, fit='forcing')
         assert reproduction_error(skill, shown)[0] <= 1.02 * tolerance
-        fewer = Skill.learn(shown, n_basis=skill.n_basis - 1)
+        fewer = Skill.learn(shown, n_basis=skill.n_basis - 1, fit='forcing')
         assert reproduction_error(fewer, shown)[0] > tolerance
 
 
@@ -47,8 +48,14 @@ def test_auto_reports_a_tolerance_that_cannot_be_met(rng):
     shown = wave(Euclidean(2), rng, np.linspace(0.0, 3.0, 400))
     noisy = Demonstration(shown.times, shown.points + 0.05 * rng.standard_normal((400, 2)),
                           Euclidean(2))
-    with pytest.raises(ParameterError, match='basis functions leave a mean error'):
-        Skill.learn(noisy, n_basis='auto', tolerance=1e-6)
+    for fit in ('output', 'forcing'):
+        with pytest.warns(GdmpWarning, match='the tolerance of 1e-06 of the span cannot be met'):
+            skill = Skill.learn(noisy, n_basis='auto', tolerance=1e-6, fit=fit)
+        assert reproduction_error(skill, noisy)[0] < 0.1
+    for tolerance in (0.0, 1.0, float('nan'), None):
+        for fit in ('output', 'forcing'):
+            with pytest.raises(ParameterError, match='tolerance is'):
+                Skill.learn(shown, n_basis='auto', tolerance=tolerance, fit=fit)
     with pytest.raises(ParameterError, match="or 'auto'"):
         Skill.learn(shown, n_basis='many')
     with pytest.raises(DataError, match='cutoff is -1'):
@@ -59,7 +66,7 @@ def test_regularisation_shrinks_the_weights_of_noisy_data(rng):
     shown = wave(Euclidean(3), rng, np.linspace(0.0, 3.0, 400))
     noisy = Demonstration(shown.times, shown.points + 1e-3 * rng.standard_normal((400, 3)),
                           Euclidean(3))
-    sizes = [np.linalg.norm(Skill.learn(noisy, 100, regularization=r).weights)
+    sizes = [np.linalg.norm(Skill.learn(noisy, 100, regularization=r, fit='forcing').weights)
              for r in (0.0, 1e-2, 1.0)]
     assert sizes[0] > 1.05 * sizes[1] > 1.05 * sizes[2]
     with pytest.raises(ParameterError, match='regularization is -1'):

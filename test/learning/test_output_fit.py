@@ -7,6 +7,7 @@ import pytest
 from gdmp_ros import (
     Demonstration,
     Euclidean,
+    GdmpWarning,
     ParameterError,
     Rollout,
     Skill,
@@ -124,14 +125,14 @@ def test_letters_end_as_asked(mapping, name):
 def test_the_published_connection_is_not_worse_than_with_the_forcing_term(mapping, rng):
     shown = lasa.riemannian(lasa.strokes('GShape')[0], mapping)
     clean = Skill.learn(shown, connection='published', fit='output', end='moving')
-    paper = Skill.learn(shown, connection='published')
+    paper = Skill.learn(shown, connection='published', fit='forcing')
     assert (reproduction_error(clean, shown)[0]
             < max(1.3 * reproduction_error(paper, shown)[0], 1e-4))
     moved = noisy(shown, 1e-3 * shown.span(), rng)
     skill = Skill.learn(moved, connection='published', fit='output', end='moving')
     assert skill.connection == 'published'
     assert reproduction_error(skill, shown)[0] < 2e-3
-    paper = Skill.learn(moved, connection='published')
+    paper = Skill.learn(moved, connection='published', fit='forcing')
     assert reproduction_error(skill, shown)[0] < reproduction_error(paper, shown)[0]
 
 
@@ -196,11 +197,17 @@ def test_more_functions_than_samples_and_a_demonstration_that_rests():
     ({'fit': 'output', 'n_basis': 1}, 'n_basis is 1, expected 2 to 1000'),
     ({'fit': 'best'}, "fit is 'best', expected one of output, forcing"),
     ({'end': 'stop'}, "end is 'stop', expected one of rest, moving"),
-    ({'fit': 'forcing', 'end': 'rest'}, "end='rest' needs fit='output'"),
-    ({'fit': 'output', 'regularization': 0.1}, 'regularization is for')])
+    ({'fit': 'forcing', 'end': 'rest'}, "end='rest' needs fit='output'")])
 def test_invalid_settings_are_refused(settings, reason):
     with pytest.raises(ParameterError, match=reason):
         Skill.learn(recorded(100.0, 0.0, 0), **settings)
+
+
+def test_a_setting_without_a_meaning_is_ignored_with_a_warning():
+    shown = recorded(100.0, 0.0, 0)
+    with pytest.warns(GdmpWarning, match='regularization is for'):
+        skill = Skill.learn(shown, regularization=0.1)
+    np.testing.assert_array_equal(skill.weights, Skill.learn(shown).weights)
 
 
 def test_mean_error_falls_with_the_rate():

@@ -23,7 +23,7 @@ class Ours(Baseline):
             -1, *self.manifold.point_shape), self.manifold)
         alpha_z, alpha_x, alpha_g = self._gains
         self.skill = Skill.learn(shown, self._functions.shape[1], alpha_z, alpha_x,
-                                 self.connection, alpha_g=alpha_g)
+                                 self.connection, alpha_g=alpha_g, fit='forcing', end='moving')
 
     def reset(self, dt: float | None = None) -> None:
         """Restart at the first sample."""

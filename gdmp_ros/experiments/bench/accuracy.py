@@ -30,7 +30,7 @@ def one_class(task: tuple[str, str, str, int]) -> list[float]:
         shown = lasa.covariance_profile(name)
     else:
         shown = lasa.riemannian(lasa.strokes(name)[0], mapping)
-    skill = Skill.learn(shown, n_basis, connection=connection)
+    skill = Skill.learn(shown, n_basis, connection=connection, end='moving')
     return [float(reproduction_error(skill, shown, ms * 1e-3)[0]) for ms in STEPS_MS]
 
 

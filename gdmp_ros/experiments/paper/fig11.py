@@ -106,7 +106,7 @@ def learn(data: Data) -> tuple[Skill, Demonstration]:
         turns = [S3.align(tool[i, 3:], tools[0, i, 3:]) for tool in tools]
         points.append(TOOL.join(tools[:, i, :3].mean(axis=0), S3.mean(turns), stiffness[i]))
     mean = Demonstration(times, np.array(points), TOOL).smoothed(2.0)
-    return Skill.learn(mean), mean
+    return Skill.learn(mean, fit='forcing', end='moving'), mean
 
 
 def execute(skill: Skill, beginning: np.ndarray) -> Data:

@@ -128,7 +128,7 @@ def run(settings: Settings) -> Data:
     taught = [guide(box, 12 + box) for box in range(len(MIDDLES))]
     goals = [goal(one) for one in taught]
     demonstration = learn(taught[0])
-    skill = Skill.learn(demonstration)
+    skill = Skill.learn(demonstration, fit='forcing', end='moving')
     data: Data = {'shown': np.array(demonstration.points), 'shown_times': demonstration.times,
                   'goals': np.array(goals)}
     _, at_box_1 = SPACE.split(skill.goal)

@@ -40,14 +40,19 @@ def c_shape() -> Demonstration:
                                                         0.0 * angle]), S2)
 
 
+def _published(shown: Demonstration, n_basis: int) -> Skill:
+    return Skill.learn(shown, n_basis, connection='published', split=False, fit='forcing',
+                       end='moving')
+
+
 def run(settings: Settings) -> Data:
     """Reproduce both motions; the “C” as published with 60 and 200 functions, and split."""
     n, c = n_shape(), c_shape()
-    learned = {'n': Skill.learn(n, connection='published', split=False),
-               'n_split': Skill.learn(n),
-               'c_published': Skill.learn(c, connection='published', split=False),
-               'c_published_200': Skill.learn(c, 200, connection='published', split=False),
-               'c_split': Skill.learn(c)}
+    learned = {'n': _published(n, 60),
+               'n_split': Skill.learn(n, fit='forcing', end='moving'),
+               'c_published': _published(c, 60),
+               'c_published_200': _published(c, 200),
+               'c_split': Skill.learn(c, fit='forcing', end='moving')}
     data = {name: skill.reproduce(0.005).points for name, skill in learned.items()}
     return {**data, 'n_shown': n.points, 'c_shown': c.points,
             'errors': np.array([reproduction_error(learned['n'], n)[0],

@@ -35,7 +35,8 @@ def errors(task: tuple[str, str]) -> list[list[float]]:
 
 def errors_of(shown: list[Demonstration]) -> list[list[float]]:
     """Mean error / span of demonstrations, each learned separately, with each connection."""
-    return [[float(reproduction_error(Skill.learn(d, connection=connection), d)[0])
+    return [[float(reproduction_error(
+        Skill.learn(d, connection=connection, fit='forcing', end='moving'), d)[0])
              for d in shown] for connection in CONNECTIONS]
 
 
@@ -59,7 +60,7 @@ def run(settings: Settings) -> Data:
 def curves(shown: Demonstration) -> Data:
     """A demonstration and its reproduction over time, their velocities and distance."""
     manifold, times = shown.manifold, shown.times - shown.times[0]
-    skill = Skill.learn(shown)
+    skill = Skill.learn(shown, fit='forcing', end='moving')
     made = skill.rollout().sample(times)
     frame = manifold.frame(shown.points[0])
     flat = made.points.reshape(len(times), -1)

@@ -45,7 +45,7 @@ def shown() -> Demonstration:
 def run(settings: Settings) -> Data:
     """Roll out to the goal and, switched, to the new one."""
     demonstration = shown()
-    skill = Skill.learn(demonstration, 60, 60.0, 4.6052)
+    skill = Skill.learn(demonstration, 60, 60.0, 4.6052, fit='forcing', end='moving')
     times = np.arange(0.0, END * DURATION + 1e-9, DT)
     straight = Rollout(skill).sample(times).points
     rollout = Rollout(skill)

@@ -33,7 +33,8 @@ def same_differencing(demonstration: Demonstration) -> np.ndarray:
     """
     goal = demonstration.points[-1]
     errors = np.array([2.0 * S3.log(q, goal) for q in demonstration.points])
-    skill = Skill.learn(Demonstration(demonstration.times, errors, Euclidean(3)))
+    skill = Skill.learn(Demonstration(demonstration.times, errors, Euclidean(3)),
+                        fit='forcing', end='moving')
     return np.array([S3.exp(goal, -0.5 * e) for e in skill.reproduce(DT).points])
 
 

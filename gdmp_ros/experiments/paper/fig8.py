@@ -76,10 +76,10 @@ def follow(skill: Skill, alpha: float) -> tuple[np.ndarray, np.ndarray]:
 
 def run(settings: Settings) -> Data:
     """Teach, learn, follow with and without the null-space term."""
-    times, shown = teach(Skill.learn(letter()))
+    times, shown = teach(Skill.learn(letter(), fit='forcing', end='moving'))
     # Recorded at 250 Hz.
     demonstration = Demonstration(times[::4], shown[::4], SPACE)
-    skill = Skill.learn(demonstration)
+    skill = Skill.learn(demonstration, fit='forcing', end='moving')
     wanted, measured = follow(skill, ALPHA)
     _, without = follow(skill, 0.0)
     return {'times': 1e-3 * np.arange(len(wanted)), 'shown_times': times[::4], 'shown': shown[::4],

@@ -65,7 +65,7 @@ def execute(skill: Skill, goal: np.ndarray | None) -> Data:
 def run(settings: Settings) -> Data:
     """Pull the mass without and with the switch."""
     demonstration = shown()
-    skill = Skill.learn(demonstration)
+    skill = Skill.learn(demonstration, fit='forcing', end='moving')
     data: Data = {'shown_times': demonstration.times, 'shown': np.array(demonstration.points),
                   'times': PERIOD * np.arange(round(END / PERIOD))}
     for name, goal in (('straight', None), ('switched', NEW_GOAL)):

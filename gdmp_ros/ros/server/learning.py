@@ -33,8 +33,9 @@ def skill_from_parameters(parameters: Parameters, logger: Any) -> tuple[Skill, s
         logger.info('no skill yet: waiting for ~/load_skill or ~/learn_skill')
         return None
     logger.info(f'learning from {len(bags)} demonstrations')
-    settings = LearningSettings(n_basis=parameters.n_basis, connection=parameters.connection,
-                                stiffness=parameters.learned_stiffness, frame=parameters.frame_id)
+    settings = LearningSettings(
+        n_basis=parameters.n_basis or 'auto', connection=parameters.connection,
+        stiffness=parameters.learned_stiffness, frame=parameters.frame_id)
     learned = skill_from_bags(bags, settings)
     logger.info(f'learned; stiffness: {learned.stiffness}')
     return learned.skill, ', '.join(bags)
@@ -106,8 +107,8 @@ class LearningProcess:
         return output, child_process.command(
             'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
             f'--stiffness={parameters.learned_stiffness}',
-            f'--n-basis={request.n_basis or parameters.n_basis}', f'--connection={connection}',
-            '--', *request.bags)
+            f'--n-basis={request.n_basis or parameters.n_basis or "auto"}',
+            f'--connection={connection}', '--', *request.bags)
 
     def cancel(self) -> None:
         """End the process."""

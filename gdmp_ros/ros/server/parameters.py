@@ -12,7 +12,8 @@ SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('skill', '', 'skill file to load; empty: learn from `demonstrations`, or load later'),
     Spec('demonstrations', [''], 'rosbag2 folders to learn from if there is no skill file'),
-    Spec('n_basis', 60, 'number of basis functions when learning', low=2, high=2000),
+    Spec('n_basis', 0, 'number of basis functions when learning; 0: as many as the data need',
+         low=0, high=2000),
     Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
     Spec('learned_stiffness', 'auto', 'origin of the stiffness when learning: as recorded, from '
          'the variance of several demonstrations, or none; auto: the first of these that is '

@@ -1,0 +1,124 @@
+"""
+Weights with which the published connection makes the same motion as the exact one.
+
+The motion is not linear in the weights there, and the responses of the flat space are no Jacobian
+of it. But the fitted motion has no noise: the dynamical system can be inverted along it. What
+discretisation and basis functions leave is corrected by a second inversion, along a path that is
+moved by the remaining error.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.development import Development, published_derivatives
+from gdmp_ros.dmp.forcing import basis
+from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.segments import targets
+from gdmp_ros.errors import CutLocusError
+from gdmp_ros.learning.regression import regress
+from gdmp_ros.learning.response import LAST
+from gdmp_ros.manifolds.factors import work_array
+from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
+
+#: Samples of a motion per duration, and at least this many for each basis function.
+SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
+#: Inversions; the first leaves 2e-5 of the span or less, the second 4e-6.
+INVERSIONS = 2
+
+
+class _Motion(NamedTuple):
+    """
+    A motion that is wanted.
+
+    :ivar start: point
+    :ivar goal: point
+    :ivar points: flat, at the samples
+    """
+
+    start: np.ndarray
+    goal: np.ndarray
+    points: np.ndarray
+
+
+def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Primitive:
+    """
+    Make the motions of a primitive with the published connection.
+
+    :param fitted: with the exact connection
+    :param ends: start and goal of each motion
+    """
+    s = _samples(fitted.n_basis)
+    wanted = [_Motion(start, goal, _path(fitted, start, goal, s)) for start, goal in ends]
+    paths = [one.points for one in wanted]
+    published = replace(fitted, connection='published')
+    best, smallest = published, np.inf
+    for _ in range(INVERSIONS):
+        try:
+            candidate = _inverted(published, wanted, paths, s)
+            made = [_path(candidate, one.start, one.goal, s) for one in wanted]
+            moves = [_moves(fitted, one, path) for one, path in zip(wanted, made)]
+        except CutLocusError:
+            break
+        error = float(sum((one ** 2).sum() for one in moves))
+        if not error < smallest:
+            break
+        best, smallest = candidate, error
+        paths = [_moved(fitted, one, path, move)
+                 for one, path, move in zip(wanted, paths, moves)]
+    return best
+
+
+def _samples(count: int) -> np.ndarray:
+    return np.arange(0.0, LAST, 1.0 / max(SAMPLES, SAMPLES_PER_FUNCTION * count))
+
+
+def _path(primitive: Primitive, start: np.ndarray, goal: np.ndarray, s: np.ndarray) -> np.ndarray:
+    rollout = Rollout(primitive, start=start, goal=goal, duration=1.0)
+    return np.asarray(rollout.sample(s).points.reshape(len(s), -1))
+
+
+def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarray],
+              s: np.ndarray) -> Primitive:
+    """Solve [GDMP] eq. (17) for the forcing term along the paths."""
+    manifold, gains = primitive.manifold, primitive.gains
+    shown = s <= 1.0
+    x = np.exp(-gains.alpha_x * s[shown])[:, None]
+    forcing = []
+    for one, path in zip(wanted, paths):
+        goal = one.goal.reshape(-1)
+        attracting = targets(manifold, primitive.segments, goal, s)
+        velocity, acceleration, to_target = published_derivatives(manifold, path, attracting,
+                                                                  s[1] - s[0])
+        first = manifold.log(one.start, attracting[0].reshape(manifold.point_shape))
+        pull = (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
+        forcing.append((pull - to_target)[shown] + first * x)
+    weights = regress(basis(primitive.n_basis, gains.alpha_x), gains.alpha_x,
+                      np.tile(s[shown], len(forcing)), np.vstack(forcing), 0.0)
+    return replace(primitive, weights=weights)
+
+
+def _frames(primitive: Primitive, one: _Motion, path: np.ndarray) -> np.ndarray:
+    frame, _ = carry_frame(primitive.manifold, primitive.frame, one.start)
+    return Development(primitive.manifold, path, frame).frames
+
+
+def _moves(primitive: Primitive, one: _Motion, made: np.ndarray) -> np.ndarray:
+    """From the motion that was made to the one that is wanted, in frames along the former."""
+    table = primitive.manifold.factor_table
+    away = np.empty((len(made), primitive.manifold.tangent_size))
+    log_in_frame_rows(table, _frames(primitive, one, made), one.points.copy(), away,
+                      np.empty(len(made)), work_array(table))
+    return away
+
+
+def _moved(primitive: Primitive, one: _Motion, path: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    table, frames = primitive.manifold.factor_table, _frames(primitive, one, path).copy()
+    transport_frame_rows(table, frames, moves.copy(), work_array(table))
+    points = np.empty_like(path)
+    frame_point_rows(table, frames, points, work_array(table))
+    return points
