@@ -89,10 +89,11 @@ def basis_errors(demonstrations: Sequence[Demonstration],
         skill = Skill.learn(demonstrations, count, end='moving')
         training = reproduction_error(skill, demonstrations, _DT).mean()
         detail = mean_distance(deviation(skill, motion, finest.times)) / motion.span()
-        unseen = np.nan
+        unseen = float('nan')
         if several:
-            unseen = np.mean([_error_on(one, [*demonstrations[:i], *demonstrations[i + 1:]], count)
-                              for i, one in enumerate(demonstrations)])
+            unseen = float(np.mean([
+                _error_on(one, [*demonstrations[:i], *demonstrations[i + 1:]], count)
+                for i, one in enumerate(demonstrations)]))
         result.append(BasisError(count, detail, float(training), float(unseen)))
         step()
     return result
