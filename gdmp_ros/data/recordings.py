@@ -12,7 +12,7 @@ from gdmp_ros.data import bags
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, GdmpError, ManifoldError
-from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from gdmp_ros.learning.take_stiffness import stiffness_of_each
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
@@ -68,8 +68,7 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
         return poses, source
     if len(shown) < 2:
         raise DataError(f'{shown[0].bag}: stiffness from variance needs two takes or more')
-    profiles = stiffness_at_samples([one.points[:, :3] for one in poses],
-                                    [one.times for one in poses], k_min, k_max)
+    profiles = stiffness_of_each(poses, k_min, k_max)
     return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
             for one, k in zip(poses, profiles)], source
 

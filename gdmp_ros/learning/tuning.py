@@ -12,8 +12,7 @@ from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.learning.mixture import Mixture
-from gdmp_ros.learning.variance_stiffness import resampled
+from gdmp_ros.learning.take_stiffness import AGREEMENT, covariances_of_takes
 
 #: Numbers of basis functions that are tried.
 COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -34,8 +33,6 @@ SMALLEST_STIFFNESS, LARGEST_STIFFNESS = 20.0, 3000.0
 #: A position with a smaller span does not move [m].
 SMALLEST_SPAN = 1e-3
 _DT = 0.005
-#: Samples of a demonstration from which the variance is computed.
-_SAMPLES = 200
 
 
 class BasisError(NamedTuple):
@@ -180,12 +177,11 @@ def stiffness_bounds(demonstrations: Sequence[Demonstration], force: float) -> t
     :returns: smallest and largest stiffness [N/m]
     :raises DataError: with fewer than two demonstrations
     """
-    paths = [resampled(one.points[:, :3], one.times, _SAMPLES) for one in demonstrations]
-    covariances = Mixture(paths).covariances(np.linspace(0.0, 1.0, 100))
-    deviations = 2.0 * np.sqrt(np.linalg.eigvalsh(covariances))
-    low, high = force / deviations.max(), force / deviations.min()
-    if not low < high:
+    variances = np.linalg.eigvalsh(covariances_of_takes(demonstrations))
+    deviations = 2.0 * np.sqrt(np.maximum(variances, 0.0) + AGREEMENT ** 2)
+    if variances.max() < AGREEMENT ** 2:
         raise DataError('the demonstrations are equal: they do not determine a stiffness')
+    low, high = force / deviations.max(), force / deviations.min()
     return (float(np.clip(low, SMALLEST_STIFFNESS, 0.5 * LARGEST_STIFFNESS)),
             float(np.clip(high, 2.0 * SMALLEST_STIFFNESS, LARGEST_STIFFNESS)))
 

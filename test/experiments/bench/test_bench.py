@@ -101,7 +101,7 @@ def test_the_accuracy_of_a_class_is_its_reproduction_error(mapping):
     separate = mapping == accuracy.COVARIANCES
     shown = (lasa.covariance_profile('Sine') if separate
              else lasa.riemannian(lasa.strokes('Sine')[0], mapping))
-    skill = Skill.learn(shown, 40, connection='published')
+    skill = Skill.learn(shown, 40, connection='published', end='moving')
     assert accuracy.one_class(('Sine', mapping, 'published', 40)) == [
         reproduction_error(skill, shown, 1e-3 * ms)[0] for ms in accuracy.STEPS_MS]
 
