@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp.segments import Segments
+from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
@@ -74,6 +75,7 @@ class Primitive:
     :ivar weights: shape ``(n_basis, tangent_size)``
     :ivar steps: grid intervals per duration
     :ivar segments: parts of a motion that is split at the cut locus; empty otherwise
+    :ivar variation: how the takes varied, if there were several
     :ivar provenance: source of the skill, as text; no part of the computation
     """
 
@@ -88,6 +90,7 @@ class Primitive:
     weights: np.ndarray
     steps: int
     segments: Segments = field(default_factory=Segments)
+    variation: Variation | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -96,6 +99,8 @@ class Primitive:
             array = np.ascontiguousarray(getattr(self, name), dtype=np.float64).copy()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if self.variation is not None:
+            self.variation.check(self.n_basis, self.manifold.tangent_size)
 
     @property
     def n_basis(self) -> int:

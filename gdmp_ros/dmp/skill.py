@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.primitive import Gains, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
@@ -34,7 +35,7 @@ class Skill(Primitive):
               n_basis: int | str = 60, alpha_z: float = 60.0, alpha_x: float = 4.6052,
               connection: str = 'parallel', *, alpha_g: float = 8.0, tolerance: float = 1e-4,
               smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
-              fit: str = 'output', end: str | None = None,
+              fit: str = 'output', end: str | None = None, align: bool = True,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -59,6 +60,8 @@ class Skill(Primitive):
             decide how it begins; ``forcing`` fits the forcing term, as in [GDMP]
         :param end: ``rest`` at the goal, or ``moving`` as demonstrated; by default ``rest`` with
             ``fit='output'`` and ``moving`` with ``fit='forcing'``
+        :param align: warp the time of several demonstrations, so that the same progress is the
+            same moment of the motion (`gdmp_ros.learning.alignment`); with ``fit='output'`` only
         :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, or if their manifolds differ
         :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
@@ -69,8 +72,17 @@ class Skill(Primitive):
         # The one place where this room uses a higher one: see docs/design.md.
         from gdmp_ros.learning.fit import FitSettings, learn
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
-                               regularization, split, dict(provenance or {}), fit, end)
+                               regularization, split, dict(provenance or {}), fit, end, align)
         return cls.of(learn(demonstrations, n_basis, settings, tolerance))
+
+    @property
+    def distribution(self) -> Distribution[Skill] | None:
+        """
+        How the demonstrated motions vary around this one: samples, tubes, conditions.
+
+        None if there was only one demonstration, or with ``fit='forcing'``.
+        """
+        return None if self.variation is None else Distribution(self, self.variation, Skill.of)
 
     def through(self, points: Sequence[tuple[float, np.ndarray]],
                 factors: Sequence[str] | None = None) -> Skill:

@@ -11,15 +11,16 @@ import numpy as np
 
 from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.dmp.segments import Segments
+from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
 from gdmp_ros.manifolds.registry import KINDS
 from gdmp_ros.util.atomic_write import write_text
 
 FORMAT = 'gdmp skill'
-#: Version 2 has segments; files of version 1 can be read too.
-VERSION = 2
-READABLE = (1, 2)
+#: Version 2 has segments, version 3 the variation of the takes; older files can be read too.
+VERSION = 3
+READABLE = (1, 2, 3)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start',
@@ -37,6 +38,9 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'segments': {'ends': skill.segments.ends.tolist(),
                      'split': list(skill.segments.split),
                      'waypoints': skill.segments.waypoints.tolist()},
+        'variation': None if skill.variation is None else {
+            'factor': skill.variation.factor.tolist(),
+            'noise': skill.variation.noise.tolist()},
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -71,7 +75,7 @@ def _parse(document: Any) -> Primitive:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
     if document.get('version') not in READABLE:
         raise DataError(f'format version is {document.get("version")!r}, this release reads '
-                        f'{" and ".join(map(str, READABLE))}')
+                        f'{", ".join(map(str, READABLE))}')
     manifold = from_spec(document.get('manifold'))
     gains = document.get('gains')
     if not isinstance(gains, dict) or set(gains) != {'alpha_z', 'alpha_x', 'alpha_g'}:
@@ -94,7 +98,7 @@ def _parse(document: Any) -> Primitive:
                      duration=float(duration),
                      velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
                      weights=weights, steps=steps, segments=_segments(document, manifold),
-                     provenance=provenance)
+                     variation=_variation(document), provenance=provenance)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -117,6 +121,15 @@ def _point(document: dict[str, Any], name: str, manifold: Manifold) -> np.ndarra
         return manifold.check_point(flat.reshape(manifold.point_shape))
     except GdmpError as error:
         raise DataError(f'{name}: {error}') from None
+
+
+def _variation(document: dict[str, Any]) -> Variation | None:
+    given = document.get('variation')
+    if given is None:
+        return None
+    if not isinstance(given, dict):
+        raise DataError(f'variation: expected an object, got {given!r}')
+    return Variation(_numbers(given, 'factor', (None, None)), _numbers(given, 'noise', (None,)))
 
 
 def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from gdmp_ros.dmp.evaluation import deviation, mean_distance
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.learning.alignment import aligned
 from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
+from gdmp_ros.learning.variation_fit import variation_of
 
 __all__ = ['FitSettings', 'learn']
 
@@ -28,12 +31,21 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
     shown = prepared(demonstrations, settings.smoothing)
     if settings.fit == 'output':
-        fit = OutputFit(shown, settings)
-        return fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
+        return _fit_output(shown, n_basis, settings, tolerance)
     with_basis = fit_forcing(shown, settings)
     if n_basis == 'auto':
         return _smallest(with_basis, shown, tolerance, sum(len(d.times) for d in shown))
     return with_basis(int(n_basis))
+
+
+def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
+                tolerance: float) -> Primitive:
+    several = len(shown) > 1
+    if several and settings.align:
+        shown = aligned(shown)
+    fit = OutputFit(shown, settings)
+    primitive = fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
+    return replace(primitive, variation=variation_of(primitive, shown) if several else None)
 
 
 def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tolerance: float,

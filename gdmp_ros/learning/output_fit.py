@@ -3,7 +3,7 @@ Fit of the motion: weights whose roll-out is nearest to the demonstrations.
 
 The forcing term needs second derivatives, which amplify noise. Here the positions are fitted.
 Along a demonstration the system is a critically damped filter of the way to its target; it is
-linear in start velocity and weights (`gdmp_ros.learning.response`). A penalty on the third
+linear in start velocity and weights (`gdmp_ros.dmp.response`). A penalty on the third
 derivative keeps the motion smooth; generalised cross-validation chooses its strength for each
 factor. Gauss-Newton steps with the real roll-out remove what the curvature of the space leaves.
 """
@@ -19,6 +19,7 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError, ParameterError
@@ -34,7 +35,6 @@ from gdmp_ros.learning.preparation import (
     warn_tolerance,
 )
 from gdmp_ros.learning.published_fit import with_published
-from gdmp_ros.learning.response import response_to, responses
 from gdmp_ros.learning.ridge import regression, Ridge, Rows, solve
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.factors import work_array

@@ -29,6 +29,7 @@ class FitSettings:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     fit: str = 'output'
     end: str | None = None
+    align: bool = True
 
     def __post_init__(self) -> None:
         check_connection(self.connection)

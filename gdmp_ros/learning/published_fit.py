@@ -17,11 +17,11 @@ import numpy as np
 from gdmp_ros.dmp.development import Development, published_derivatives
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.response import LAST
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError
 from gdmp_ros.learning.regression import regress
-from gdmp_ros.learning.response import LAST
 from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
 

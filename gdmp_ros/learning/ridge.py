@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, qr, solve_triangular, svd
 
 from gdmp_ros.dmp.primitive import Gains
-from gdmp_ros.learning.response import LAST, responses, third_derivatives
+from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 
 #: Weight of the samples at the goal after the end, relative to those of the demonstration.
 HOLD_WEIGHT = 3.0

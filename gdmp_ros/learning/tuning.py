@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
+from gdmp_ros.dmp.evaluation import mean_distance, reproduction_error
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.learning.alignment import aligned
 from gdmp_ros.learning.take_stiffness import AGREEMENT, covariances_of_takes
 
 #: Numbers of basis functions that are tried.
@@ -79,13 +80,15 @@ def basis_errors(demonstrations: Sequence[Demonstration],
     :param step: called after each of `COUNTS`
     """
     result, several = [], len(demonstrations) > 1
-    finest = Skill.learn(demonstrations, COUNTS[-1], end='moving').reproduce(_DT)
+    demonstrations = aligned(demonstrations)
+    finest = _learn(demonstrations, COUNTS[-1]).reproduce(_DT)
     manifold = demonstrations[0].manifold
     motion = Demonstration(finest.times, finest.points, manifold)
     for count in COUNTS:
-        skill = Skill.learn(demonstrations, count, end='moving')
+        skill = _learn(demonstrations, count)
         training = reproduction_error(skill, demonstrations, _DT).mean()
-        detail = mean_distance(deviation(skill, motion, finest.times)) / motion.span()
+        made = skill.reproduce(_DT).points.reshape(len(finest.times), -1)
+        detail = mean_distance(manifold.factor_distances(motion.flat_points, made)) / motion.span()
         unseen = float('nan')
         if several:
             unseen = float(np.mean([
@@ -96,8 +99,13 @@ def basis_errors(demonstrations: Sequence[Demonstration],
     return result
 
 
+def _learn(shown: Sequence[Demonstration], count: int) -> Skill:
+    # Aligned once before, and as demonstrated up to the end.
+    return Skill.learn(shown, count, end='moving', align=False)
+
+
 def _error_on(unseen: Demonstration, shown: Sequence[Demonstration], count: int) -> float:
-    skill = Skill.learn(shown, count, end='moving')
+    skill = _learn(shown, count)
     return float(reproduction_error(skill, unseen, _DT)[0])
 
 

@@ -17,7 +17,7 @@ from gdmp_ros import (
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
 from gdmp_ros.dmp.primitive import Gains
-from gdmp_ros.learning.response import response_to, responses
+from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.util.profiles import minimum_jerk
 from test.motions import TOOL, wave
 

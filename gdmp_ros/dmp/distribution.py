@@ -1,0 +1,221 @@
+"""
+Distribution of the motions that several takes show, around the skill learned from them.
+
+The skill generalises to other starts and goals itself. What varies beyond that is Gaussian in the
+weights, and correlated with start and goal. Along the motion all of it is linear in a flat space;
+where the space is curved, conditioning is repeated for the remaining error.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.response import responses
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.variation import Variation
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import Manifold
+
+S = TypeVar('S', bound=Primitive)
+
+#: Repetitions of conditioning on a curved space; on a flat one the first is exact.
+REPETITIONS = 20
+#: A point counts as met when it is this near.
+MET = 1e-10
+#: A hard condition is met up to this part of the prior's variance: it keeps the system regular.
+_REGULAR = 1e-14
+
+
+class Distribution(Generic[S]):
+    """
+    Mean, covariance, samples and conditions; see `gdmp_ros.dmp.Skill.distribution`.
+
+    The progress s is from 0 to 1 everywhere.
+    """
+
+    def __init__(self, skill: Primitive, variation: Variation, make: Callable[[Primitive], S]):
+        """:param make: makes a skill of a primitive"""
+        self._skill, self._variation, self._make = skill, variation, make
+        self._manifold: Manifold = skill.manifold
+
+    def mean(self, s: float) -> np.ndarray:
+        """
+        Point of the skill itself, shape ``point_shape``.
+
+        :raises ParameterError: unless s is from 0 to 1
+        """
+        return _point(self._skill, _checked(s))[0]
+
+    def covariance(self, s: float) -> np.ndarray:
+        """
+        Covariance of the points, in the canonical frame at the mean (`Manifold.frame`).
+
+        For few takes it is shrunk towards equal variances in all directions of a factor, so that
+        its tubes hold for takes that were not seen.
+
+        :returns: shape ``(n, n)``
+        :raises ParameterError: unless s is from 0 to 1
+        """
+        point, frame = _point(self._skill, _checked(s))
+        rows = self._rows(s) @ self._variation.factor
+        found = rows @ rows.T + np.diag(self._variation.noise)
+        turn = _change_of_frame(self._manifold, frame, self._manifold.frame(point))
+        return np.asarray(turn @ found @ turn.T)
+
+    def sample(self, rng: np.random.Generator) -> S:
+        """Draw a skill: another start, goal and motion, as another take might show."""
+        numbers = rng.standard_normal(self._variation.factor.shape[1])
+        return self._make(self._shifted(self._variation.factor @ numbers))
+
+    def condition(self, points: Sequence[tuple[float, np.ndarray]
+                                         | tuple[float, np.ndarray, np.ndarray]]) -> S:
+        """
+        Return the most likely skill that passes through points; its distribution is what remains.
+
+        At s = 0 the start and at s = 1 the goal is meant.
+
+        :param points: progress and point of each; with a covariance in the canonical frame at the
+            point, shape ``(n, n)``, the point is only likely, without one it is met
+        :raises ManifoldError: if a point is not on the manifold
+        :raises ParameterError: if s is out of range or occurs twice, or a covariance is none
+        """
+        wanted = self._wanted(points)
+        size = self._manifold.tangent_size
+        factor = self._variation.factor
+        rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
+        shift, moved = np.zeros(factor.shape[0]), self._skill
+        for _ in range(REPETITIONS):
+            away, noise = _remaining(moved, wanted)
+            # The gain refers to the mean: what has been shifted already counts as remaining.
+            gain = _gain(rows @ factor, noise)
+            shift = factor @ (gain @ (away + rows @ shift))
+            moved = self._shifted(shift)
+            if np.abs(_remaining(moved, wanted)[0]).max() <= MET:
+                break
+        left = np.eye(factor.shape[1]) - gain @ (rows @ factor)
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        rest = Variation(factor @ root, self._variation.noise)
+        # `_shifted` turned what the variation of the moved primitive refers to.
+        turned = _turned(rest, _turns(self._skill, moved), size)
+        return self._make(replace(moved, variation=turned))
+
+    # Coordinates
+
+    def _rows(self, s: float, ends: bool = False) -> np.ndarray:
+        """Effect of start, goal and weights on the point at s, shape ``(n, (2 + n_basis) n)``."""
+        size, count = self._manifold.tangent_size, self._skill.n_basis
+        if ends and s in (0.0, 1.0):
+            shares = np.zeros(2 + count)
+            shares[int(s)] = 1.0
+        else:
+            goal, motion = responses(count, self._skill.gains).at(np.array([s]))
+            shares = np.concatenate([1.0 - goal, goal, motion[0, 1:]])
+        return np.kron(shares, np.eye(size))
+
+    def _wanted(self, points: Sequence[tuple]) -> list[tuple[float, np.ndarray, np.ndarray]]:
+        manifold, result = self._manifold, []
+        size = manifold.tangent_size
+        for number, one in enumerate(points):
+            if len(one) not in (2, 3):
+                raise ParameterError(f'condition {number}: expected (s, point) or '
+                                     f'(s, point, covariance), got {len(one)} parts')
+            s, point = _checked(one[0]), manifold.check_point(one[1])
+            noise = np.zeros((size, size)) if len(one) == 2 else np.asarray(one[2], dtype=float)
+            if (noise.shape != (size, size) or not np.isfinite(noise).all()
+                    or np.linalg.eigvalsh(noise).min() < -1e-12):
+                raise ParameterError(f'condition {number}: the covariance is no positive '
+                                     f'semidefinite matrix of shape {(size, size)}')
+            result.append((s, point, noise))
+        progress = [s for s, _, _ in result]
+        if not result or len(set(progress)) < len(progress):
+            raise ParameterError('conditions: expected at least one, each at another s, got '
+                                 f'{progress}')
+        return result
+
+    def _shifted(self, shift: np.ndarray) -> Primitive:
+        """The primitive with another start, goal and weights."""
+        skill, manifold = self._skill, self._manifold
+        size = manifold.tangent_size
+        start = manifold.exp(skill.start, manifold.from_frame(skill.frame, shift[:size]))
+        goal_frame = carry_frame(manifold, skill.frame, skill.goal)[0]
+        goal = manifold.exp(skill.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
+        weights = skill.weights + shift[2 * size:].reshape(-1, size)
+        moved = replace(skill, start=start, goal=goal, frame=manifold.frame(start))
+        turn = _turns(skill, moved)[0]
+        return replace(moved, weights=weights @ turn.T, velocity=turn @ skill.velocity)
+
+
+def _checked(s: float) -> float:
+    if not (isinstance(s, (int, float, np.number)) and 0.0 <= s <= 1.0):
+        raise ParameterError(f's is {s!r}, expected a number from 0 to 1')
+    return float(s)
+
+
+def _point(skill: Primitive, s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Point of the motion at s, and the frame transported along the motion."""
+    rollout = Rollout(skill, duration=1.0)
+    point = rollout.advance(s).point.copy()
+    if skill.connection == 'parallel':
+        return point, rollout.current_frame()
+    return point, carry_frame(skill.manifold, skill.frame, point)[0]
+
+
+def _remaining(skill: Primitive, wanted: list[tuple[float, np.ndarray, np.ndarray]]
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """From the motion to the points, in its frames; and the covariances there, as one matrix."""
+    manifold, away = skill.manifold, []
+    size = manifold.tangent_size
+    noise = np.zeros((size * len(wanted), size * len(wanted)))
+    for number, (s, point, covariance) in enumerate(wanted):
+        if s in (0.0, 1.0):
+            present = skill.start if s == 0.0 else skill.goal
+            frame = carry_frame(manifold, skill.frame, present)[0]
+        else:
+            present, frame = _point(skill, s)
+        target = manifold.align(point, present)
+        away.append(manifold.log_in_frame(frame, target)[0])
+        if covariance.any():
+            carried = carry_frame(manifold, frame, target)[0]
+            turn = _change_of_frame(manifold, manifold.frame(target), carried)
+            part = slice(number * size, (number + 1) * size)
+            noise[part, part] = turn @ covariance @ turn.T
+    return np.concatenate(away), noise
+
+
+def _gain(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Gain of a Gaussian with identity covariance, observed through rows."""
+    found = rows @ rows.T + noise
+    found[np.diag_indices_from(found)] += _REGULAR * np.trace(found) / len(found)
+    return np.asarray(np.linalg.lstsq(found, rows, rcond=1e-15)[0].T)
+
+
+def _change_of_frame(manifold: Manifold, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Matrix from coordinates in a frame to those in another one at the same point."""
+    columns = [manifold.to_frame(second, manifold.from_frame(first, unit))
+               for unit in np.eye(manifold.tangent_size)]
+    return np.array(columns).T
+
+
+def _turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
+    manifold = before.manifold
+    carried = carry_frame(manifold, before.frame, after.start)[0]
+    start = _change_of_frame(manifold, carried, after.frame)
+    goal_frame = carry_frame(manifold, before.frame, before.goal)[0]
+    carried = carry_frame(manifold, goal_frame, after.goal)[0]
+    goal = _change_of_frame(manifold, carried, carry_frame(manifold, after.frame, after.goal)[0])
+    return start, goal
+
+
+def _turned(variation: Variation, turns: tuple[np.ndarray, np.ndarray], size: int) -> Variation:
+    """The variation in the coordinates of a shifted primitive."""
+    start, goal = turns
+    parts = variation.factor.reshape(-1, size, variation.factor.shape[1])
+    turned = np.einsum('ij,kjr->kir', start, parts)
+    turned[1] = goal @ parts[1]
+    return Variation(turned.reshape(variation.factor.shape), variation.noise)

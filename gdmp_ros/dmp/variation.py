@@ -1,0 +1,45 @@
+"""How takes of a motion vary around their mean: the data of a `gdmp_ros.dmp.Distribution`."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gdmp_ros.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """
+    A Gaussian over start, goal and weights of a primitive, with its mean at the primitive.
+
+    :ivar factor: F with covariance ``F Fᵀ``, shape ``(2 n + n_basis n, R)``: first the shift of
+        the start in the primitive's frame, then that of the goal in the frame carried there, then
+        the weights row by row
+    :ivar noise: variance of what start, goal and weights do not explain, for each coordinate,
+        shape ``(n,)``
+    """
+
+    factor: np.ndarray
+    noise: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ('factor', 'noise'):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def check(self, n_basis: int, size: int) -> None:
+        """
+        Check that it fits a primitive.
+
+        :param size: of the tangent space
+        :raises DataError: naming the part and the shape
+        """
+        rows = (2 + n_basis) * size
+        if self.factor.ndim != 2 or len(self.factor) != rows:
+            raise DataError(f'variation: factor has shape {self.factor.shape}, expected '
+                            f'({rows}, any)')
+        if self.noise.shape != (size,) or not (self.noise >= 0.0).all():
+            raise DataError(f'variation: noise has shape {self.noise.shape}, expected {size} '
+                            'numbers >= 0')
