@@ -169,7 +169,8 @@ def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray, velocity: n
     Let the goal move to a new one from the next node on.
 
     :param new: point
-    :param velocity: with which the new goal moves on, tangent there [1/s]; None for a goal at rest
+    :param velocity: with which the new goal moves on, tangent there [1/s]; None for a goal at
+        rest, but a velocity that belongs to the nominal end stays (``target_by_progress``)
     :param speeds: fastest it may move in each factor [1/s at speed 1]; None for no limit
     """
     scalars, points, tangents = motion.scalars, motion.points, motion.tangents
@@ -178,12 +179,23 @@ def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray, velocity: n
     far = not followed or bool((manifold.factor_distances(
         present_target(manifold, motion).reshape(1, -1), new.reshape(1, -1))[0]
                                 > motion.tolerances).any())
-    frame = _goal_frame(manifold, motion, switched_at)
-    step, distance = manifold.log_in_frame(frame, new)
+    # The switch takes effect at the next node: by then the target has moved on.
+    before = _goal_frame(manifold, motion, switched_at)
+    at_switch, moved = new, velocity
+    if velocity is not None:
+        scalars.target_by_progress, scalars.target_since = 0, scalars.time
+        shift = target_shift(scalars, switched_at)
+        at_switch, moved = _moved_on(manifold, new, velocity, shift)
+    step, distance = manifold.log_in_frame(before, at_switch)
     if distance < CUT_LOCUS_LIMIT:
         scalars.cut_locus = 1
-    frame = manifold.transport_frame(frame, step)
-    set_target_velocity(motion, None if velocity is None else manifold.to_frame(frame, velocity))
+    frame = manifold.transport_frame(before, step)
+    if moved is not None:
+        tangents.target_velocity[:] = manifold.to_frame(frame, moved)
+        scalars.target_is_moving = 1
+        frame = manifold.transport_frame(frame, -shift * tangents.target_velocity)
+    elif not scalars.target_by_progress:
+        tangents.target_velocity[:] = 0.0
     motion.frames.anchor[:], points.anchor[:] = frame, new.reshape(-1)
     # In the transported frame the way back has the opposite coordinates.
     tangents.goal_offset[:] = -step
@@ -197,22 +209,13 @@ def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray, velocity: n
         scalars.settle_by = max(2.0, switched_at + 1.0 + slow)
 
 
-def set_target_velocity(motion: Motion, velocity: np.ndarray | None) -> None:
-    """
-    Let the target move from now on.
-
-    :param velocity: coordinates in the frame of its anchor [1/s]; None ends it, but a velocity
-        that belongs to the nominal end stays (``target_by_progress``)
-    """
-    scalars, tangents = motion.scalars, motion.tangents
-    if velocity is None:
-        if not scalars.target_by_progress:
-            tangents.target_velocity[:] = 0.0
-        return
-    tangents.target_velocity[:] = velocity
-    scalars.target_by_progress = 0
-    scalars.target_since = scalars.time
-    scalars.target_is_moving = 1
+def _moved_on(manifold: Manifold, point: np.ndarray, velocity: np.ndarray, time: float
+              ) -> tuple[np.ndarray, np.ndarray]:
+    """A point after it has moved with a velocity for a time, and its velocity there."""
+    frame = manifold.frame(point)
+    coordinates = manifold.to_frame(frame, velocity)
+    frame = manifold.transport_frame(frame, time * coordinates)
+    return manifold.exp(point, time * velocity), manifold.from_frame(frame, coordinates)
 
 
 def end_with(manifold: Manifold, motion: Motion, velocity: np.ndarray) -> None:

@@ -13,7 +13,6 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.requests import (
     AFTER_HOLD,
@@ -25,10 +24,8 @@ from gdmp_ros.playback.requests import (
     Status,
     UNCHANGED,
 )
-from gdmp_ros.playback.tool_skill import PlayerSettings, ToolSkill
+from gdmp_ros.playback.tool_skill import is_near, PlayerSettings, ToolSkill
 
-#: A motion starts at the present reference if it is this close to the measured pose [m, rad].
-NEAR_M, NEAR_RAD = 0.02, 0.1
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 _AT_REST = 1e-6  # m/s, rad/s
@@ -60,6 +57,7 @@ class Player:
         self._rollout: Rollout | None = None
         self._target: np.ndarray | None = None
         self._goal: np.ndarray | None = None
+        self._goal_twist: np.ndarray | None = None
         self._numbers = np.empty(0)
         self._speed = 1.0
         self._measured: np.ndarray | None = None
@@ -94,7 +92,7 @@ class Player:
     @property
     def goal(self) -> np.ndarray:
         """Pose goal (x, y, z, qw, qx, qy, qz) of the motion; of the skill before there is one."""
-        goal = self._goal
+        goal = self._present_goal()
         return np.array((self.tool.skill.goal if goal is None else goal)[:7])
 
     def load(self, skill: Skill) -> None:
@@ -138,13 +136,17 @@ class Player:
         self._started = number
         return number
 
-    def goal_pose(self, pose: np.ndarray) -> None:
-        """Switch the pose goal."""
-        self._requests.add(lambda: self._retarget(pose, None), UNCHANGED)
+    def goal_pose(self, pose: np.ndarray, twist: np.ndarray | None = None) -> None:
+        """
+        Switch the pose goal.
+
+        :param twist: with which it moves on, linear and angular [m/s, rad/s]; None if it rests
+        """
+        self._requests.add(lambda: self._retarget(pose, None, twist), UNCHANGED)
 
     def goal_stiffness(self, factor: np.ndarray) -> None:
         """Switch the stiffness goal (`ToolSkill.stiffness_factor`)."""
-        self._requests.add(lambda: self._retarget(None, factor), UNCHANGED)
+        self._requests.add(lambda: self._retarget(None, factor, self._goal_twist), UNCHANGED)
 
     def set_speed(self, scale: float) -> None:
         """
@@ -169,10 +171,14 @@ class Player:
 
     def distances(self) -> list[float]:
         """Distance of each factor from the goal: m, rad, and geodesic for the stiffness."""
-        target, goal = self._target, self._goal
+        target, goal = self._target, self._present_goal()
         if self._rollout is None or target is None or goal is None:
             return []
         return self._playing.distances(target, goal)
+
+    def _present_goal(self) -> np.ndarray | None:
+        rollout = self._rollout
+        return self._goal if rollout is None or self._goal_twist is None else rollout.goal
 
     def request_copy(self) -> None:
         """Let the next tick copy the motion for `taken_copy`."""
@@ -211,7 +217,7 @@ class Player:
     # What follows runs inside a tick.
 
     def _hold(self, target: np.ndarray) -> None:
-        self._target, self._rollout, self._goal = target, None, None
+        self._target, self._rollout, self._goal, self._goal_twist = target, None, None, None
         self._status = HOLDING
 
     def _begin(self, tool: ToolSkill, rollout: Rollout, measured: np.ndarray | None,
@@ -225,7 +231,7 @@ class Player:
         else:
             rollout.set_speed(self._speed)
             self._playing, self._rollout, self._target = tool, rollout, target
-            self._goal, self._status = rollout.goal, MOVING
+            self._goal, self._goal_twist, self._status = rollout.goal, None, MOVING
             self._numbers = np.empty(rollout.state_size)
         finally:
             # Set last: a thread that reads the new number then also reads the new motion.
@@ -235,7 +241,7 @@ class Player:
                   ) -> np.ndarray:
         """Begin at the measured pose, or at the present reference; returns the target to fill."""
         target = self._target
-        if target is None or (measured is not None and not _near(target, measured)):
+        if target is None or (measured is not None and not is_near(target, measured)):
             rollout.begin(tool.start_at(measured), speed=0.0)
             return tool.first_target(tool.skill.start[:7])
         self._continue(tool, rollout, target)
@@ -255,7 +261,8 @@ class Player:
         rollout.begin(start, tool.tangent_of(target, TWIST), tool.tangent_of(target, ACCELERATION),
                       max(LEAST_SPEED, min(self._speed, 1.0)))
 
-    def _retarget(self, pose: np.ndarray | None, stiffness: np.ndarray | None) -> None:
+    def _retarget(self, pose: np.ndarray | None, stiffness: np.ndarray | None,
+                  twist: np.ndarray | None) -> None:
         rollout = self._rollout
         if rollout is None:
             return
@@ -264,8 +271,9 @@ class Player:
             pose = np.concatenate([position, orientation])
         if stiffness is None and matrix:
             stiffness = matrix[0]
-        rollout.retarget(self._playing.point(pose, stiffness))
-        self._goal = rollout.goal
+        velocity = None if twist is None else self._playing.tangent_of_twist(twist)
+        rollout.retarget(self._playing.point(pose, stiffness), velocity)
+        self._goal, self._goal_twist = rollout.goal, twist
 
     def _set_speed(self, scale: float) -> None:
         self._speed = scale
@@ -273,8 +281,7 @@ class Player:
             self._rollout.set_speed(scale)
 
     def _pause(self, paused: bool) -> None:
-        before, after = ((MOVING, PAUSED) if paused
-                         else (PAUSED, MOVING))
+        before, after = (MOVING, PAUSED) if paused else (PAUSED, MOVING)
         if self._rollout is not None and self._status is before:
             self._status = after
             self._rollout.set_speed(0.0 if paused else self._speed)
@@ -291,8 +298,3 @@ class Player:
         # The stiffness is not measured: that of the reference is taken.
         _, _, *stiffness = self._playing.manifold.split(rollout.state.point)
         rollout.observe(self._playing.point(measured, stiffness[0] if stiffness else None))
-
-
-def _near(target: np.ndarray, measured: np.ndarray) -> bool:
-    return bool(np.linalg.norm(target[:3] - measured[:3]) < NEAR_M
-                and rotation_angles(target[3:7], measured[3:7]) < NEAR_RAD)

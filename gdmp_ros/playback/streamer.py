@@ -12,6 +12,7 @@ import numpy as np
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
@@ -85,6 +86,7 @@ class Streamer:
         self._measured: tuple[np.ndarray, float] | None = None
         self._used: tuple[np.ndarray, float] | None = None
         self._last_tick = self.ticks = 0
+        self._tracker = GoalTracker()
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
@@ -140,17 +142,36 @@ class Streamer:
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)
+        self._tracker.reset()
         return player.start(self._start_pose(), goal_pose, factor, duration, tolerances)
 
-    def switch_goal_pose(self, pose: np.ndarray) -> None:
+    def switch_goal_pose(self, pose: np.ndarray, age: float = 0.0) -> None:
         """
-        Switch the pose goal.
+        Switch the pose goal; one that keeps moving is followed with its velocity.
 
+        :param age: time since the goal was there [s]
         :raises GdmpError: if it lies outside the workspace, or no skill is being executed
         """
         player = self._executing()
         self.check_goal(pose)
-        player.goal_pose(pose)
+        now = self._last_tick / NS
+        goal = self._tracker.update(pose, now - age, now)
+        player.goal_pose(goal.pose, goal.twist)
+
+    def follow_goal(self, pose: np.ndarray, twist: np.ndarray, age: float = 0.0) -> None:
+        """
+        Switch the pose goal to one that moves on with a given twist, until the next goal.
+
+        :param twist: linear and angular velocity [m/s, rad/s]
+        :param age: time since the goal was there [s]
+        :raises GdmpError: as `switch_goal_pose`, or if a number is not finite
+        """
+        player = self._executing()
+        self.check_goal(pose)
+        if not np.isfinite(twist).all():
+            raise ManifoldError('the twist of the goal has a NaN or infinite number')
+        self._tracker.reset()
+        player.goal_pose(moved_on(pose, twist, age), twist)
 
     def switch_goal_stiffness(self, numbers: Sequence[float]) -> None:
         """
@@ -214,6 +235,9 @@ class Streamer:
             return None
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
+            ended = self._tracker.expired(now_ns / NS)
+            if ended is not None:
+                player.goal_pose(ended.pose)
         return player.tick(dt)
 
     def _use_pose(self, player: Player) -> None:

@@ -15,9 +15,12 @@ from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.util.settings import setting
+
+#: A motion starts at the present reference if it is this close to the measured pose [m, rad].
+NEAR_M, NEAR_RAD = 0.02, 0.1
 
 
 @dataclass(frozen=True)
@@ -114,10 +117,14 @@ class ToolSkill:
 
     def tangent_of(self, target: np.ndarray, first: int) -> np.ndarray:
         """Tangent with the velocity or acceleration that begins at an index of a reference."""
+        return self.tangent_of_twist(target[first:first + 6])
+
+    def tangent_of_twist(self, twist: np.ndarray) -> np.ndarray:
+        """Tangent with a linear and an angular velocity or acceleration."""
         tangent = np.zeros(self.manifold.tangent_size)
-        tangent[:3] = target[first:first + 3]
+        tangent[:3] = twist[:3]
         # Tangents on S³ are half the rotation vector.
-        tangent[3:6] = 0.5 * target[first + 3:first + 6]
+        tangent[3:6] = 0.5 * twist[3:6]
         return tangent
 
     def stiffness_of(self, target: np.ndarray) -> np.ndarray | None:
@@ -178,6 +185,12 @@ class ToolSkill:
         numbers[0] = dt
         _advance(rollout.memory, numbers, self._velocity, self._acceleration, self.stiffness_size,
                  target)
+
+
+def is_near(target: np.ndarray, measured: np.ndarray) -> bool:
+    """Whether a reference is so close to the measured pose that a motion may start there."""
+    return bool(np.linalg.norm(target[:3] - measured[:3]) < NEAR_M
+                and rotation_angles(target[3:7], measured[3:7]) < NEAR_RAD)
 
 
 @kernel

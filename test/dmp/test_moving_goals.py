@@ -95,6 +95,16 @@ def test_measurements_of_a_moving_goal_do_not_start_the_settling_anew(rng):
     assert not rollout.finished
 
 
+def test_measuring_a_moving_goal_often_does_not_drag_it_along():
+    skill = Skill.learn(reach())
+    rollout, velocity = Rollout(skill), np.array([0.0, 0.1, 0.0])
+    for tick in range(10000):
+        if tick % 33 == 0:
+            rollout.retarget(skill.goal + 1e-3 * tick * velocity, velocity)
+        state = rollout.advance(1e-3)
+    np.testing.assert_allclose(state.point, skill.goal + 10.0 * velocity, atol=2e-5)
+
+
 def test_the_path_to_a_moving_goal_does_not_depend_on_the_time_steps():
     skill = Skill.learn(reach())
     ends = []

@@ -290,6 +290,18 @@ def topic_goal_pose() -> Entrance:
     return _serialised([_pose(), _pose('world')], use)
 
 
+def topic_moving_goal() -> Entrance:
+    """``~/moving_goal`` while a skill is executed."""
+    from gdmp_msgs.msg import MovingGoal
+
+    def use(server: Any, data: bytes) -> None:
+        _moving(server)
+        server.take_moving_goal(data)
+    message = MovingGoal(header=_pose().header, pose=_pose().pose)
+    message.twist.linear.y = 0.1
+    return _serialised([message], use)
+
+
 def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
     def use(server: Any, data: bytes) -> None:
@@ -529,7 +541,7 @@ def parameters_of_the_simulation() -> Entrance:
 ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
-        topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
+        topic_moving_goal, topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
         topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
         action_execute, services_of_the_simulation, parameters_of_the_server,

@@ -56,7 +56,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     """Damaged messages over DDS to every topic of running nodes, which have to go on."""
     import random
 
-    from gdmp_msgs.msg import Reference
+    from gdmp_msgs.msg import MovingGoal, Reference
     from geometry_msgs.msg import PoseStamped
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.serialization import serialize_message
@@ -71,7 +71,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     with Domain() as domain, Trial(folder, domain.environment(), short_skill(folder)) as trial:
         trial.start(record=False)
         node, choose = trial.client.node, random.Random(0)
-        topics = {f'{SERVER}/goal_pose': PoseStamped(),
+        topics = {f'{SERVER}/goal_pose': PoseStamped(), f'{SERVER}/moving_goal': MovingGoal(),
                   f'{SERVER}/goal_stiffness': Float64MultiArray(data=[1.0] * 9),
                   f'{ARM}/measured_pose': PoseStamped(), '/clock': Clock(),
                   f'{SERVER}/reference': Reference()}

@@ -9,6 +9,7 @@ import shutil
 import time
 from typing import Any, TypeVar
 
+from gdmp_msgs.msg import MovingGoal
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -17,12 +18,13 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
+from gdmp_ros.data.message_numbers import vector_numbers
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
-from gdmp_ros.ros.messages import deserialized, PoseReader
+from gdmp_ros.ros.messages import checked_pose, deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import take_latest, take_latest_with_age
 from gdmp_ros.ros.running import own_arguments, run
@@ -37,6 +39,8 @@ T = TypeVar('T')
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
+#: Oldest stamp of a goal that is believed, before its arrival [s].
+STAMP_S = 0.5
 #: Goals are polled once in this many ticks.
 POLL_EVERY = 20
 
@@ -78,8 +82,8 @@ class TrajectoryServer(ManagedNode):
 
     def activate(self) -> None:
         # Discard goals received while inactive.
-        take_latest(self._goal_poses)
-        take_latest(self._goal_matrices)
+        for subscription in (self._goal_poses, self._moving_goals, self._goal_matrices):
+            take_latest(subscription)
         self.streamer.activate(self._period_ns())
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
@@ -132,6 +136,7 @@ class TrajectoryServer(ManagedNode):
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
         if self.streamer.ticks % POLL_EVERY == 0:
             self._poll(self._goal_poses, self.take_goal_pose)
+            self._poll(self._moving_goals, self.take_moving_goal)
             self._poll(self._goal_matrices, self.take_goal_stiffness)
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
@@ -144,6 +149,7 @@ class TrajectoryServer(ManagedNode):
         self._measurements = self.add_subscription(
             PoseStamped, self.parameters.measured_pose_topic, None, raw=True)
         self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None, raw=True)
+        self._moving_goals = self.add_subscription(MovingGoal, '~/moving_goal', None, raw=True)
         self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None,
                                                     raw=True)
         if self.get_parameter('use_sim_time').value:
@@ -194,10 +200,10 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().warning(str(problem))
         return reply
 
-    def _poll(self, subscription: Any, use: Callable[[bytes], None]) -> None:
-        data = take_latest(subscription)
-        if data is not None:
-            use(data)
+    def _poll(self, subscription: Any, use: Callable[[bytes, float], None]) -> None:
+        taken = take_latest_with_age(subscription)
+        if taken is not None:
+            use(*taken)
 
     def _guarded(self, topic: str, use: Callable[[], T]) -> T | None:
         """Use a message, or refuse it; the next report logs the reason."""
@@ -219,12 +225,34 @@ class TrajectoryServer(ManagedNode):
         """Read the measured pose of a serialised message, or refuse it."""
         return self._guarded('measured_pose', lambda: self._poses.read(data))
 
-    def take_goal_pose(self, data: bytes) -> None:
-        """Switch the pose goal to that of a serialised message, or refuse it."""
-        self._guarded('goal_pose',
-                      lambda: self.streamer.switch_goal_pose(self._poses.read(data)))
+    def take_goal_pose(self, data: bytes, age: float = 0.0) -> None:
+        """
+        Switch the pose goal to that of a serialised message, or refuse it.
 
-    def take_goal_stiffness(self, data: bytes) -> None:
+        :param age: time since it arrived [s]
+        """
+        self._guarded('goal_pose', lambda: self.streamer.switch_goal_pose(
+            self._poses.read(data), self._age(data, age)))
+
+    def take_moving_goal(self, data: bytes, age: float = 0.0) -> None:
+        """Follow the moving goal of a serialised message, or refuse it."""
+        def follow() -> None:
+            message = deserialized(data, MovingGoal)
+            twist = np.array(vector_numbers(message.twist.linear, message.twist.angular))
+            self.streamer.follow_goal(checked_pose(message, self.parameters.frame_id), twist,
+                                      self._age(data, age))
+        self._guarded('moving_goal', follow)
+
+    def _age(self, data: bytes, arrived: float) -> float:
+        """
+        Time since the stamp of a message; since its arrival if the stamp is not of this clock [s].
+
+        A stamp is believed if it lies up to `STAMP_S` before the arrival.
+        """
+        stamped = (self.get_clock().now().nanoseconds - stamp_ns_of(data)) / NS
+        return stamped if arrived - 1e-3 <= stamped <= arrived + STAMP_S else arrived
+
+    def take_goal_stiffness(self, data: bytes, age: float = 0.0) -> None:
         """Switch the stiffness goal to that of a serialised message, or refuse it."""
         self._guarded('goal_stiffness', lambda: self.streamer.switch_goal_stiffness(
             deserialized(data, Float64MultiArray).data))
