@@ -53,13 +53,12 @@ class Player:
         self.refusals = refusals or Refusals()
         self.motion = self._started = 0
         self._requests = Requests(self.refusals)
-        self._status = Status.IDLE
+        self._status, self._speed = Status.IDLE, 1.0
         self._rollout: Rollout | None = None
         self._target: np.ndarray | None = None
         self._goal: np.ndarray | None = None
         self._goal_twist: np.ndarray | None = None
         self._numbers = np.empty(0)
-        self._speed = 1.0
         self._measured: np.ndarray | None = None
         self._copy_wanted = False
         self._copy: Rollout | None = None
