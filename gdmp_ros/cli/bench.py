@@ -5,6 +5,8 @@ learn        learning, compared with movement_primitives
 accuracy     reproduction of all LASA classes on five manifolds, for steps of 1 to 10 ms
 goal-switch  accelerations after a goal switch, compared with movement_primitives
 tempo        the path when the tempo changes, compared with movement_primitives
+noise        demonstrations with noise on R³, S³ and SPD(3)
+takes        several takes of real tasks, each left out once (needs the data: --robottasks)
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
@@ -21,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -33,7 +36,8 @@ if TYPE_CHECKING:
     from gdmp_ros.experiments.timing import Settings
 
 #: Benches; the module of each in `gdmp_ros.experiments.bench` has its name.
-SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'spd', 'stream', 'loop')
+SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
+            'stream', 'loop')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='LASA class for accuracy, may be repeated (default: all 30)')
     parser.add_argument('--n-basis', type=int, default=60, metavar='N',
                         help='basis functions for accuracy (default %(default)s)')
+    parser.add_argument('--robottasks', type=Path, metavar='DIR',
+                        help='folder of RoboTasks9 for takes (default: GDMP_ROBOTTASKS)')
     add_parallel(parser)
 
 
@@ -64,9 +70,10 @@ def run(options: argparse.Namespace) -> None:
     check_number('--seconds', options.seconds, above=0.0, high=86400.0)
     from gdmp_ros.experiments.timing import environment, Settings
     from gdmp_ros.util.parallel import scheduler_address
+    given = options.robottasks or os.environ.get('GDMP_ROBOTTASKS')
     settings = Settings(options.repetitions, options.seconds, options.jobs,
                         scheduler_address(options.backend), options.resume, classes,
-                        options.n_basis)
+                        options.n_basis, Path(given) if given else None)
     if options.what != 'all':
         document = _measure(options.what, settings)
         if options.json:

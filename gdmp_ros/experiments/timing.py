@@ -38,6 +38,7 @@ class Settings:
     :ivar jobs: processes for `accuracy`
     :ivar dask: address of a Dask scheduler to use instead
     :ivar resume: file with finished parts of `accuracy`
+    :ivar robottasks: folder with the data for `takes`
     """
 
     repetitions: int = 9
@@ -47,6 +48,7 @@ class Settings:
     resume: Path | None = None
     classes: tuple[str, ...] = field(default_factory=lambda: lasa.CLASSES)
     n_basis: int = 60
+    robottasks: Path | None = None
 
 
 def pose_with_stiffness(size: int) -> Product:

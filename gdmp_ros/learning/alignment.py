@@ -21,7 +21,7 @@ from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.rows import exp_rows, frame_point_rows, log_rows, transport_frame_rows
 
 #: Grid of the warps.
-SAMPLES = 201
+SAMPLES = 151
 #: Repetitions: mean, then warps onto it.
 REPETITIONS = 4
 #: Cost of a difference of the whole duration, in spans. Larger differences in time are unlikely.

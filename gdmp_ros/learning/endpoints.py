@@ -9,7 +9,7 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 
 #: Largest part of a demonstration that an end is estimated from, and fewest samples.
-SHARE, LEAST = 0.03, 5
+SHARE, LEAST = 0.05, 5
 #: Ratio of one window to the next smaller one.
 _GROWTH = 1.4
 #: Estimates from two windows are consistent within this many standard errors.

@@ -110,7 +110,7 @@ def test_conditioning_is_that_of_a_promp_with_the_same_weights(rng):
 
 def test_tubes_hold_for_takes_that_were_not_seen(rng):
     manifold, inside = Euclidean(3), []
-    for _ in range(30):
+    for _ in range(20):
         shown = takes(manifold, 9, rng, timing=0.0)
         distribution = Skill.learn(shown[1:], 40, align=False).distribution
         for s in (0.1, 0.3, 0.5, 0.7, 0.9):

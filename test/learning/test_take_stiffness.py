@@ -38,9 +38,9 @@ def test_equal_takes_are_as_stiff_as_possible():
 
 def test_few_takes_that_differ_alike_in_all_directions_have_nearly_equal_axes(rng):
     ratios = []
-    for _ in range(50):
+    for _ in range(30):
         takes = [take(0.003 * rng.standard_normal(3)) for _ in range(9)]
-        values = np.linalg.eigvalsh(stiffness_from_takes(takes, 20.0, 2000.0)[1][100])
+        values = np.linalg.eigvalsh(stiffness_from_takes(takes, 20.0, 2000.0)[1][75])
         ratios.append(values[-1] / values[0])
     assert np.median(ratios) <= 1.3
 
@@ -49,16 +49,16 @@ def test_few_takes_that_differ_alike_in_all_directions_have_nearly_equal_axes(rn
     lambda sd, rng: take(np.asarray(sd) * rng.standard_normal(3)), wavering])
 def test_the_softest_axis_is_the_one_in_which_the_takes_differ(make, rng):
     angles = []
-    for _ in range(40):
+    for _ in range(15):
         takes = [make([0.0005, 0.0005, 0.003], rng) for _ in range(9)]
-        values, vectors = np.linalg.eigh(stiffness_from_takes(takes)[1][100])
+        values, vectors = np.linalg.eigh(stiffness_from_takes(takes)[1][75])
         angles.append(np.degrees(np.arccos(abs(vectors[2, 0]))))
     assert np.median(angles) <= 10.0
 
 
 def test_differences_in_timing_hardly_change_the_stiffness(rng):
     changes = []
-    for _ in range(20):
+    for _ in range(10):
         offsets = 0.003 * rng.standard_normal((9, 3)) * [1.0, 1.0, 3.0]
         plain = stiffness_from_takes([take(offset) for offset in offsets])[1]
         warps = rng.uniform(-0.1, 0.1, 9)
