@@ -9,6 +9,9 @@ from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 
+#: A demonstration with a smaller span does not move.
+STILL = 1e-12
+
 
 def reproduction_error(skill: Primitive, demonstrations: Demonstration | Sequence[Demonstration],
                        dt: float = 1e-3) -> np.ndarray:
@@ -27,7 +30,12 @@ def reproduction_error(skill: Primitive, demonstrations: Demonstration | Sequenc
 def _error(skill: Primitive, demonstration: Demonstration, dt: float) -> float:
     whole = demonstration.duration
     times = np.append(np.arange(0.0, whole - 1e-9, dt), whole)
-    return mean_distance(deviation(skill, demonstration, times)) / demonstration.span()
+    return relative(mean_distance(deviation(skill, demonstration, times)), demonstration.span())
+
+
+def relative(distance: float, span: float) -> float:
+    """A distance as a part of the span; if nothing moves, the distance itself."""
+    return distance / span if span > STILL else distance
 
 
 def mean_distance(away: np.ndarray) -> float:

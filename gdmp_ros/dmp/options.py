@@ -13,6 +13,8 @@ from gdmp_ros.manifolds import Manifold
 
 #: Longest time that may pass in one call [s]; NaN and infinity are longer.
 LONGEST_STEP = 3600.0
+#: Shortest duration of a motion [s]: its grid has 4000 steps, 80 in a millisecond then.
+SHORTEST_DURATION = 0.05
 #: Fastest speed of the phase that `Rollout.set_speed` accepts.
 MAX_SPEED = 2.0
 

@@ -75,6 +75,7 @@ class Primitive:
     :ivar weights: shape ``(n_basis, tangent_size)``
     :ivar steps: grid intervals per duration
     :ivar segments: parts of a motion that is split at the cut locus; empty otherwise
+    :ivar via: progress of the via points that the motion has been made to pass, increasing
     :ivar variation: how the takes varied, if there were several
     :ivar provenance: source of the skill, as text; no part of the computation
     """
@@ -90,6 +91,7 @@ class Primitive:
     weights: np.ndarray
     steps: int
     segments: Segments = field(default_factory=Segments)
+    via: tuple[float, ...] = ()
     variation: Variation | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 

@@ -16,9 +16,11 @@ from gdmp_ros.dmp.options import (
     MAX_SPEED,
     merged_options,
     Options,
+    SHORTEST_DURATION,
 )
 from gdmp_ros.dmp.primitive import Primitive, Trajectory
 from gdmp_ros.dmp.state import State
+from gdmp_ros.dmp.turning import turned
 from gdmp_ros.errors import ParameterError
 
 
@@ -37,8 +39,8 @@ class Rollout:
     def __init__(self, skill: Primitive, start: np.ndarray | None = None,
                  goal: np.ndarray | None = None, duration: float | None = None,
                  velocity: np.ndarray | None = None, *, acceleration: np.ndarray | None = None,
-                 final_velocity: np.ndarray | None = None, options: Options | None = None,
-                 **settings: float | Sequence[float] | None):
+                 final_velocity: np.ndarray | None = None, frame: np.ndarray | None = None,
+                 options: Options | None = None, **settings: float | Sequence[float] | None):
         """
         Begin at the skill's start, or elsewhere.
 
@@ -52,17 +54,19 @@ class Rollout:
         :param final_velocity: with which the motion passes its goal at the nominal end, tangent at
             the goal [1/s at speed 1]; it returns to the goal afterwards. By default that which was
             learned: none with ``end='rest'``
+        :param frame: turns the whole skill about its start, its own goal too: an orthogonal matrix
+            that acts on coordinates in the skill's frame (`gdmp_ros.dmp.turning`)
         :param options: see `Options`; single ones may be given by name instead
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
         """
-        self.skill = skill
+        self.skill = skill = skill if frame is None else turned(skill, frame)
         self._manifold = skill.manifold
         self._options = merged_options(options, settings)
         self._options.check(skill.manifold)
         self._goal = self._checked(goal, skill.goal)
         self._duration = (skill.duration if duration is None
-                          else check_range('duration', duration, 1e-3, 1e6))
+                          else check_range('duration', duration, SHORTEST_DURATION, 1e6))
         self.use_memory(new_memory(skill, self._options))
         point_end = 2 + self._manifold.point_size
         self.state_size = point_end + 2 * self._manifold.tangent_size

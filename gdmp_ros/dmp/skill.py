@@ -63,7 +63,8 @@ class Skill(Primitive):
         :param align: warp the time of several demonstrations, so that the same progress is the
             same moment of the motion (`gdmp_ros.learning.alignment`); with ``fit='output'`` only
         :raises ParameterError: if a setting is out of range, or does not fit the others
-        :raises DataError: without demonstrations, or if their manifolds differ
+        :raises DataError: without demonstrations, if their manifolds differ, or if one lasts less
+            than 50 ms
         :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
             with ``split=False``, if a demonstration meets the cut locus of its goal
 
@@ -88,6 +89,9 @@ class Skill(Primitive):
                 factors: Sequence[str] | None = None) -> Skill:
         """
         Return a skill that also passes through via points.
+
+        Via points of earlier calls are kept. Points that make the largest acceleration more than
+        twice as large are reported with a `GdmpWarning`.
 
         :param points: progress s (0 to 1; s = 0.5 is half of the duration) and point of each
         :param factors: names of the factors that have to pass; all by default

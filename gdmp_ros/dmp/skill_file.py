@@ -38,6 +38,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'segments': {'ends': skill.segments.ends.tolist(),
                      'split': list(skill.segments.split),
                      'waypoints': skill.segments.waypoints.tolist()},
+        'via': list(skill.via),
         'variation': None if skill.variation is None else {
             'factor': skill.variation.factor.tolist(),
             'noise': skill.variation.noise.tolist()},
@@ -98,7 +99,7 @@ def _parse(document: Any) -> Primitive:
                      duration=float(duration),
                      velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
                      weights=weights, steps=steps, segments=_segments(document, manifold),
-                     variation=_variation(document), provenance=provenance)
+                     via=_via(document), variation=_variation(document), provenance=provenance)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -121,6 +122,13 @@ def _point(document: dict[str, Any], name: str, manifold: Manifold) -> np.ndarra
         return manifold.check_point(flat.reshape(manifold.point_shape))
     except GdmpError as error:
         raise DataError(f'{name}: {error}') from None
+
+
+def _via(document: dict[str, Any]) -> tuple[float, ...]:
+    given = _numbers({'via': document.get('via') or []}, 'via', (None,))
+    if not (np.diff(given, prepend=0.0, append=1.0) > 0.0).all():
+        raise DataError(f'via: must increase between 0 and 1, got {given.tolist()}')
+    return tuple(given.tolist())
 
 
 def _variation(document: dict[str, Any]) -> Variation | None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import warnings
 
 import numpy as np
 from scipy.signal import lfilter
@@ -10,12 +11,16 @@ from scipy.signal import lfilter
 from gdmp_ros.dmp.forcing import basis, design_matrix
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import GdmpWarning, ParameterError
 
 #: Samples of the response to a weight over a duration.
 _GRID = 2000
 #: Most corrections on a curved manifold; on a flat one the first is exact.
 _MAX_ITERATIONS = 20
+#: Via points that make the largest acceleration this many times larger are reported.
+COSTLY = 2.0
+#: Samples of a motion for its largest acceleration.
+_SAMPLES = 400
 #: A via point counts as passed when every factor is this near.
 _TOLERANCE = 1e-7
 
@@ -28,7 +33,8 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
     The motion is linear in its weights (a critically damped filter of the forcing term). The
     change that passes through the points, keeps the end and adds the least squared acceleration is
     therefore the solution of one linear system. On a curved manifold the motion is only nearly
-    linear, and the system is solved again for the remaining error.
+    linear, and the system is solved again for the remaining error. Via points of earlier calls
+    are kept, but one at the same progress is replaced.
 
     :param points: progress s and point of each, 0 < s < 1
     :param factors: names of the factors that have to pass; all by default
@@ -43,14 +49,19 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
                              f'{moments.tolist()}')
     wanted = [manifold.check_point(point) for _, point in points]
     chosen, columns = _columns(skill, factors)
-    # The present end of the motion is a via point too.
-    moments = np.append(moments, 1.0)
-    wanted.append(Rollout(skill).sample(np.array([skill.duration])).points[-1])
+    # Earlier via points and the present end of the motion are via points too.
+    kept = [s for s in skill.via if not np.isclose(s, moments, atol=1e-9).any()]
+    via = tuple(sorted([*kept, *moments.tolist()]))
+    before = _largest_acceleration(skill)
+    present = Rollout(skill).sample(skill.duration * np.array([*kept, 1.0])).points
+    moments = np.concatenate([moments, kept, [1.0]])
+    wanted.extend(present)
+    skill = replace(skill, via=via)
     response = _responses(skill, moments)
     for _ in range(_MAX_ITERATIONS):
         error, away = _remaining(skill, moments, wanted)
         if away[:, chosen].max() <= _TOLERANCE:
-            return skill
+            break
         weights = np.array(skill.weights)
         weights[:, columns] += response @ error[:, columns]
         skill = replace(skill, weights=weights)
@@ -59,7 +70,22 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
         at = int(np.argmax(away[:, chosen].max(axis=1)))
         raise ParameterError(f'via point at s = {moments[at]:g} stays {away[at].max():.3g} away: '
                              'it is too far from the motion, or too close to another one in time')
+    _warn_of_cost(before, _largest_acceleration(skill))
     return skill
+
+
+def _largest_acceleration(skill: Primitive) -> float:
+    """Largest norm of the acceleration, of all coordinates together."""
+    rollout, step = Rollout(skill), skill.duration / _SAMPLES
+    states = [rollout.advance(step) for _ in range(_SAMPLES)]
+    return max(skill.manifold.norm(state.point, state.acceleration) for state in states)
+
+
+def _warn_of_cost(before: float, after: float) -> None:
+    if after > COSTLY * before:
+        warnings.warn(f'via points: the largest acceleration grows from {before:.3g} to '
+                      f'{after:.3g}, {after / before:.1f} times; a point nearer to the motion, or '
+                      'further in time from the others, costs less', GdmpWarning, stacklevel=4)
 
 
 def _columns(skill: Primitive, factors: Sequence[str] | None) -> tuple[list[int], np.ndarray]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.evaluation import deviation, mean_distance
+from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import ParameterError
@@ -82,9 +82,10 @@ def _error_measure(finest: Primitive, shown: list[Demonstration]) -> Callable[[P
     times = np.linspace(0.0, finest.duration, 1000)
     if len(shown) == 1:
         span = shown[0].span()
-        return lambda primitive: mean_distance(deviation(primitive, shown[0], times)) / span
+        return lambda primitive: relative(mean_distance(deviation(primitive, shown[0], times)),
+                                          span)
     manifold = finest.manifold
     path = Rollout(finest).sample(times).points.reshape(len(times), -1)
     span = max(d.span() for d in shown)
-    return lambda primitive: mean_distance(manifold.factor_distances(
-        path, Rollout(primitive).sample(times).points.reshape(len(times), -1))) / span
+    return lambda primitive: relative(mean_distance(manifold.factor_distances(
+        path, Rollout(primitive).sample(times).points.reshape(len(times), -1))), span)

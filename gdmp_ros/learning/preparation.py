@@ -11,6 +11,7 @@ import numpy as np
 
 from gdmp_ros.choices import ENDS, FITS
 from gdmp_ros.dmp.demonstration import as_list, Demonstration
+from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, check_connection, Gains, MIN_STEPS, Primitive
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
@@ -58,7 +59,7 @@ def prepared(demonstrations: Demonstration | Sequence[Demonstration],
     """
     Demonstrations ready for regression: smoothed, uniform in time, with consistent signs.
 
-    :raises DataError: without demonstrations, or if their manifolds differ
+    :raises DataError: without demonstrations, if their manifolds differ, or if one is too short
     """
     shown = as_list(demonstrations)
     if not shown:
@@ -67,6 +68,10 @@ def prepared(demonstrations: Demonstration | Sequence[Demonstration],
         if demonstration.manifold != shown[0].manifold:
             raise DataError(f'demonstration {number} is on {demonstration.manifold!r}, '
                             f'the first on {shown[0].manifold!r}')
+        if demonstration.duration < SHORTEST_DURATION:
+            raise DataError(f'demonstration {number} lasts {demonstration.duration:.4g} s, '
+                            f'expected at least {SHORTEST_DURATION:g} s: no arm follows a '
+                            'shorter motion')
     if smoothing is not None:
         shown = [d.smoothed(smoothing) for d in shown]
     return [d.uniform().aligned(shown[0].points[0]) for d in shown]

@@ -9,7 +9,7 @@ from scipy.ndimage import median_filter
 
 from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.evaluation import deviation, mean_distance
+from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.learning.endpoints import noise_level
@@ -84,9 +84,9 @@ def fit_report(skill: Primitive, demonstrations: Demonstration | Sequence[Demons
 def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:
     times = demonstration.times - demonstration.times[0]
     away = deviation(skill, demonstration, times)
-    relative = mean_distance(away) / demonstration.span()
+    error = relative(mean_distance(away), demonstration.span())
     return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
-                            tuple(away.max(axis=0).tolist()), relative,
+                            tuple(away.max(axis=0).tolist()), error,
                             tuple(suspect_samples(demonstration)), _noise(demonstration))
 
 

@@ -12,8 +12,9 @@ from scipy.linalg import cho_solve, cholesky, qr, solve_triangular, svd
 from gdmp_ros.dmp.primitive import Gains
 from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 
-#: Weight of the samples at the goal after the end, relative to those of the demonstration.
-HOLD_WEIGHT = 3.0
+#: Weight of the samples at the goal after the end, relative to those of the demonstration: letters
+#: that end at speed pass their goal by at most 0.5 % of the span.
+HOLD_WEIGHT = 6.5
 #: Degrees of freedom count this many times in the cross-validation: against too little smoothing.
 INFLATION = 1.4
 #: Strengths of the penalty that are tried, relative to the largest singular value squared.

