@@ -117,7 +117,7 @@ class Development:
         """
         unrolled = self.unrolled
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 1)
-        return self._moved(index, CubicSpline(times, unrolled)(at) - unrolled[index])
+        return self.moved(CubicSpline(times, unrolled)(at) - unrolled[index], index)
 
     def smooth(self, times: np.ndarray, cutoff: float) -> np.ndarray:
         """
@@ -133,12 +133,19 @@ class Development:
         smooth = np.column_stack([
             make_smoothing_spline(times, column, w=spacing / mean, lam=penalty)(times)
             for column in unrolled.T])
-        return self._moved(np.arange(len(times)), smooth - unrolled)
+        return self.moved(smooth - unrolled)
 
-    def _moved(self, index: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        """Points ``offsets`` away from the samples at ``index``, in their frames."""
-        table, moved = self.manifold.factor_table, self.frames[index]
-        points, work = np.empty((len(index), self.manifold.point_size)), work_array(table)
+    def moved(self, offsets: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
+        """
+        Points away from the samples.
+
+        :param offsets: coordinates in the frames at the samples
+        :param index: of the samples; all by default
+        :returns: flat points
+        """
+        table = self.manifold.factor_table
+        moved = self.frames.copy() if index is None else self.frames[index]
+        points, work = np.empty((len(moved), self.manifold.point_size)), work_array(table)
         transport_frame_rows(table, moved, kernel_array(offsets), work)
         frame_point_rows(table, moved, points, work)
         return points

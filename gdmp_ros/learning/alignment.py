@@ -18,7 +18,7 @@ from gdmp_ros.dmp.development import Development
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import exp_rows, frame_point_rows, log_rows, transport_frame_rows
+from gdmp_ros.manifolds.rows import exp_rows, log_rows
 
 #: Grid of the warps.
 SAMPLES = 151
@@ -141,15 +141,12 @@ def _scales(manifold: Manifold, paths: np.ndarray) -> np.ndarray:
 
 def _moved(manifold: Manifold, mean: np.ndarray, path: np.ndarray) -> np.ndarray:
     """The mean, moved to the start and goal of a path."""
-    table, shape = manifold.factor_table, manifold.point_shape
-    frames = Development(manifold, mean, manifold.frame(mean[0].reshape(shape))).frames.copy()
-    first, last = (manifold.log_in_frame(frames[i], path[i].reshape(shape))[0] for i in (0, -1))
+    shape = manifold.point_shape
+    curve = Development(manifold, mean, manifold.frame(mean[0].reshape(shape)))
+    first, last = (manifold.log_in_frame(curve.frames[i], path[i].reshape(shape))[0]
+                   for i in (0, -1))
     progress = np.linspace(0.0, 1.0, len(mean))[:, None]
-    transport_frame_rows(table, frames, (1.0 - progress) * first + progress * last,
-                         work_array(table))
-    points = np.empty_like(mean)
-    frame_point_rows(table, frames, points, work_array(table))
-    return points
+    return curve.moved((1.0 - progress) * first + progress * last)
 
 
 def _costs(manifold: Manifold, mean: np.ndarray, path: np.ndarray, scales: np.ndarray

@@ -23,7 +23,7 @@ from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError
 from gdmp_ros.learning.regression import regress
 from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
+from gdmp_ros.manifolds.rows import log_in_frame_rows
 
 #: Samples of a motion per duration, and at least this many for each basis function.
 SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
@@ -68,7 +68,7 @@ def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarra
         if not error < smallest:
             break
         best, smallest = candidate, error
-        paths = [_moved(fitted, one, path, move)
+        paths = [_unrolled(fitted, one, path).moved(move)
                  for one, path, move in zip(wanted, paths, moves)]
     return best
 
@@ -102,23 +102,15 @@ def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarra
     return replace(primitive, weights=weights)
 
 
-def _frames(primitive: Primitive, one: _Motion, path: np.ndarray) -> np.ndarray:
+def _unrolled(primitive: Primitive, one: _Motion, path: np.ndarray) -> Development:
     frame, _ = carry_frame(primitive.manifold, primitive.frame, one.start)
-    return Development(primitive.manifold, path, frame).frames
+    return Development(primitive.manifold, path, frame)
 
 
 def _moves(primitive: Primitive, one: _Motion, made: np.ndarray) -> np.ndarray:
     """From the motion that was made to the one that is wanted, in frames along the former."""
     table = primitive.manifold.factor_table
     away = np.empty((len(made), primitive.manifold.tangent_size))
-    log_in_frame_rows(table, _frames(primitive, one, made), one.points.copy(), away,
+    log_in_frame_rows(table, _unrolled(primitive, one, made).frames, one.points.copy(), away,
                       np.empty(len(made)), work_array(table))
     return away
-
-
-def _moved(primitive: Primitive, one: _Motion, path: np.ndarray, moves: np.ndarray) -> np.ndarray:
-    table, frames = primitive.manifold.factor_table, _frames(primitive, one, path).copy()
-    transport_frame_rows(table, frames, moves.copy(), work_array(table))
-    points = np.empty_like(path)
-    frame_point_rows(table, frames, points, work_array(table))
-    return points
