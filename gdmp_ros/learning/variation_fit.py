@@ -25,7 +25,8 @@ from gdmp_ros.manifolds.rows import log_in_frame_rows
 SAMPLES = 101
 #: Shortest wavelength of what varies, and correlation length of what is not known, in durations.
 WAVELENGTH, CORRELATION = 0.05, 0.1
-#: Directions with a smaller part of the largest standard deviation are left out.
+#: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
+#: are left out.
 NEGLIGIBLE = 1e-3
 
 
@@ -56,7 +57,8 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration]) -> Variat
     noise = (unexplained ** 2).mean(axis=(0, 1))
     # Weights of late basis functions are larger, because the phase decays.
     effects = np.linalg.norm(_matrix(primitive, progress), axis=0) / np.sqrt(SAMPLES)
-    scales = np.concatenate([np.ones(2 * size), np.repeat(effects, size)])
+    units = _units(primitive, ends, rest)
+    scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
     factor = (_compressed(np.vstack(parts) * scales) / scales).T
     # Coordinates on a sphere have a normal component, in which nothing varies.
     tangent = np.array([manifold.to_frame(primitive.frame, manifold.from_frame(
@@ -133,6 +135,16 @@ def _equal_weights(primitive: Primitive, rest: np.ndarray, smoother: np.ndarray,
             rows[:, 2 * size + coordinate::size] = shape.T
             result.append(rows)
     return np.vstack(result)
+
+
+def _units(primitive: Primitive, ends: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """For each coordinate, one over the deviation of its factor."""
+    result = np.empty(primitive.manifold.tangent_size)
+    for factor, columns in zip(primitive.manifold.factors, primitive.manifold.tangent_slices):
+        both = np.square(rest[:, :, columns]).mean() + np.square(
+            ends.reshape(len(ends), 2, -1)[:, :, columns]).mean()
+        result[columns] = 1.0 / (np.sqrt(both) + factor.goal_tolerance)
+    return result
 
 
 def _compressed(rows: np.ndarray) -> np.ndarray:

@@ -98,6 +98,17 @@ def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], l
     axes.legend(loc='best', ncols=min(4, len(names)))
 
 
+def bands(axes: Any, times: np.ndarray, limits: np.ndarray) -> None:
+    """
+    Draw bands in the colours of `series`.
+
+    :param limits: lower and upper, shape ``(2, T, columns)``
+    """
+    for i in range(limits.shape[2]):
+        axes.fill_between(times, limits[0, :, i], limits[1, :, i], color=INK[i % 6], alpha=0.15,
+                          lw=0.0)
+
+
 def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray | None,
                          count: int = 12) -> None:
     """

@@ -7,11 +7,14 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.primitive import Trajectory
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
 
+#: Skills that are drawn for a band.
+SAMPLES = 60
 _UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]'}
 
 
@@ -63,8 +66,25 @@ def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[G
     return figure
 
 
+def _band(skill: Skill, trajectory: Trajectory) -> np.ndarray | None:
+    """Lower and upper limits of 95 % of drawn skills, flat points, shape ``(2, T, size)``."""
+    distribution = skill.distribution
+    if distribution is None:
+        return None
+    rng, drawn = np.random.default_rng(0), []
+    for _ in range(SAMPLES):
+        made = distribution.sample(rng).rollout(duration=skill.duration).sample(trajectory.times)
+        drawn.append([skill.manifold.align(point, near).reshape(-1)
+                      for point, near in zip(made.points, trajectory.points)])
+    return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
+
+
 def skill_figure(skill: Skill) -> Figure:
-    """Draw a roll-out: every factor over time, and the path if the first factor is a position."""
+    """
+    Draw a roll-out: every factor over time, and the path if the first factor is a position.
+
+    For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes.
+    """
     trajectory = skill.reproduce(skill.duration / 500)
     manifold = skill.manifold
     points: list[tuple[np.ndarray, ...]] = [
@@ -73,11 +93,16 @@ def skill_figure(skill: Skill) -> Figure:
     spatial = manifold.factors[0].is_flat and manifold.factors[0].size == 3
     figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')
     grid = figure.add_gridspec(count, 2 if spatial else 1)
+    band = _band(skill, trajectory)
     for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
         values = np.array([p[i].reshape(-1) for p in points])
         names, columns = zip(*factor.components)
-        plots.series(figure.add_subplot(grid[i, 0]), trajectory.times, values[:, columns],
-                     list(names), f'{name}{_UNITS.get(name, "")}')
+        axes = figure.add_subplot(grid[i, 0])
+        if band is not None:
+            first = int(manifold.factor_table[i]['point'])
+            plots.bands(axes, trajectory.times, band[:, :, [first + column for column in columns]])
+        plots.series(axes, trajectory.times, values[:, columns], list(names),
+                     f'{name}{_UNITS.get(name, "")}')
     if spatial:
         matrices = None
         if count > 2 and manifold.names[2] == 'stiffness':
