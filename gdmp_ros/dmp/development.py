@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from gdmp_ros.errors import CutLocusError
+from gdmp_ros.errors import CutLocusError, DataError
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import (
@@ -99,6 +99,10 @@ class Development:
         _develop(table, frame.copy(), self.points, kernel_array(ends), self.frames, self.steps,
                  self.to_target, distances, work_array(table))
         _check_steps(manifold, distances[0])
+        if not np.isfinite(self.steps).all():
+            at = int(np.argmin(np.isfinite(self.steps).all(axis=1)))
+            raise DataError(f'{manifold!r}: the way from sample {at} to {at + 1} is not finite: a '
+                            'point is too near the border of the manifold')
         if targets is not None:
             _check_targets(manifold, distances[1])
 

@@ -27,6 +27,7 @@ from gdmp_ros.learning.averaging import averaged, Samples
 from gdmp_ros.learning.endpoints import Endpoint, goal_of, start_of
 from gdmp_ros.learning.preparation import (
     blank_primitive,
+    check_curvature,
     check_tolerance,
     common_segments,
     FitSettings,
@@ -105,6 +106,7 @@ class OutputFit:
         The primitive with ``count`` basis functions.
 
         :raises ParameterError: if it is less than 2 or more than `MOST`
+        :raises DataError: if the space is curved too much for the motion
         """
         if not 2 <= count <= MOST:
             raise ParameterError(f"n_basis is {count}, expected 2 to {MOST} with fit='output'")
@@ -112,7 +114,13 @@ class OutputFit:
         if all(isinstance(factor, Euclidean) for factor in self._manifold.factors):
             # The responses are exact, and the connections are the same.
             return replace(fitted, connection=self._settings.connection)
+        predicted = _size(self._wanted - self._predicted(fitted))
         fitted = self._refined(fitted)
+        rows = math.sqrt(len(self._wanted))
+        if self._settings.split:
+            check_curvature(_size(self._residuals(fitted)) / rows, predicted / rows,
+                            max(float(np.linalg.norm(shape.curve, axis=1).max())
+                                for shape in self._shapes))
         if self._settings.connection == 'parallel':
             return fitted
         return with_published(fitted, [(one.start, one.goal) for one in self._shapes])
@@ -238,7 +246,7 @@ class OutputFit:
         """
         From the roll-out to the demonstrations, in its frame; scaled rows.
 
-        Infinite if the roll-out jumps.
+        Infinite if the roll-out jumps or is held.
         """
         try:
             return np.vstack([scale[:, None] * away
@@ -259,6 +267,8 @@ class OutputFit:
             away = np.empty((len(path), manifold.tangent_size))
             log_in_frame_rows(table, frames, kernel_array(shape.points), away,
                               np.empty(len(path)), work_array(table))
+            if 'held' in rollout.flags:
+                away[:] = np.inf
             yield self._rows.scale(number), away
 
 

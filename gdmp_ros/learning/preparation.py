@@ -17,6 +17,9 @@ from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, s
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
 
+#: Largest error that the curvature of the space may add, as a part of the span.
+LARGEST_CURVATURE_ERROR = 0.01
+
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -144,6 +147,24 @@ def _mean(manifold: Manifold, points: list[np.ndarray]) -> np.ndarray:
     except CutLocusError as error:
         raise CutLocusError(f'the demonstrations differ too much to have a mean: {error}',
                             error.distance) from None
+
+
+def check_curvature(error: float, expected: float, span: float) -> None:
+    """
+    Refuse a fit that the curvature of the space spoils.
+
+    :param error: RMS distance of the roll-out from the demonstrations
+    :param expected: the same if the space were flat
+    :param span: largest distance from the start along the demonstrations
+    :raises DataError: if the error is much larger than expected
+    """
+    limit = max(3.0 * expected, LARGEST_CURVATURE_ERROR * span, 1e-9)
+    if not math.isfinite(error) or error > limit:
+        raise DataError(f'the motion cannot be learned: the roll-out is {error:.2g} away from the '
+                        f'demonstrations, {error / span:.0%} of the span, although the basis '
+                        f'functions can describe them within {expected:.2g}. The space is curved '
+                        'too much along it, as for matrices of very different eigenvalues that '
+                        'turn')
 
 
 def check_tolerance(tolerance: float) -> None:

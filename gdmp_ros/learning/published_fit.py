@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 from typing import NamedTuple
+import warnings
 
 import numpy as np
 
@@ -20,7 +22,8 @@ from gdmp_ros.dmp.primitive import carry_frame, Primitive
 from gdmp_ros.dmp.response import LAST
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
-from gdmp_ros.errors import CutLocusError
+from gdmp_ros.errors import CutLocusError, GdmpWarning
+from gdmp_ros.learning.preparation import LARGEST_CURVATURE_ERROR
 from gdmp_ros.learning.regression import regress
 from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.rows import log_in_frame_rows
@@ -70,6 +73,13 @@ def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarra
         best, smallest = candidate, error
         paths = [_unrolled(fitted, one, path).moved(move)
                  for one, path, move in zip(wanted, paths, moves)]
+    rms = math.sqrt(smallest / (len(s) * len(wanted)))
+    span = max(float(np.linalg.norm(_unrolled(fitted, one, one.points).unrolled, axis=1).max())
+               for one in wanted)
+    if rms > LARGEST_CURVATURE_ERROR * span:
+        warnings.warn(f"connection='published': the roll-out is {rms:.2g} away from the fitted "
+                      f"motion, {rms / span:.0%} of the span; connection='parallel' follows it",
+                      GdmpWarning, stacklevel=6)
     return best
 
 
