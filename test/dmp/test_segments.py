@@ -54,13 +54,14 @@ def test_a_motion_around_the_manifold_is_followed_through(shown, connection):
     assert rollout.flags == set()
     velocity = np.array([s.velocity for s in states])
     acceleration = np.array([s.acceleration for s in states])
-    # Continuous, at the joins as elsewhere: no tick changes it by more than others do.
+    # Continuous, at the joins as elsewhere: a step there would be many times that of other ticks.
     ticks = np.arange(2999)[:, None] + 1.5
     joins = (np.abs(ticks - 3000.0 * skill.segments.ends) < 4.0).any(axis=1)
     assert joins.any()
     for values in (velocity, acceleration):
         steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
-        assert steps[joins].max() <= steps[~joins].max() < 0.1 * np.abs(values).max()
+        assert steps[joins].max() <= 1.5 * steps[~joins].max()
+        assert steps.max() < 0.1 * np.abs(values).max()
 
 
 @pytest.mark.parametrize('connection', CONNECTIONS)
