@@ -49,7 +49,8 @@ class Options:
         count = len(manifold.factors)
         for name in ('goal_speed', 'error_weights'):
             given = getattr(self, name)
-            if given is not None and not (len(given) == count and all(v >= 0.0 for v in given)):
+            if given is not None and not (_numbers(given).shape == (count,)
+                                          and (_numbers(given) >= 0.0).all()):
                 raise ParameterError(f'{name}: expected {count} numbers >= 0, got {given!r}')
         array = self.tolerances_of(manifold)
         if array.shape != (count,) or not (array > 0.0).all():
@@ -60,7 +61,15 @@ class Options:
         """Tolerance of each factor."""
         if self.tolerances is None:
             return np.array([factor.goal_tolerance for factor in manifold.factors])
-        return np.asarray(self.tolerances, dtype=np.float64)
+        return _numbers(self.tolerances)
+
+
+def _numbers(given: Any) -> np.ndarray:
+    """An array of what was given; an empty one if it is not numbers."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
 
 
 def merged_options(options: Options | None, changes: dict[str, Any]) -> Options:

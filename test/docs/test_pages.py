@@ -37,6 +37,7 @@ _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
 _SKILL = 'gdmp record lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 NAMES = {'docs/skills.md': """
+import gdmp_ros
 import numpy as np
 from gdmp_ros import *
 from gdmp_ros.learning import fit_report
@@ -48,6 +49,9 @@ measured = y = one.start
 motion = one.reproduce(one.duration / 10)
 v, a = motion.velocities[5], 0.0 * motion.velocities[5]
 point, other_point = motion.points[4], motion.points[7]
+takes = first, second, third = lasa.robot_demonstrations('GShape')[:3]
+start, goal, via = first.points[0], first.points[-1], motion.points[4]
+covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
 """}
 
 

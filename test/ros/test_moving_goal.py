@@ -22,6 +22,7 @@ def test_the_arm_follows_a_goal_on_a_belt(running, skill, given, rng):
     publisher = running.publisher(kind, f'{SERVER}/{"moving_goal" if given else "goal_pose"}')
     running.client.execute()
     running.wait_progress(0.2)
+    sent = []
     begin, first = skill.goal[:7] - [0.0, 0.5 * SPEED * SECONDS, 0, 0, 0, 0, 0], time.time_ns()
 
     def where(ns):
@@ -35,6 +36,7 @@ def test_the_arm_follows_a_goal_on_a_belt(running, skill, given, rng):
             message.twist.linear.y = SPEED
         running.spend(0.005 * rng.random())
         publisher.publish(message)
+        sent.append(time.time_ns())
     show()
     while time.time_ns() < first + SECONDS * NS:
         if not given and rng.random() >= 0.2:
@@ -42,8 +44,11 @@ def test_the_arm_follows_a_goal_on_a_belt(running, skill, given, rng):
         running.spend(0.033)
     stamps = np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec
                        for m in running.references])
-    followed = (stamps > first + 0.75 * SECONDS * NS) & (stamps < first + SECONDS * NS)
-    assert followed.sum() > 500
+    # Up to the first time for which this process, which sends the goals, was held up itself.
+    gaps = [one for one, other in zip(sent, sent[1:]) if other - one > 0.35 * NS]
+    last = first + SECONDS * NS if given or not gaps else gaps[0]
+    followed = (stamps > first + 0.7 * SECONDS * NS) & (stamps < last)
+    assert followed.sum() > 200, 'this machine is too busy to send goals'
     shown = np.array([messages.reference_target(m) for m in running.references])
     lag = shown[followed, :3] - np.array([where(stamp)[:3] for stamp in stamps[followed]])
     assert np.linalg.norm(lag, axis=1).max() <= 1e-3
