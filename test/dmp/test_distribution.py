@@ -108,6 +108,7 @@ def test_conditioning_is_that_of_a_promp_with_the_same_weights(rng):
         np.testing.assert_allclose(left @ left.T, expected.weight_cov, atol=1e-9)
 
 
+@pytest.mark.long
 def test_tubes_hold_for_takes_that_were_not_seen(rng):
     manifold, inside = Euclidean(3), []
     for _ in range(20):

@@ -208,6 +208,7 @@ def test_a_held_motion_goes_on_with_a_new_goal():
     assert manifold.distance(steps[-1], goal) < 0.0025
 
 
+@pytest.mark.long
 def test_letters_end_at_rest_at_their_goal():
     """All strokes of all letters, which end at up to their full speed."""
     for name in LASA_CLASSES:

@@ -36,6 +36,7 @@ def test_equal_takes_are_as_stiff_as_possible():
                                atol=1e-6)
 
 
+@pytest.mark.long
 def test_few_takes_that_differ_alike_in_all_directions_have_nearly_equal_axes(rng):
     ratios = []
     for _ in range(30):
@@ -56,6 +57,7 @@ def test_the_softest_axis_is_the_one_in_which_the_takes_differ(make, rng):
     assert np.median(angles) <= 10.0
 
 
+@pytest.mark.long
 def test_differences_in_timing_hardly_change_the_stiffness(rng):
     changes = []
     for _ in range(10):

@@ -36,6 +36,7 @@ def test_finer_motions_need_more_basis_functions():
     assert wavy[0].training > 10.0 * wavy[-1].training
 
 
+@pytest.mark.long
 def test_details_smaller_than_the_spread_of_the_takes_are_ignored():
     wave = 0.01 * np.sin(12.0 * np.pi * smooth())
     alike = [pose(0.3 * smooth(), wave + 1e-5 * i, 0.0) for i in range(3)]
