@@ -48,6 +48,7 @@ def start(context):
                                'model': given['model'],
                                'pace': 'fast' if on['use_sim_time'] else 'wall'}
     wanted['trajectory_server'] = {**frame, 'skill': given['skill'],
+                                   'reach_model': given['model'],
                                    'measured_pose_topic': given['measured_pose_topic']}
     if on['visualize'] or on['use_rviz']:
         wanted['visualizer'] = {**frame, 'model': given['model']}

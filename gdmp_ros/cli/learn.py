@@ -9,6 +9,7 @@ examples:
   gdmp learn demos/GShape_1 -o skill.json
   gdmp learn demos/GShape_* -o skill.json --tolerance 1e-3
   gdmp learn recorded.bag -o skill.json --end moving
+  gdmp learn first.bag second.bag -o skill.json --weights 1 3
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any, TYPE_CHECKING
 
 from gdmp_ros.choices import CONNECTIONS, ENDS, FITS, STIFFNESSES
 from gdmp_ros.cli.arguments import add_bags, add_parallel, add_stiffness_range
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
 if TYPE_CHECKING:
@@ -36,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--each', action='store_true', help='learn one skill from each bag')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='topic of the stiffness, if a bag has several')
+    parser.add_argument('--wrench-topic', default='', metavar='TOPIC',
+                        help='WrenchStamped that a sensor measured at the tool, in the frame of '
+                        'the poses: the skill then exerts the opposite (default: no wrench)')
     parser.add_argument('--stiffness', choices=STIFFNESSES, default='auto',
                         help='recorded; variance: high where the takes agree, low where they '
                         'vary; none; auto (default): recorded, else variance if there are two '
@@ -52,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--regularization', type=float, default=0.0, metavar='R',
                         help='with --fit forcing: ridge of the regression, 1e-3 to 1e-1 for '
                              'noisy data')
+    parser.add_argument('--weights', type=float, nargs='+', metavar='W',
+                        help='how much each demonstration counts, in the order of the bags '
+                             '(default: alike)')
     parser.add_argument('--fit', choices=FITS, default='output',
                         help='output (default): fit the motion, for recorded data; forcing: fit '
                              'the forcing term, as in the paper, for clean data')
@@ -79,7 +86,11 @@ def run(options: argparse.Namespace) -> None:
     settings = LearningSettings(
         options.n_basis, options.connection, options.tolerance, options.smooth,
         options.regularization, options.alpha_g, options.stiffness, options.k_min, options.k_max,
-        options.pose_topic, options.stiffness_topic, fit=options.fit, end=options.end)
+        options.pose_topic, options.stiffness_topic, options.wrench_topic, fit=options.fit,
+        end=options.end, weights=options.weights and tuple(options.weights))
+    if options.weights and (options.each or len(options.weights) != len(bags)):
+        raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
+                             'demonstrations of one skill, expected one for each')
     if options.each:
         _learn_each(bags, settings, options)
         return

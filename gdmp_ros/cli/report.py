@@ -6,6 +6,7 @@ over time; and the events. It is one file and needs no network.
 examples:
   gdmp report out/demo/run -o run.html
   gdmp report takes/take_001 -o take.html
+  gdmp report takes/take_001 -o take.html --skill skill.json
 """
 from __future__ import annotations
 
@@ -20,6 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='rosbag2 folder')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='HTML')
+    parser.add_argument('--skill', type=Path, metavar='SKILL',
+                        help='skill of several takes: show where 95 %% of takes with this start '
+                             'and goal would be')
     add_robot(parser)
 
 
@@ -27,5 +31,5 @@ def run(options: argparse.Namespace) -> None:
     """Write the page."""
     with optional_import(extra('report')):
         from gdmp_ros.view import report_page
-    what = report_page.write(options.bag, options.output, options.robot)
+    what = report_page.write(options.bag, options.output, options.robot, options.skill)
     print(f'wrote {options.output}, about {what}')

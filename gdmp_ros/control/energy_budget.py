@@ -1,9 +1,8 @@
 """
 Motion and stiffness of one tick, as far as there is energy for them.
 
-The energy stored in the spring is ``V = ½ eᵀ K e`` of the clipped error. A reference that moves
-and a stiffness that grows increase it; that energy is drawn from the tank
-(`gdmp_ros.control.tank`).
+A reference that moves and a stiffness that grows increase the energy in the spring
+(`gdmp_ros.control.spring`); that energy is drawn from the tank (`gdmp_ros.control.tank`).
 """
 from __future__ import annotations
 
@@ -11,54 +10,58 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.impedance import elastic_error
-from gdmp_ros.control.limits import ENERGY, POSITION_ERROR, ROTATION_ERROR, STIFFNESS_RATE
-from gdmp_ros.control.settings import GAIN_NUMBERS
+from gdmp_ros.control.limits import (
+    ENERGY,
+    LIMITS,
+    POSITION_ERROR,
+    ROTATION_ERROR,
+    STIFFNESS_RATE,
+)
+from gdmp_ros.control.spring import (
+    make_spring,
+    pose_error,
+    spring_energy,
+    spring_force,
+    SPRING_SIZE,
+    stored_energy,
+)
 from gdmp_ros.control.stiffness import bound_stiffness, compose_modes, relative_modes
 from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, STIFFNESS, TWIST
-from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.quaternion import rotation_between
+from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.linalg import copy_into, norm
 
-#: Steps of the bisection for the affordable part of a reference step.
+#: Steps of the bisections for the affordable part of a change.
 _HALVINGS = 20
+#: Smallest factor of the stiffness in a tick in which it is shed.
+LEAST_SOFTENING = 0.8
 
 
 @kernel
-def _energy(pose, reference, stiffness, gains, error):
-    elastic_error(pose, reference, gains, error)
-    total = 0.0
-    for i in range(6):
-        for j in range(6):
-            total += error[i] * stiffness[6 * i + j] * error[j]
-    return 0.5 * total
+def _energy(pose, reference, spring, error):
+    pose_error(pose, reference, error)
+    return spring_energy(spring, error)
 
 
 @kernel
-def stored_energy(pose, reference, gain_numbers):
-    """
-    Energy in the spring, ``½ eᵀ K e`` [J].
-
-    :param pose: of the tool
-    :param reference: `TARGET_SIZE` numbers
-    :param gain_numbers: `ImpedanceGains` as numbers
-    """
-    gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
-    return _energy(pose, reference, reference[STIFFNESS:STIFFNESS + 36], gains, np.empty(6))
+def _energy_of(stiffness, error, gain_numbers, spring):
+    make_spring(stiffness, gain_numbers, spring)
+    return spring_energy(spring, error)
 
 
 @kernel
-def _change_stiffness(old, wanted, error, largest, budget, violation):
+def _limit_modes(old, wanted, error, largest, budget, violation):
     """
     Go from ``old`` towards ``wanted``: decreasing modes always, growing modes as energy allows.
 
     :param wanted: replaced by the stiffness that is reached
+    :param error: of which the spring stores the energy ``½ eᵀ K e``
     :param largest: log of the largest ratio of a mode
     :param budget: energy for growth, beyond what decreasing modes release [J]
-    :returns: energy drawn (negative: released), and energy that was missing [J]
+    :returns: energy that was missing [J]
     """
     values, modes, cost = np.empty(6), np.empty(36), np.zeros(6)
     relative_modes(old, wanted, values, modes)
-    released, drawn, missing = 0.0, 0.0, 0.0
+    released, missing = 0.0, 0.0
     for k in range(6):
         size = abs(math.log(max(values[k], 1e-12)))
         if size > largest:
@@ -75,23 +78,57 @@ def _change_stiffness(old, wanted, error, largest, budget, violation):
         if cost[k] > part:
             values[k] = 1.0 + (values[k] - 1.0) * part / cost[k]
             missing += cost[k] - part
-            cost[k] = part
-        drawn += max(cost[k], 0.0)
     compose_modes(values, modes, wanted)
-    return drawn - released, missing
+    return missing
 
 
 @kernel
-def _move_reference(reference, pose, stiffness, gains, budget, dt):
+def _change_stiffness(old, wanted, error, gain_numbers, largest, budget, spring, violation):
+    """
+    Change the stiffness as `_limit_modes`, with the exact energy of the spring.
+
+    :param spring: that of ``old``; replaced
+    :returns: energy drawn (negative: released), and energy that was missing [J]
+    """
+    before = spring_energy(spring, error)
+    scaled, force = np.empty(6), np.empty(6)
+    linear, angular = spring_force(spring, error, force)
+    for i in range(3):
+        scaled[i] = math.sqrt(linear) * error[i]
+        scaled[3 + i] = math.sqrt(angular) * error[3 + i]
+    missing = _limit_modes(old, wanted, scaled, largest, budget, violation)
+    drawn = _energy_of(wanted, error, gain_numbers, spring) - before
+    if drawn <= max(budget, 0.0):
+        return drawn, missing
+    # The bounds of the force change with the stiffness, so that the modes are not quite apart.
+    missing += drawn - max(budget, 0.0)
+    low, high, change = 0.0, 1.0, np.empty(36)
+    for i in range(36):
+        change[i] = wanted[i] - old[i]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        for i in range(36):
+            wanted[i] = old[i] + middle * change[i]
+        if _energy_of(wanted, error, gain_numbers, spring) - before <= max(budget, 0.0):
+            low = middle
+        else:
+            high = middle
+    for i in range(36):
+        wanted[i] = old[i] + low * change[i]
+    return _energy_of(wanted, error, gain_numbers, spring) - before, missing
+
+
+@kernel
+def _move_reference(reference, pose, spring, budget, dt):
     """
     Move the pose of the reference with its twist, as far as there is energy.
 
     :returns: energy drawn, and energy that was missing [J]
     """
     moved, error = np.empty(ACCELERATION), np.empty(6)
-    before = _energy(pose, reference, stiffness, gains, error)
+    before = _energy(pose, reference, spring, error)
     extrapolate_pose(reference, dt, moved)
-    drawn = _energy(pose, moved, stiffness, gains, error) - before
+    drawn = _energy(pose, moved, spring, error) - before
     missing = max(drawn - budget, 0.0)
     if missing > 0.0:
         # The energy is convex along the step and affordable at its beginning.
@@ -99,12 +136,12 @@ def _move_reference(reference, pose, stiffness, gains, budget, dt):
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             extrapolate_pose(reference, middle * dt, moved)
-            if _energy(pose, moved, stiffness, gains, error) - before <= budget:
+            if _energy(pose, moved, spring, error) - before <= budget:
                 low = middle
             else:
                 high = middle
         extrapolate_pose(reference, low * dt, moved)
-        drawn = _energy(pose, moved, stiffness, gains, error) - before
+        drawn = _energy(pose, moved, spring, error) - before
         for i in range(TWIST, ACCELERATION + 6):
             reference[i] *= low
     for i in range(7):
@@ -113,15 +150,10 @@ def _move_reference(reference, pose, stiffness, gains, budget, dt):
 
 
 @kernel
-def _report_clipping(reference, pose, gains, violation):
-    rotation = np.empty(3)
-    rotation_between(pose[3:7], reference[POSE + 3:POSE + 7], rotation)
-    distance, angle = 0.0, 0.0
-    for i in range(3):
-        distance += (reference[POSE + i] - pose[i]) ** 2
-        angle += rotation[i] ** 2
-    violation[POSITION_ERROR] = max(math.sqrt(distance) - gains.position_clip, 0.0)
-    violation[ROTATION_ERROR] = max(math.sqrt(angle) - gains.rotation_clip, 0.0)
+def _report_clipping(spring, error, violation):
+    linear, angular = spring_force(spring, error, np.empty(6))
+    violation[POSITION_ERROR] = (1.0 - linear) * norm(3, error[:3])
+    violation[ROTATION_ERROR] = (1.0 - angular) * norm(3, error[3:])
 
 
 @kernel
@@ -140,18 +172,64 @@ def apply_energy_budget(reference, target, pose, gain_numbers, bounds, largest, 
     :param violation: written: by how much each limit was exceeded
     :returns: energy drawn, and energy in the spring at the end [J]
     """
-    gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     stiffness, wanted = (reference[STIFFNESS:STIFFNESS + 36],
                          target[STIFFNESS:STIFFNESS + 36])
-    error = np.empty(6)
-    elastic_error(pose, reference, gains, error)
+    error, spring = np.empty(6), np.empty(SPRING_SIZE)
+    pose_error(pose, reference, error)
+    make_spring(stiffness, gain_numbers, spring)
     bound_stiffness(wanted, bounds[0], bounds[1], violation)
-    stiffening, short = _change_stiffness(stiffness, wanted, error, largest, budget, violation)
-    for i in range(36):
-        stiffness[i] = wanted[i]
+    stiffening, short = _change_stiffness(stiffness, wanted, error, gain_numbers, largest, budget,
+                                          spring, violation)
+    copy_into(wanted, stiffness)
     violation[STIFFNESS_RATE] /= dt
-    moving, missing = _move_reference(reference, pose, stiffness, gains, budget - stiffening, dt)
+    moving, missing = _move_reference(reference, pose, spring, budget - stiffening, dt)
     if short + missing > 1e-12:
         violation[ENERGY] = short + missing
-    _report_clipping(reference, pose, gains, violation)
-    return stiffening + moving, _energy(pose, reference, stiffness, gains, error)
+    stored = _energy(pose, reference, spring, error)
+    _report_clipping(spring, error, violation)
+    return stiffening + moving, stored
+
+
+@kernel
+def soften(stiffness, error, gain_numbers, least, energy):
+    """
+    Reduce a stiffness as a whole until the spring has released an energy.
+
+    :param stiffness: 36 numbers, changed
+    :param error: from `pose_error`
+    :param least: smallest factor
+    :param energy: to be released [J]
+    :returns: energy that was released [J]
+    """
+    spring, scaled = np.empty(SPRING_SIZE), np.empty(36)
+    before = _energy_of(stiffness, error, gain_numbers, spring)
+    low, high = least, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        for i in range(36):
+            scaled[i] = middle * stiffness[i]
+        if before - _energy_of(scaled, error, gain_numbers, spring) >= energy:
+            low = middle
+        else:
+            high = middle
+    for i in range(36):
+        stiffness[i] *= low
+    return before - _energy_of(stiffness, error, gain_numbers, spring)
+
+
+def release(pose: np.ndarray, reference: np.ndarray, gain_numbers: np.ndarray,
+            bounds: np.ndarray, energy: float) -> float:
+    """
+    Let the spring of a reference release an energy by a smaller stiffness.
+
+    :param pose: of the tool
+    :param bounds: smallest and largest stiffness (`gdmp_ros.control.stiffness.diagonal_bounds`)
+    :returns: what it released [J]
+    """
+    error, stiffness = np.empty(6), reference[STIFFNESS:STIFFNESS + 36]
+    pose_error(pose, reference, error)
+    before = stored_energy(pose, reference, gain_numbers)
+    soften(stiffness, error, gain_numbers, LEAST_SOFTENING, energy)
+    # The lower bound has priority: a spring below it would not come back.
+    bound_stiffness(stiffness, bounds[0], bounds[1], np.zeros(len(LIMITS)))
+    return float(before - stored_energy(pose, reference, gain_numbers))

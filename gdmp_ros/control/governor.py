@@ -10,22 +10,28 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.impedance import task_inertia_inverse
+from gdmp_ros.control.joint_constraints import (
+    keep_from_singularity,
+    keep_joint_speeds,
+    keep_joints,
+    velocity_map,
+)
 from gdmp_ros.control.limits import (
     ACCELERATION_LIMIT,
     ANGULAR_ACCELERATION,
+    ANGULAR_JERK,
     ANGULAR_SPEED,
+    JERK,
     JOINT_SPEED,
     SINGULARITY,
     SPEED,
     WORKSPACE,
 )
-from gdmp_ros.control.settings import ImpedanceGains, LIMIT_NUMBERS
-from gdmp_ros.control.singularity import singular_rate, singular_value
+from gdmp_ros.control.settings import LIMIT_NUMBERS
+from gdmp_ros.control.spring import keep_error
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
-from gdmp_ros.control.torque_limits import SPEED_MARGIN
 from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import cholesky, invert_lower, limit_norm, norm
+from gdmp_ros.manifolds.linalg import limit_norm, norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 
 #: Time constant of catching up, unless the catch-up speed limits it [s].
@@ -35,7 +41,6 @@ CATCH_UP_S = 0.02
 LINEAR_MARGIN, ANGULAR_MARGIN = 3.0, 15.0
 #: Time constant of that mean [s].
 MEAN_S = 0.03
-_EPSILON = ImpedanceGains.singularity
 
 
 @kernel
@@ -52,7 +57,7 @@ def _move_into_workspace(position, velocity, limits):
 
 
 @kernel
-def _catch_up(lag, deceleration, fastest, velocity):
+def catch_up(lag, deceleration, fastest, velocity):
     """Add the velocity that closes a lag without overshoot."""
     distance = norm(3, lag)
     if distance < 1e-12:
@@ -73,49 +78,43 @@ def _brake_at_walls(position, velocity, limits):
 
 
 @kernel
-def _joint_velocity(jacobian, inertia, twist, out):
-    """``M⁻¹ Jᵀ Λ ẋ``: the joint velocity that belongs to a twist."""
-    n = inertia.shape[0]
-    solved = np.empty((n, 6))
-    inverse = task_inertia_inverse(inertia, jacobian, _EPSILON, solved)
-    lower, lower_inverse = np.empty(36), np.empty(36)
-    cholesky(6, inverse.reshape(36), lower)
-    invert_lower(6, lower, lower_inverse)
-    half, force = np.zeros(6), np.zeros(6)
-    for i in range(6):
-        for j in range(i + 1):
-            half[i] += lower_inverse[6 * i + j] * twist[j]
-    for i in range(6):
-        for j in range(i, 6):
-            force[i] += lower_inverse[6 * j + i] * half[j]
-    for i in range(n):
-        out[i] = 0.0
-        for j in range(6):
-            out[i] += solved[i, j] * force[j]
+def _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits, gain_numbers,
+               limits, violation):
+    """Take away what winds up the spring, and what the joints do not allow; scale the rest."""
+    velocities = np.empty((inertia.shape[0], 6))
+    velocity_map(jacobian, inertia, velocities)
+    keep_error(pose, reference, gain_numbers, velocity)
+    taken = keep_from_singularity(velocities, jacobian, limits.singularity_start,
+                                  limits.singularity_stop, velocity)
+    violation[SINGULARITY] = taken
+    stopped = keep_joints(velocities, position, joint_limits[0], joint_limits[1], velocity)
+    excess = keep_joint_speeds(velocities, joint_limits[2], velocity)
+    violation[JOINT_SPEED] = max(violation[JOINT_SPEED], excess)
+    return stopped > 0.0
 
 
 @kernel
-def _slow_down(velocity, jacobian, inertia, limits, violation):
-    """Scale a twist for the joint speed limit, and on the way to a singularity."""
-    n = inertia.shape[0]
-    joints, direction = np.empty(n), np.empty(6)
-    _joint_velocity(jacobian, inertia, velocity, joints)
-    fastest = 0.0
-    for i in range(n):
-        fastest = max(fastest, abs(joints[i]))
-    scale, allowed = 1.0, SPEED_MARGIN * limits.joint_speed
-    if fastest > allowed:
-        violation[JOINT_SPEED] = fastest - allowed
-        scale = allowed / fastest
-    value = singular_value(jacobian, direction)
-    if value < limits.singularity_start and singular_rate(jacobian, joints, direction) < 0.0:
-        left = ((value - limits.singularity_stop)
-                / (limits.singularity_start - limits.singularity_stop))
-        left = max(left, 0.0)
-        violation[SINGULARITY] = 1.0 - left
-        scale = min(scale, left)
-    for i in range(6):
-        velocity[i] *= scale
+def _accelerate(velocity, present, last, first, limit, jerk, dt, change):
+    """
+    Write the change of three velocities within limits of acceleration and jerk.
+
+    :param last: change of the last tick
+    :returns: by how much acceleration and jerk were exceeded
+    """
+    for i in range(first, first + 3):
+        change[i] = (velocity[i] - present[i]) / dt
+    wanted = norm(3, change[first:first + 3])
+    # So that the acceleration, which decreases by one step in every tick, ends at the velocity.
+    most = jerk * dt
+    limit_norm(3, change[first:first + 3], 0.5 * (math.sqrt(most * (most + 8.0 * wanted)) - most))
+    exceeded = limit_norm(3, change[first:first + 3], limit)
+    step = np.empty(3)
+    for i in range(3):
+        step[i] = change[first + i] - last[first + i]
+    jerked = limit_norm(3, step, most)
+    for i in range(3):
+        change[first + i] = last[first + i] + step[i]
+    return max(exceeded, 0.0), jerked / dt
 
 
 @kernel
@@ -137,7 +136,8 @@ def _is_limited(violation):
     return (violation[WORKSPACE] > 0.0 or violation[SPEED] > 0.0
             or violation[ANGULAR_SPEED] > 0.0 or violation[ACCELERATION_LIMIT] > 0.0
             or violation[ANGULAR_ACCELERATION] > 0.0 or violation[JOINT_SPEED] > 0.0
-            or violation[SINGULARITY] > 0.0)
+            or violation[SINGULARITY] > 0.0 or violation[JERK] > 0.0
+            or violation[ANGULAR_JERK] > 0.0)
 
 
 @kernel
@@ -152,40 +152,54 @@ def _wanted_velocity(reference, target, limits, dt, velocity, violation):
         lag[i] = target[POSE + i] - reference[POSE + i]
     for i in range(6):
         lag[i] -= dt * velocity[i]
-    _catch_up(lag[:3], 0.5 * limits.acceleration, limits.catch_up_speed, velocity[:3])
-    _catch_up(lag[3:], 0.5 * limits.angular_acceleration, limits.catch_up_angular_speed,
+    catch_up(lag[:3], 0.5 * limits.acceleration, limits.catch_up_speed, velocity[:3])
+    catch_up(lag[3:], 0.5 * limits.angular_acceleration, limits.catch_up_angular_speed,
               velocity[3:])
 
 
 @kernel
-def govern(reference, mean, target, jacobian, inertia, limit_numbers, dt, violation):
+def govern(reference, past, target, pose, position, jacobian, inertia, joint_limits, gain_numbers,
+           limit_numbers, dt, violation):
     """
     Write the twist and the acceleration of the governed reference for the next tick.
 
     Its pose is moved later, as far as there is energy (`gdmp_ros.control.energy_budget`).
 
     :param reference: the governed reference, `TARGET_SIZE` numbers
-    :param mean: its mean acceleration, shape (6,); changed
+    :param past: its mean acceleration and its last one, shape (2, 6); changed
     :param target: what the guard gives; its position is moved into the workspace
+    :param pose: measured (x, y, z, qw, qx, qy, qz)
+    :param position: of the joints, measured [rad]
+    :param joint_limits: lowest and highest position [rad], largest speed [rad/s], shape (3, n)
+    :param gain_numbers: `ImpedanceGains` as numbers
     :param limit_numbers: `LimitSettings` as numbers
     :param violation: written: by how much each limit was exceeded
     """
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
-    velocity, change = np.empty(6), np.empty(6)
+    velocity, change, mean, last = np.empty(6), np.empty(6), past[0], past[1]
     _wanted_velocity(reference, target, limits, dt, velocity, violation)
-    _slow_down(velocity, jacobian, inertia, limits, violation)
+    stopped = _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits,
+                         gain_numbers, limits, violation)
     _brake_at_walls(reference, velocity, limits)
     violation[SPEED] = limit_norm(3, velocity[:3], limits.speed)
     violation[ANGULAR_SPEED] = limit_norm(3, velocity[3:], limits.angular_speed)
+    violation[ACCELERATION_LIMIT], violation[JERK] = _accelerate(
+        velocity, reference[TWIST:TWIST + 6], last, 0, limits.acceleration, limits.jerk, dt,
+        change)
+    violation[ANGULAR_ACCELERATION], violation[ANGULAR_JERK] = _accelerate(
+        velocity, reference[TWIST:TWIST + 6], last, 3, limits.angular_acceleration,
+        limits.angular_jerk, dt, change)
     for i in range(6):
-        change[i] = (velocity[i] - reference[TWIST + i]) / dt
-    violation[ACCELERATION_LIMIT] = limit_norm(3, change[:3], limits.acceleration)
-    violation[ANGULAR_ACCELERATION] = limit_norm(3, change[3:], limits.angular_acceleration)
-    for i in range(6):
+        last[i] = -reference[TWIST + i] / dt
         reference[TWIST + i] += dt * change[i]
+    limit_norm(3, reference[TWIST:TWIST + 3], limits.speed)
+    limit_norm(3, reference[TWIST + 3:TWIST + 6], limits.angular_speed)
+    for i in range(6):
+        last[i] += reference[TWIST + i] / dt
+        change[i] = last[i]
         mean[i] += dt / MEAN_S * (change[i] - mean[i])
     _feed_forward(reference, mean, target, 0, limits.acceleration, LINEAR_MARGIN)
     _feed_forward(reference, mean, target, 3, limits.angular_acceleration, ANGULAR_MARGIN)
-    if _is_limited(violation):
+    if stopped or _is_limited(violation):
         for i in range(6):
             reference[ACCELERATION + i] = 0.0

@@ -1,13 +1,13 @@
-"""Reference guard: checks the stream of references, and stops the arm when it ends."""
+"""Reference guard: decides which references an arm follows, and stops it when they end."""
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
 
+from gdmp_ros.control.modes import ArmMode, StreamMode
+from gdmp_ros.control.reference_check import continues, NewestReference, Origin, refusal
 from gdmp_ros.control.settings import GuardSettings
-from gdmp_ros.control.stiffness import relative_modes
 from gdmp_ros.control.target import (
     ACCELERATION,
     DAMPING_RATIO,
@@ -15,148 +15,30 @@ from gdmp_ros.control.target import (
     POSE,
     resting_target,
     STIFFNESS,
+    TARGET_SIZE,
     TWIST,
+    WRENCH,
 )
-from gdmp_ros.kernels import kernel
-from gdmp_ros.manifolds.quaternion import rotation_between
+from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.util.profiles import smoothstep
 
-#: Largest deviation of a message's quaternion from unit norm; it is normalized then.
-QUATERNION_TOLERANCE = 1e-3
-#: Largest difference between symmetric entries of a stiffness, relative to its largest entry.
-SYMMETRY_TOLERANCE = 1e-6
-#: Smallest pivot of a positive definite stiffness, relative to its largest entry.
-SMALLEST_PIVOT = 1e-9
-#: Largest number of a reference; products of such numbers stay finite.
-LARGEST_NUMBER = 1e6
-LARGEST_DAMPING_RATIO = 2.0
-#: Largest velocity of a reference, before any limit of the arm [m/s, rad/s].
-LARGEST_TWIST = 10.0
 #: Time for which the acceleration of the last reference is used between two references [s].
 ACCELERATION_S = 0.01
-#: A stream may skip this many sequence numbers.
-LARGEST_GAP = 10_000
-
-
-@dataclass(frozen=True)
-class Origin:
-    """
-    Where a reference comes from.
-
-    :ivar age: present time minus its stamp [s]
-    :ivar sequence: number in its stream; 0 if it has none
-    """
-
-    frame: str
-    age: float = 0.0
-    sequence: int = 0
-
-
-def refusal(target: np.ndarray, origin: Origin, settings: GuardSettings) -> str | None:
-    """
-    Why a reference must not be followed; None if it may.
-
-    :param target: `TARGET_SIZE` numbers (`gdmp_ros.control.target`)
-    """
-    if origin.frame != settings.frame:
-        return f'frame is {origin.frame!r}, expected {settings.frame!r}'
-    if abs(origin.age) > settings.stamp_tolerance:
-        side = 'past' if origin.age > 0.0 else 'future'
-        return (f'stamp is {abs(origin.age):.3g} s in the {side}, expected within '
-                f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, or simulated '
-                'and wall time are mixed')
-    return _why_invalid(target) if _is_invalid(target) else None
-
-
-@kernel
-def _is_invalid(target):
-    """Whether a number is not finite or too large, or a part is not on its manifold."""
-    for i in range(target.size):
-        # False for NaN too.
-        if not abs(target[i]) <= LARGEST_NUMBER:
-            return True
-    if not 0.0 <= target[DAMPING_RATIO] <= LARGEST_DAMPING_RATIO:
-        return True
-    for i in range(TWIST, ACCELERATION):
-        if abs(target[i]) > LARGEST_TWIST:
-            return True
-    norm = 0.0
-    for i in range(POSE + 3, POSE + 7):
-        norm += target[i] * target[i]
-    if abs(math.sqrt(norm) - 1.0) > QUATERNION_TOLERANCE:
-        return True
-    return not _is_positive_definite(target[STIFFNESS:STIFFNESS + 36])
-
-
-@kernel
-def _is_positive_definite(stiffness):
-    """Whether 36 numbers are symmetric, and all pivots of the elimination are positive."""
-    largest = 0.0
-    for i in range(36):
-        largest = max(largest, abs(stiffness[i]))
-    for i in range(6):
-        for j in range(i):
-            if abs(stiffness[6 * i + j] - stiffness[6 * j + i]) > SYMMETRY_TOLERANCE * largest:
-                return False
-    left = stiffness.copy()
-    for k in range(6):
-        if not left[7 * k] > SMALLEST_PIVOT * largest:
-            return False
-        for i in range(k + 1, 6):
-            factor = left[6 * i + k] / left[7 * k]
-            for j in range(k + 1, 6):
-                left[6 * i + j] -= factor * left[6 * k + j]
-    return True
-
-
-def _why_invalid(target: np.ndarray) -> str:
-    """Say what makes a target invalid."""
-    if not np.isfinite(target).all():
-        return 'a number is NaN or infinite'
-    largest = float(np.abs(target).max())
-    if largest > LARGEST_NUMBER:
-        return f'a number is {largest:.3g}, expected at most {LARGEST_NUMBER:g}'
-    fastest = float(np.abs(target[TWIST:ACCELERATION]).max())
-    if fastest > LARGEST_TWIST:
-        return f'the twist is {fastest:.3g} m/s or rad/s, expected at most {LARGEST_TWIST:g}'
-    norm = float(np.linalg.norm(target[POSE + 3:POSE + 7]))
-    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        return f'quaternion norm is {norm:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}'
-    if not 0.0 <= target[DAMPING_RATIO] <= LARGEST_DAMPING_RATIO:
-        return (f'damping ratio is {target[DAMPING_RATIO]:.3g}, '
-                f'expected 0 to {LARGEST_DAMPING_RATIO:g}')
-    stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
-    difference = np.abs(stiffness - stiffness.T).max()
-    if difference > SYMMETRY_TOLERANCE * np.abs(stiffness).max():
-        return f'stiffness is not symmetric: entries differ by {difference:.3g}'
-    scale = max(float(np.abs(stiffness).max()), 1e-300)
-    least = scale * np.linalg.eigvalsh(stiffness / scale)[0]
-    return f'stiffness is not positive definite: smallest eigenvalue is {least:.4g}'
-
-
-@kernel
-def _steps(last, target):
-    """Steps of position [m], rotation [rad] and stiffness (largest |log| of a ratio)."""
-    rotation, values, modes = np.empty(3), np.empty(6), np.empty(36)
-    distance, angle, ratio = 0.0, 0.0, 0.0
-    rotation_between(last[POSE + 3:POSE + 7], target[POSE + 3:POSE + 7], rotation)
-    for i in range(3):
-        distance += (target[POSE + i] - last[POSE + i]) ** 2
-        angle += rotation[i] ** 2
-    relative_modes(last[STIFFNESS:STIFFNESS + 36], target[STIFFNESS:STIFFNESS + 36], values,
-                   modes)
-    for i in range(6):
-        ratio = max(ratio, abs(math.log(max(values[i], 1e-300))))
-    return math.sqrt(distance), math.sqrt(angle), ratio
+#: After `ReferenceGuard.arm` a motion must begin within this time [s].
+ARMED_S = 10.0
 
 
 class ReferenceGuard:
     """
     Turns references, as they arrive, into a target for every tick.
 
+    The arm begins to follow a stream only if a motion begins near the robot, or after `arm`.
     Accepted references are followed, and extrapolated between two of them. When they end, the
-    motion slows down and the pose is held. A stream that is followed must not jump. After a
-    time-out any stream is accepted; the reference governor then catches up with it.
+    motion slows down and the pose is held. A stream that is followed must not jump.
+
+    :ivar mode: ``HOLD``, ``FOLLOW``, ``GUIDED``, ``IDENTIFY`` (see `hold`), ``COMPLIANT``
+        (`comply`) or ``FAULT`` (`fault`)
+    :ivar reason: of a stop, of a compliant arm or of a fault; empty if there is none
     """
 
     def __init__(self, settings: GuardSettings, pose: np.ndarray, damping_ratio: float):
@@ -166,15 +48,32 @@ class ReferenceGuard:
         :param pose: (x, y, z, qw, qx, qy, qz)
         """
         self.settings = settings
-        self.refused = 0
-        self.last_refusal = ''
-        self.following = False
         self._target = resting_target(pose, damping_ratio=damping_ratio)
-        self._age = np.inf
-        self._fresh = False
-        self._sequence = 0
-        self._stop_progress = 1.0
-        self._last_twist = np.zeros(6)
+        self._offered = NewestReference()
+        self.restart(pose)
+
+    def restart(self, pose: np.ndarray) -> None:
+        """Hold a pose as after the start; a stream that runs already is not followed."""
+        self.refused = 0
+        self.last_refusal = self.reason = ''
+        self._fresh = self._resumable = False
+        self._armed_s = 0.0
+        self._age, self._sequence = math.inf, 0
+        self._far = ''
+        self._last_twist, self._last_wrench = np.zeros(6), np.zeros(TARGET_SIZE - WRENCH)
+        self.mode = ArmMode.HOLD
+        self._pose, self._twist = pose.copy(), np.zeros(6)
+        self.hold(pose)
+
+    @property
+    def following(self) -> bool:
+        """Whether references are followed."""
+        return self.mode is ArmMode.FOLLOW
+
+    @property
+    def armed(self) -> bool:
+        """Whether a motion is followed wherever it is (`arm`)."""
+        return self._armed_s > 0.0
 
     def offer(self, target: np.ndarray, origin: Origin) -> bool:
         """
@@ -184,16 +83,18 @@ class ReferenceGuard:
         :returns: whether it was accepted
         """
         reason = refusal(target, origin, self.settings)
-        if reason is None and self.following:
-            reason = self._out_of_sequence(origin) or self._jump(target)
+        if reason is None:
+            quaternion = target[POSE + 3:POSE + 7]
+            quaternion /= math.sqrt(quaternion @ quaternion)
+            reason = self._why_not(target, origin)
         if reason is not None:
-            self.refuse(reason)
+            if reason:
+                self.refuse(reason)
             return False
-        target[POSE + 3:POSE + 7] /= np.linalg.norm(target[POSE + 3:POSE + 7])
         self._target[:] = target
-        self.following = self._fresh = True
-        self._sequence = origin.sequence
-        self._age = 0.0
+        self.mode, self.reason, self._far = ArmMode.FOLLOW, '', ''
+        self._fresh = self._resumable = True
+        self._armed_s, self._age, self._sequence = 0.0, 0.0, origin.sequence
         return True
 
     def configure(self, settings: GuardSettings, damping_ratio: float) -> None:
@@ -207,23 +108,63 @@ class ReferenceGuard:
         self.refused += 1
         self.last_refusal = reason
 
-    def hold(self, pose: np.ndarray) -> None:
-        """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
-        self.following = False
-        self._stop_progress, self._sequence = 1.0, 0
-        self._target[:STIFFNESS] = 0.0
-        self._target[POSE:POSE + 7] = pose
+    def arm(self) -> None:
+        """Follow the motion that is streamed, wherever it is, or one that begins in `ARMED_S`."""
+        self._armed_s = ARMED_S
+        self._leave_compliance()
 
-    def target(self, dt: float) -> np.ndarray:
+    def stop(self, reason: str = '') -> None:
+        """Stop smoothly and hold; the reason is kept until a motion begins."""
+        self._armed_s, self._resumable = 0.0, False
+        self._leave_compliance()
+        if self.following:
+            self._begin_stop()
+        self.reason = reason
+
+    def comply(self, reason: str) -> None:
+        """Stop and give way, until `stop`, `arm`, or a motion that begins near the robot."""
+        if self.mode is not ArmMode.FAULT:
+            self._forget()
+            self.mode, self.reason = ArmMode.COMPLIANT, reason
+
+    def fault(self, reason: str) -> None:
+        """Hold the measured pose, and follow nothing until `recover`."""
+        self.hold(self._pose)
+        self.mode, self.reason = ArmMode.FAULT, reason
+
+    def recover(self) -> None:
+        """End a fault; the arm goes on holding."""
+        if self.mode is ArmMode.FAULT:
+            self._forget()
+            self.mode, self.reason = ArmMode.HOLD, ''
+
+    def hold(self, pose: np.ndarray, mode: ArmMode = ArmMode.HOLD) -> None:
+        """
+        Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz); a fault stays.
+
+        :param mode: why nothing is followed until the next tick
+        """
+        self._forget()
+        self._target[:STIFFNESS] = 0.0
+        self._target[WRENCH:] = 0.0
+        self._target[POSE:POSE + 7] = pose
+        if self.mode not in (ArmMode.FAULT, ArmMode.COMPLIANT):
+            self.mode = mode
+
+    def target(self, dt: float, pose: np.ndarray | None = None, twist: np.ndarray | None = None
+               ) -> np.ndarray:
         """
         Target of this tick, ``dt`` after the last one.
 
+        :param pose: measured, (x, y, z, qw, qx, qy, qz); None if it is not known
+        :param twist: measured [m/s, rad/s]
         :returns: `TARGET_SIZE` numbers, the same array every time
         """
+        self.measure(dt, pose, twist)
+        if self.mode in (ArmMode.GUIDED, ArmMode.IDENTIFY):
+            self.mode = ArmMode.HOLD
         if self.following and self._age > self.settings.timeout + 1e-9:
-            self.following = False
-            self._stop_progress = 0.0
-            self._last_twist = self._target[TWIST:TWIST + 6].copy()
+            self._begin_stop()
         if not self.following:
             self._slow_down(dt)
         elif not self._fresh:
@@ -232,26 +173,97 @@ class ReferenceGuard:
         self._age += dt
         return self._target
 
+    def measure(self, dt: float, pose: np.ndarray | None, twist: np.ndarray | None) -> None:
+        """Let ``dt`` pass, and remember where the robot is."""
+        self._offered.age += dt
+        self._armed_s -= dt
+        if pose is not None and twist is not None:
+            self._pose, self._twist = pose, twist
+
+    def _why_not(self, target: np.ndarray, origin: Origin) -> str | None:
+        """Why a valid reference is not followed; empty if that need not be told."""
+        begins, held, ago = self._offered.add(target, origin, self.settings.resume_time)
+        if self.mode is ArmMode.FAULT:
+            return f'the arm is in a fault ({self.reason}): call ~/recover'
+        if self.mode is ArmMode.GUIDED:
+            return 'the arm is guided by hand (~/teach)'
+        if self.mode is ArmMode.IDENTIFY:
+            return 'the friction of the joints is being identified (~/identify_friction)'
+        if self.following or self._resumes(origin):
+            gap = 0.0 if self.following else self._age
+            reason = self._out_of_sequence(origin) or self._jump(self._target, target, gap)
+            if origin.mode != StreamMode.ENDED or reason is not None:
+                return reason
+            self.stop()
+        if origin.mode != StreamMode.STREAMING:
+            return ''
+        if self.armed:
+            return None
+        if begins:
+            self._far = (self._distance(target, target[TWIST:TWIST + 6]) if held is None else
+                         self._distance(held, np.zeros(6)) or self._jump(held, target, ago) or '')
+        elif not self._far:
+            self._far = 'the stream began before the arm was ready for it'
+        return None if begins and not self._far else (
+            f'{self._far}: let a motion begin near the robot, or call ~/arm')
+
+    def _resumes(self, origin: Origin) -> bool:
+        """Whether the stream that was followed goes on after a short gap."""
+        return (self._resumable and self.mode is ArmMode.HOLD
+                and self._age <= self.settings.resume_time
+                and continues(origin.sequence, self._sequence))
+
+    def _distance(self, pose: np.ndarray, twist: np.ndarray) -> str:
+        """Why the beginning of a motion is too far from the robot; empty if it is not."""
+        settings = self.settings
+        distance, angle = pose_distance(self._pose, pose)
+        slip = twist - self._twist
+        for what, value, limit, unit in (
+                ('begins', distance, settings.arming_position, 'm from the robot'),
+                ('begins', angle, settings.arming_rotation, 'rad from the robot'),
+                ('differs by', float(np.linalg.norm(slip[:3])), settings.arming_speed,
+                 'm/s from the velocity of the robot'),
+                ('differs by', float(np.linalg.norm(slip[3:])), settings.arming_angular_speed,
+                 'rad/s from the velocity of the robot')):
+            if not value <= limit:
+                return f'the motion {what} {value:.3g} {unit}, expected at most {limit:g}'
+        return ''
+
     def _out_of_sequence(self, origin: Origin) -> str | None:
-        ahead = origin.sequence - self._sequence
-        if not self._sequence or 0 < ahead <= LARGEST_GAP:
+        if continues(origin.sequence, self._sequence):
             return None
         return (f'sequence number {origin.sequence} does not follow {self._sequence}: there is '
                 'more than one publisher of references')
 
-    def _jump(self, target: np.ndarray) -> str | None:
+    def _jump(self, last: np.ndarray, target: np.ndarray, gap: float) -> str | None:
+        """Why a reference does not continue from the last one; after a gap it may be further."""
         settings = self.settings
-        distance, angle, ratio = _steps(self._target, target)
-        if not distance <= settings.jump_position:
-            return (f'the position jumps by {distance:.3g} m, '
-                    f'expected at most {settings.jump_position:g} m')
-        if not angle <= settings.jump_rotation:
-            return (f'the rotation jumps by {angle:.3g} rad, '
-                    f'expected at most {settings.jump_rotation:g} rad')
-        if not ratio <= settings.jump_stiffness:
-            return (f'the stiffness jumps by a factor of {math.exp(ratio):.3g}, '
-                    f'expected at most {math.exp(settings.jump_stiffness):.3g}')
+        distance, angle = pose_distance(last, target)
+        for what, value, first, limit, unit in (
+                ('position', distance, TWIST, settings.jump_position, 'm'),
+                ('rotation', angle, TWIST + 3, settings.jump_rotation, 'rad')):
+            if gap:
+                limit += gap * max(float(np.linalg.norm(numbers))
+                                   for numbers in (target[first:first + 3],
+                                                   self._last_twist[first - TWIST:][:3]))
+            if not value <= limit:
+                return f'the {what} jumps by {value:.3g} {unit}, expected at most {limit:.3g}'
         return None
+
+    def _forget(self) -> None:
+        """Follow nothing from now on."""
+        self._armed_s, self._resumable = 0.0, False
+        self._stop_progress, self._sequence = 1.0, 0
+
+    def _leave_compliance(self) -> None:
+        if self.mode is ArmMode.COMPLIANT:
+            self.mode, self.reason = ArmMode.HOLD, ''
+
+    def _begin_stop(self) -> None:
+        self.mode = ArmMode.HOLD
+        self._stop_progress = 0.0
+        self._last_twist = self._target[TWIST:TWIST + 6].copy()
+        self._last_wrench = self._target[WRENCH:].copy()
 
     def _extrapolate(self, dt: float) -> None:
         target = self._target
@@ -262,9 +274,11 @@ class ReferenceGuard:
         extrapolate_pose(target, dt, target[POSE:POSE + 7])
 
     def _slow_down(self, dt: float) -> None:
-        """Reduce the last velocity to zero within the stop time."""
+        """Reduce the last velocity and wrench to zero within the stop time."""
         if self._stop_progress >= 1.0:
             return
         self._stop_progress = min(1.0, self._stop_progress + dt / self.settings.stop_time)
-        self._target[TWIST:TWIST + 6] = (1.0 - smoothstep(self._stop_progress)) * self._last_twist
+        left = 1.0 - smoothstep(self._stop_progress)
+        self._target[TWIST:TWIST + 6] = left * self._last_twist
+        self._target[WRENCH:] = left * self._last_wrench
         self._extrapolate(dt)

@@ -1,8 +1,8 @@
 """
 Cartesian impedance with a full 6×6 stiffness, [GDMP] eqs. (39), (40).
 
-The wrench is the gradient of ``½ eᵀ K e`` with e the clipped position error and rotation vector of
-the orientation error (base frame), plus damping designed for the inertia felt at the tool.
+The wrench is that of a spring with a bounded force (`gdmp_ros.control.spring`), plus damping
+designed for the inertia felt at the tool, plus the inertial force of the reference motion.
 """
 from __future__ import annotations
 
@@ -10,18 +10,23 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import GAIN_NUMBERS
-from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, POSE, STIFFNESS, TWIST
+from gdmp_ros.control.spring import spring_wrench
+from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, STIFFNESS, TWIST, WRENCH
 from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
-    limit_norm,
     multiply,
+    norm,
     transposed_multiply,
 )
-from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.manifolds.spectral import symmetric_eigen
+
+#: A tool is braked this much below its speed limit [m/s], or at half of it, because the torque
+#: cannot change at once; with this damping [N s/m].
+SPEED_MARGIN, TOOL_BRAKE = 0.15, 200.0
 
 
 @kernel
@@ -96,48 +101,35 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
 
 
 @kernel
-def left_jacobian_inverse(e, v, out):
-    """
-    ``J_l(e)⁻¹ v`` on SO(3): makes the torque the gradient of the rotational energy.
-    """
-    angle2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-    if angle2 < 1e-6:
-        factor = 1.0 / 12.0 + angle2 / 720.0
-    else:
-        angle = math.sqrt(angle2)
-        factor = 1.0 / angle2 - 0.5 / (angle * math.tan(0.5 * angle))
-    cx = e[1] * v[2] - e[2] * v[1]
-    cy = e[2] * v[0] - e[0] * v[2]
-    cz = e[0] * v[1] - e[1] * v[0]
-    out[0] = v[0] - 0.5 * cx + factor * (e[1] * cz - e[2] * cy)
-    out[1] = v[1] - 0.5 * cy + factor * (e[2] * cx - e[0] * cz)
-    out[2] = v[2] - 0.5 * cz + factor * (e[0] * cy - e[1] * cx)
-
-
-@kernel
-def elastic_error(pose, target, gains, error):
-    """
-    Write the position error and the rotation vector of the orientation error, both clipped.
-
-    :param gains: record of `ImpedanceGains`
-    :param error: result in the base frame, shape (6,) [m, rad]
-    """
-    for i in range(3):
-        error[i] = target[POSE + i] - pose[i]
-    rotation_between(pose[3:7], target[POSE + 3:POSE + 7], error[3:])
-    limit_norm(3, error[:3], gains.position_clip)
-    limit_norm(3, error[3:], gains.rotation_clip)
-
-
-@kernel
-def _elastic_wrench(pose, target, gains, wrench):
-    error = np.empty(6)
-    elastic_error(pose, target, gains, error)
+def _limit_wrench(wrench, largest):
+    """Scale a wrench as a whole; return the factor."""
+    scale = 1.0
+    for part in range(2):
+        size = norm(3, wrench[3 * part:3 * part + 3])
+        if size > largest[part]:
+            scale = min(scale, largest[part] / size)
     for i in range(6):
-        wrench[i] = 0.0
-        for j in range(6):
-            wrench[i] += target[STIFFNESS + 6 * i + j] * error[j]
-    left_jacobian_inverse(error[3:], wrench[3:].copy(), wrench[3:])
+        wrench[i] *= scale
+    return scale
+
+
+@kernel
+def _limit_tool_speed(jacobian, dq, largest, force):
+    """Reduce what drives a tool that is too fast, and brake it; return the excess [m/s]."""
+    velocity, along = np.zeros(3), 0.0
+    for i in range(3):
+        for j in range(dq.size):
+            velocity[i] += jacobian[i, j] * dq[j]
+    speed, slow = norm(3, velocity), max(largest - SPEED_MARGIN, 0.5 * largest)
+    excess = speed - slow
+    if excess <= 0.0:
+        return 0.0
+    for i in range(3):
+        along += force[i] * velocity[i] / speed
+    left = along * max(1.0 - excess / (largest - slow), 0.0) if along > 0.0 else along
+    for i in range(3):
+        force[i] += (left - along - TOOL_BRAKE * excess) * velocity[i] / speed
+    return excess
 
 
 @kernel
@@ -159,56 +151,65 @@ def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
 
 
 @kernel
-def _add_feed_forward(target, friction, jacobian, solved, task_inertia, torque):
+def _add_friction(target, friction, smoothing, solved, task_inertia, torque):
     """
-    Add ``Jᵀ Λ ẍ_d`` and the friction at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
+    Add the joint friction at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
 
     Friction is compensated at the velocity of the reference, not at the measured one, so that no
     energy is added to a motion that an external force causes.
+
+    :param friction: viscous [Nm s/rad] and dry [Nm], shape (2, n)
+    :param smoothing: speed at which three quarters of the dry friction act [rad/s]
     """
+    impulse = np.zeros(6)
     for j in range(6):
-        force, impulse = 0.0, 0.0
         for k in range(6):
-            force += task_inertia[j, k] * target[ACCELERATION + k]
-            impulse += task_inertia[j, k] * target[TWIST + k]
-        for i in range(torque.size):
-            torque[i] += jacobian[j, i] * force + friction[i] * solved[i, j] * impulse
+            impulse[j] += task_inertia[j, k] * target[TWIST + k]
+    for i in range(torque.size):
+        speed = 0.0
+        for j in range(6):
+            speed += solved[i, j] * impulse[j]
+        torque[i] += friction[0, i] * speed + friction[1, i] * math.tanh(speed / smoothing)
 
 
-def external_wrench(jacobian: np.ndarray, inertia: np.ndarray, external: np.ndarray,
-                    singularity: float) -> np.ndarray:
+def external_wrench(measured: Measurement, external: np.ndarray, singularity: float
+                    ) -> np.ndarray:
     """
     Wrench at the tool that explains external joint torques: ``Λ J M⁻¹ τ_ext`` [N, Nm].
 
     :param external: external joint torque [Nm], shape (n,)
     """
     solved = np.empty((len(external), 6))
-    inverse = task_inertia_inverse(inertia, jacobian, singularity, solved)
+    inverse = task_inertia_inverse(measured.inertia, measured.jacobian, singularity, solved)
     return np.asarray(np.linalg.solve(inverse, solved.T @ external))
 
 
 @kernel
 def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gain_numbers,
-                     external, torque, wrench):
+                     tool_speed, external, torque, wrench, force):
     """
     Compute the joint torque of one tick.
 
     :param pose: measured (x, y, z, qw, qx, qy, qz)
-    :param friction: viscous, of the joints [Nm s/rad], shape (n,)
+    :param friction: of the joints, viscous [Nm s/rad] and dry [Nm], shape (2, n)
     :param target: `TARGET_SIZE` numbers: pose, twist, acceleration, 6×6 stiffness, damping ratio
     :param rest: posture of the null space [rad]
     :param gain_numbers: `ImpedanceGains` as numbers
+    :param tool_speed: speed limit of the tool [m/s]
     :param external: external joint torque [Nm]
     :param torque: result [Nm], shape (n,): impedance + posture + gravity and Coriolis
     :param wrench: result, external wrench at the tool [N, Nm], shape (6,)
+    :param force: result, commanded wrench at the tool [N, Nm], shape (6,)
+    :returns: factor by which the commanded wrench was reduced to its limit, and by how much the
+        tool is too fast [m/s]
     """
     gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     n = q.size
-    solved, force, rate, impulse = np.empty((n, 6)), np.empty(6), np.empty(6), np.zeros(6)
+    solved, rate, impulse = np.empty((n, 6)), np.empty(6), np.zeros(6)
     inverse = task_inertia_inverse(inertia, jacobian, gains.singularity, solved)
     stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
     damping, task_inertia = damping_design(stiffness, inverse, target[DAMPING_RATIO])
-    _elastic_wrench(pose, target, gains, force)
+    spring_wrench(pose, target, gain_numbers, force)
     for j in range(6):
         rate[j] = target[TWIST + j]
         for i in range(n):
@@ -216,13 +217,19 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
             impulse[j] += solved[i, j] * external[i]
     for j in range(6):
         wrench[j] = 0.0
+        force[j] += target[WRENCH + j]
         for k in range(6):
             force[j] += damping[j, k] * rate[k]
+            if gains.feed_forward > 0.0:
+                force[j] += task_inertia[j, k] * target[ACCELERATION + k]
             wrench[j] += task_inertia[j, k] * impulse[k]
+    too_fast = _limit_tool_speed(jacobian, dq, tool_speed, force)
+    scale = _limit_wrench(force, gains.wrench_max)
     for i in range(n):
         torque[i] = bias[i]
         for j in range(6):
             torque[i] += jacobian[j, i] * force[j]
     if gains.feed_forward > 0.0:
-        _add_feed_forward(target, friction, jacobian, solved, task_inertia, torque)
+        _add_friction(target, friction, gains.friction_smoothing, solved, task_inertia, torque)
     _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)
+    return scale, too_fast

@@ -15,15 +15,17 @@ class Limit(NamedTuple):
 
 #: In the order of ``gdmp_msgs/RobotState.limited``; the indices below follow it.
 LIMITS = (
-    Limit('torque', 'Nm'), Limit('torque_rate', 'Nm'), Limit('joint_position', 'rad'),
+    Limit('torque', 'Nm'), Limit('torque_rate', 'Nm/s'), Limit('joint_position', 'rad'),
     Limit('joint_speed', 'rad/s'), Limit('speed', 'm/s'), Limit('angular_speed', 'rad/s'),
     Limit('acceleration', 'm/s^2'), Limit('angular_acceleration', 'rad/s^2'),
     Limit('workspace', 'm'), Limit('stiffness', 'log of the ratio'),
     Limit('stiffness_rate', '1/s'), Limit('position_error', 'm'), Limit('rotation_error', 'rad'),
-    Limit('singularity', 'fraction of the speed'), Limit('energy', 'J'))
+    Limit('singularity', 'fraction of the speed'), Limit('energy', 'J'),
+    Limit('wrench', 'fraction of the wrench'), Limit('tool_speed', 'm/s'), Limit('jerk', 'm/s^3'),
+    Limit('angular_jerk', 'rad/s^3'))
 (TORQUE, TORQUE_RATE, JOINT_POSITION, JOINT_SPEED, SPEED, ANGULAR_SPEED, ACCELERATION_LIMIT,
  ANGULAR_ACCELERATION, WORKSPACE, STIFFNESS_BOUNDS, STIFFNESS_RATE, POSITION_ERROR, ROTATION_ERROR,
- SINGULARITY, ENERGY) = range(len(LIMITS))
+ SINGULARITY, ENERGY, WRENCH_LIMIT, TOOL_SPEED, JERK, ANGULAR_JERK) = range(len(LIMITS))
 
 
 class LimitCounters:

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.errors import ParameterError
+
 
 class Measurement(NamedTuple):
     """
@@ -35,8 +37,28 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm]."""
+    """
+    Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm].
+
+    :ivar speed: [rad/s]; None if it is not known
+    """
 
     lower: np.ndarray
     upper: np.ndarray
     torque: np.ndarray
+    speed: np.ndarray | None = None
+
+    def check(self, position: np.ndarray) -> None:
+        """:raises ParameterError: if this is not a position of the joints within the limits"""
+        if position.shape != self.lower.shape or not np.isfinite(position).all():
+            raise ParameterError(f'posture is {position}, expected {len(self.lower)} finite '
+                                 'numbers, one for each joint')
+        for joint, (q, low, high) in enumerate(zip(position, self.lower, self.upper), start=1):
+            if not low <= q <= high:
+                raise ParameterError(f'posture of joint {joint} is {q:.4g} rad, expected '
+                                     f'{low:.4g} to {high:.4g}')
+
+    def fastest(self, largest: float) -> np.ndarray:
+        """Speed limit of each joint, at most ``largest`` [rad/s]."""
+        known = np.full(len(self.torque), np.inf) if self.speed is None else self.speed
+        return np.minimum(known, largest)

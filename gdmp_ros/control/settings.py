@@ -8,19 +8,30 @@ import numpy as np
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.util.settings import numbers_type, setting
 
+#: A spring with less damping would hardly come to rest.
+SMALLEST_DAMPING_RATIO = 0.1
+
 
 @dataclass(frozen=True)
 class ImpedanceGains:
     """Constants of the impedance law (`gdmp_ros.control.impedance`)."""
 
-    position_clip: float = setting(0.1, 'largest position error that acts', 'm', 0.001, 1.0)
-    rotation_clip: float = setting(0.5, 'largest rotation error that acts', 'rad', 0.01, 3.0)
+    position_clip: float = setting(
+        0.1, 'position error beyond which the force of the spring grows no further, in the '
+        'stiffest direction', 'm', 0.001, 1.0)
+    rotation_clip: float = setting(0.5, 'the same for the rotation error', 'rad', 0.01, 3.0)
+    wrench_max: tuple[float, float] = setting(
+        (60.0, 15.0), 'largest commanded force and torque at the tool, without gravity', 'N, Nm',
+        0.1, 1000.0)
     posture_stiffness: float = setting(
         5.0, 'stiffness of the posture in the null space', 'Nm/rad', 0.0, 100.0)
     posture_damping: float = setting(
         2.0, 'damping of the posture in the null space', 'Nm s/rad', 0.0, 50.0)
     feed_forward: bool = setting(
         True, 'add the inertial force and the joint friction of the reference motion')
+    friction_smoothing: float = setting(
+        0.02, 'joint speed at which three quarters of the dry friction are compensated', 'rad/s',
+        1e-3, 1.0)
     #: ε in ``Λ = (J M⁻¹ Jᵀ + ε² I)⁻¹`` [1/√kg]: keeps Λ finite at singularities.
     singularity: float = 0.02
 
@@ -43,9 +54,18 @@ class GuardSettings:
         0.05, 'largest position step between references that are followed', 'm', 1e-4, 10.0)
     jump_rotation: float = setting(
         0.2, 'largest rotation step between references that are followed', 'rad', 1e-3, 4.0)
-    jump_stiffness: float = setting(
-        1.0, 'largest stiffness step between references that are followed: log of the ratio in '
-        'any direction', '', 1e-3, 100.0)
+    resume_time: float = setting(
+        1.0, 'after a gap in the stream shorter than this the same stream is followed on', 's',
+        0.0, 10.0)
+    arming_position: float = setting(
+        0.02, 'largest distance from the robot at which the arm begins to follow a motion', 'm',
+        0.0, 1.0)
+    arming_rotation: float = setting(0.1, 'the same for the rotation', 'rad', 0.0, 3.0)
+    arming_speed: float = setting(
+        0.05, 'largest difference from the speed of the robot at which it begins', 'm/s', 0.0,
+        1.0)
+    arming_angular_speed: float = setting(
+        0.25, 'the same for the angular speed', 'rad/s', 0.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -53,14 +73,16 @@ class LimitSettings:
     """Limits of the motion; the defaults are those of a Franka Emika Panda where it has one."""
 
     torque_share: float = setting(1.0, "fraction of the motors' torque limits", '', 0.01, 1.0)
-    torque_rate: float = setting(
-        1.0, 'largest change of a joint torque per tick', 'Nm', 0.01, 100.0)
+    torque_slew: float = setting(
+        950.0, 'largest rate of change of a joint torque; 5 % inside the limit of a Franka',
+        'Nm/s', 1.0, 1e6)
     joint_margin: float = setting(
         0.3, 'distance from a joint limit at which repulsion begins', 'rad', 1e-3, 1.0)
     joint_repulsion: float = setting(
         5.0, 'repulsion torque at the joint limit itself', 'Nm', 0.0, 50.0)
     joint_speed: float = setting(
-        2.175, 'speed limit of every joint; braking begins at 90 %', 'rad/s', 0.01, 20.0)
+        2.61, 'largest speed of any joint; the model may have less for some, as the built-in '
+        'Panda: 2.175 rad/s but for the wrist. Braking begins at 90 %', 'rad/s', 0.01, 20.0)
     joint_brake: float = setting(
         20.0, 'damping of a joint above 90 % of its speed limit', 'Nm s/rad', 0.0, 200.0)
     speed: float = setting(1.7, 'speed limit of the reference', 'm/s', 1e-3, 10.0)
@@ -70,6 +92,12 @@ class LimitSettings:
         13.0, 'acceleration limit of the reference', 'm/s^2', 0.01, 100.0)
     angular_acceleration: float = setting(
         25.0, 'angular acceleration limit of the reference', 'rad/s^2', 0.01, 200.0)
+    jerk: float = setting(
+        6000.0, 'jerk limit of the reference', 'm/s^3', 1.0, 1e6)
+    angular_jerk: float = setting(
+        11000.0, 'angular jerk limit of the reference', 'rad/s^3', 1.0, 1e6)
+    tool_speed: float = setting(
+        1.6, 'largest speed of the tool, measured; it is braked before', 'm/s', 0.01, 10.0)
     catch_up_speed: float = setting(
         0.25, 'speed at which the arm catches up with a reference after an interruption or a '
         'delay', 'm/s', 1e-3, 2.0)
@@ -111,10 +139,50 @@ class TankSettings:
     capacity: float = setting(
         10.0, 'capacity of the tank; energy beyond it is lost', 'J', 0.01, 1000.0)
     refill: float = setting(
-        0.0, 'power that flows into the tank, for tasks that do work continuously; with 0 the '
-        'controller is passive', 'W', 0.0, 100.0)
+        2.5, 'power that flows into the tank, for friction and tasks that do work; the controller '
+        'gives no more than this to the world, with 0 it is passive', 'W', 0.0, 100.0)
+    delay: float = setting(
+        0.001, 'longest time until a torque command acts for which the books are right', 's', 0.0,
+        0.01)
     passive: bool = setting(
         True, 'restrict what the tank has no energy for; False only records the energy')
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """
+    Friction of the joints, one number for each joint or one for all.
+
+    What is compensated need not be exact. What counts as dissipated must be there for certain.
+    """
+
+    viscous: tuple[float, ...] = setting(
+        (0.0,), 'viscous friction that is compensated; a single 0 for that of the model',
+        'Nm s/rad', 0.0, 1000.0, each=True)
+    dry: tuple[float, ...] = setting(
+        (0.0,), 'dry friction that is compensated', 'Nm', 0.0, 100.0, each=True)
+    credit_viscous: tuple[float, ...] = setting(
+        (0.0,), 'lower bound of the viscous friction, which refills the tank', 'Nm s/rad', 0.0,
+        1000.0, each=True)
+    credit_dry: tuple[float, ...] = setting(
+        (0.0,), 'lower bound of the dry friction, which refills the tank', 'Nm', 0.0, 100.0,
+        each=True)
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Contact with the environment (`gdmp_ros.control.contact`)."""
+
+    collision_force: float = setting(
+        0.0, 'external force against the motion at which the arm reacts; 0: never', 'N', 0.0,
+        1000.0)
+    collision_torque: float = setting(
+        0.0, 'the same for the torque', 'Nm', 0.0, 1000.0)
+    collision_reaction: str = setting(
+        'stop', 'reaction to a collision: stop and hold, or stop and give way',
+        choices=('stop', 'comply'))
+    force_feedback_max: tuple[float, float] = setting(
+        (20.0, 3.0), 'largest correction of the wrench of a reference', 'N, Nm', 0.0, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -125,8 +193,14 @@ class ControllerSettings:
     guard: GuardSettings = field(default_factory=GuardSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)
     tank: TankSettings = field(default_factory=TankSettings)
+    friction: FrictionSettings = field(default_factory=FrictionSettings)
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    posture: tuple[float, ...] = setting(
+        (0.0,), 'posture of the null space, a number for each joint; a single 0: as at the start',
+        'rad', -10.0, 10.0, each=True)
     damping_ratio: float = setting(
-        0.7, 'damping ratio while holding without a reference; 1 is critical', '', 0.0, 2.0)
+        0.7, 'damping ratio while holding without a reference, and of references with 0; 1 is '
+        'critical', '', SMALLEST_DAMPING_RATIO, 2.0)
 
 
 #: The numbers of the gains and of the limits, as kernels see them.

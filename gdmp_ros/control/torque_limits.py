@@ -9,6 +9,7 @@ from gdmp_ros.control.limits import JOINT_POSITION, JOINT_SPEED, TORQUE, TORQUE_
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LIMIT_NUMBERS, LimitSettings
 from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.util.settings import numbers
 
 #: A joint is braked from this fraction of its speed limit on.
@@ -16,46 +17,77 @@ SPEED_MARGIN = 0.9
 
 
 @kernel
-def limit_torque(position, velocity, bias, last, lower, upper, largest, limit_numbers,
-                 torque, violation):
+def _guard_torque(position, velocity, lower, upper, fastest, limits, torque, violation):
     """
-    Apply joint-limit repulsion, joint speed, torque rate and torque limit, in this order.
+    Write the repulsion from joint limits and the damping of joints that are too fast.
 
-    A joint that is too fast gets no torque that would accelerate it, and is damped; gravity and
-    Coriolis torque are not reduced.
-
-    :param last: torque of the last tick [Nm]
-    :param largest: torque limits [Nm]
-    :param limit_numbers: `LimitSettings` as numbers
-    :param torque: requested; changed to what may be sent [Nm]
-    :param violation: written: by how much each limit was exceeded (`LIMITS`)
+    :returns: how much of the active torque is left to a joint that it drives too fast
     """
-    limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
-    margin, rate, fastest = limits.joint_margin, limits.torque_rate, limits.joint_speed
-    slow = SPEED_MARGIN * fastest
+    margin = limits.joint_margin
     for i in range(torque.size):
+        torque[i] = 0.0
         below = max(lower[i] + margin - position[i], 0.0)
         above = max(position[i] - upper[i] + margin, 0.0)
         if below + above > 0.0:
             violation[JOINT_POSITION] = max(violation[JOINT_POSITION], below, above)
             torque[i] += limits.joint_repulsion * (min(below / margin, 1.0)
                                                    - min(above / margin, 1.0))
-        too_fast = abs(velocity[i]) - slow
+        too_fast = abs(velocity[i]) - SPEED_MARGIN * fastest[i]
         if too_fast > 0.0:
             violation[JOINT_SPEED] = max(violation[JOINT_SPEED], too_fast)
-            active = torque[i] - bias[i]
-            if active * velocity[i] > 0.0:
-                active *= max(1.0 - too_fast / (fastest - slow), 0.0)
-            brake = math.copysign(limits.joint_brake * too_fast, velocity[i])
-            torque[i] = bias[i] + active - brake
-        if abs(torque[i]) > largest[i]:
-            violation[TORQUE] = max(violation[TORQUE], abs(torque[i]) - largest[i])
-        change = torque[i] - last[i]
-        if abs(change) > rate:
-            violation[TORQUE_RATE] = max(violation[TORQUE_RATE], abs(change) - rate)
-            torque[i] = last[i] + math.copysign(rate, change)
-        if abs(torque[i]) > largest[i]:
-            torque[i] = math.copysign(largest[i], torque[i])
+            torque[i] -= math.copysign(limits.joint_brake * too_fast, velocity[i])
+
+
+@kernel
+def _allowed_share(active, velocity, base, largest, fastest, violation):
+    """The factor of the active torque with which no joint is too fast or at its torque limit."""
+    share = 1.0
+    for i in range(active.size):
+        slow = SPEED_MARGIN * fastest[i]
+        too_fast = abs(velocity[i]) - slow
+        if too_fast > 0.0 and active[i] * velocity[i] > 0.0:
+            share = min(share, max(1.0 - too_fast / (fastest[i] - slow), 0.0))
+        excess = abs(base[i] + active[i]) - largest[i]
+        if excess > 0.0:
+            violation[TORQUE] = max(violation[TORQUE], excess)
+            room = math.copysign(largest[i], active[i]) - base[i]
+            share = min(share, max(room / active[i], 0.0) if active[i] != 0.0 else 1.0)
+    return share
+
+
+@kernel
+def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest, dt,
+                 limit_numbers, torque, violation):
+    """
+    Apply joint-limit repulsion, joint speed, torque limit and torque rate.
+
+    The active torque, without gravity and Coriolis, is scaled as a whole: cut joint by joint, it
+    would no longer belong to a wrench, and the rest would drive the null space. The same holds for
+    its change in a tick.
+
+    :param last: torque of the last tick [Nm]
+    :param largest: torque limits [Nm]
+    :param fastest: speed limits of the joints [rad/s]
+    :param limit_numbers: `LimitSettings` as numbers
+    :param torque: requested; changed to what may be sent [Nm]
+    :param violation: written: by how much each limit was exceeded (`LIMITS`)
+    """
+    limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
+    n = torque.size
+    base, active = np.empty(n), np.empty(n)
+    _guard_torque(position, velocity, lower, upper, fastest, limits, base, violation)
+    for i in range(n):
+        active[i] = torque[i] - bias[i]
+        base[i] = min(max(base[i] + bias[i], -largest[i]), largest[i])
+    share = _allowed_share(active, velocity, base, largest, fastest, violation)
+    change = 0.0
+    for i in range(n):
+        torque[i] = base[i] + share * active[i]
+        change = max(change, abs(torque[i] - last[i]))
+    if change > limits.torque_slew * dt:
+        violation[TORQUE_RATE] = max(violation[TORQUE_RATE], change / dt - limits.torque_slew)
+        for i in range(n):
+            torque[i] = last[i] + limits.torque_slew * dt / change * (torque[i] - last[i])
 
 
 class TorqueLimiter:
@@ -64,6 +96,7 @@ class TorqueLimiter:
     def __init__(self, joints: JointLimits, settings: LimitSettings):
         self._joints = joints
         self._torque = settings.torque_share * joints.torque
+        self._fastest = joints.fastest(settings.joint_speed)
         self._limits = numbers(settings)
         self._last = np.zeros_like(joints.torque)
 
@@ -76,15 +109,27 @@ class TorqueLimiter:
         """Begin at ``torque``: the next one may differ from it by the rate."""
         self._last = np.clip(torque, -self._torque, self._torque)
 
-    def apply(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
-              torque: np.ndarray, violation: np.ndarray) -> np.ndarray:
+    def limited(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
+                torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
         """
-        Return the torque to send [Nm]; see `limit_torque`.
+        Return what may be sent of a torque [Nm]; see `limit_torque`.
+
+        Without a finite measurement that is the last torque.
 
         :param bias: gravity and Coriolis torque [Nm]
         """
-        joints, sent = self._joints, torque.copy()
+        joints, result = self._joints, torque.copy()
         limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
-                     self._torque, self._limits, sent, violation)
-        self._last = sent
-        return sent.copy()
+                     self._torque, self._fastest, dt, self._limits, result, violation)
+        return result if is_finite(result) else self.last
+
+    def sent(self, torque: np.ndarray) -> None:
+        """Remember the torque that was sent [Nm]."""
+        self._last = torque.copy()
+
+    def apply(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
+              torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
+        """Return what may be sent, and remember it as sent."""
+        result = self.limited(position, velocity, bias, torque, dt, violation)
+        self.sent(result)
+        return result

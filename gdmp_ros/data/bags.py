@@ -21,7 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from gdmp_ros import choices
-from gdmp_ros.control.guard import QUATERNION_TOLERANCE
+from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError, GdmpError
 

@@ -34,12 +34,15 @@ class Recording:
     :ivar frame: ``frame_id`` of the poses
     :ivar rotational_stiffness: constant 3×3 block recorded with an SPD(3) profile [Nm/rad]; None
         if the bag has none
+    :ivar wrench: that the tool exerted, in the frame of the poses, shape ``(T, 6)`` [N, Nm]; None
+        if none was read
     """
 
     demonstration: Demonstration
     bag: str
     frame: str
     rotational_stiffness: np.ndarray | None
+    wrench: np.ndarray | None = None
 
 
 def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
@@ -73,13 +76,26 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
             for one, k in zip(poses, profiles)], source
 
 
-def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Recording:
+def with_wrench(shown: Sequence[Recording], demonstrations: Sequence[Demonstration]
+                ) -> list[Demonstration]:
+    """The same demonstrations with the wrenches of their recordings, if these have some."""
+    return [same if one.wrench is None else Demonstration(
+        same.times, np.hstack([same.flat_points, one.wrench]),
+        tool_manifold(same.manifold.factors[2].size if len(same.manifold.factors) > 2 else None,
+                      wrench=True))
+            for one, same in zip(shown, demonstrations)]
+
+
+def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
+         wrench_topic: str = '') -> Recording:
     """
     Read pose and stiffness, if the bag has one; rest at both ends is cut off.
 
     :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; by default the only such topic
     :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); by default the
         only such topic. A Reference contains its stiffness
+    :param wrench_topic: of type WrenchStamped, as a sensor measures it: of the world on the tool,
+        in the frame of the poses; empty: none is read
     :raises DataError: naming bag, topic, sample and reason
     """
     with bags.opened(bag) as reader:
@@ -94,8 +110,13 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '') -> Re
             series = bags.series_in(reader, bag, stiffness_topic, bags.ARRAY)
             matrices, block = _matrices(series, series.values)
             matrices = _at_stamps(matrices, series, poses)
-    demonstration = _trim(_joined(poses, matrices), f'{poses.bag}, topic {poses.topic}')
-    return Recording(demonstration, str(bag), poses.frame, block)
+        felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
+    whole = _joined(poses, matrices)
+    kept = _without_rest(whole, f'{poses.bag}, topic {poses.topic}')
+    times = whole.times[kept]
+    demonstration = Demonstration(times - times[0], whole.points[kept], whole.manifold)
+    wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
+    return Recording(demonstration, str(bag), poses.frame, block, wrench)
 
 
 def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: int,
@@ -156,11 +177,7 @@ def _at_stamps(matrices: np.ndarray, series: bags.Series, poses: bags.Series) ->
     manifold = SymmetricPositiveDefinite(matrices.shape[1])
     if len(series.stamps) == len(poses.stamps) and np.array_equal(series.stamps, poses.stamps):
         return matrices
-    overlap = min(series.stamps[-1], poses.stamps[-1]) - max(series.stamps[0], poses.stamps[0])
-    if overlap < 0.5 * (poses.stamps[-1] - poses.stamps[0]):
-        raise DataError(f'{series.bag}: topics {series.topic} and {poses.topic} overlap for '
-                        f'{overlap / bags.NS:.3f} s of {np.ptp(poses.stamps) / bags.NS:.3f} s: '
-                        'check the clocks')
+    _check_overlap(series, poses)
     index = np.clip(np.searchsorted(series.stamps, poses.stamps, side='right') - 1, 0,
                     max(len(series.stamps) - 2, 0))
     if len(series.stamps) == 1:
@@ -169,6 +186,26 @@ def _at_stamps(matrices: np.ndarray, series: bags.Series, poses: bags.Series) ->
     share = np.clip((poses.stamps - series.stamps[index]) / spacing, 0.0, 1.0)
     return np.array([manifold.geodesic(matrices[i], matrices[i + 1], t)
                      for i, t in zip(index, share)])
+
+
+def _check_overlap(series: bags.Series, poses: bags.Series) -> None:
+    overlap = min(series.stamps[-1], poses.stamps[-1]) - max(series.stamps[0], poses.stamps[0])
+    if overlap < 0.5 * (poses.stamps[-1] - poses.stamps[0]):
+        raise DataError(f'{series.bag}: topics {series.topic} and {poses.topic} overlap for '
+                        f'{overlap / bags.NS:.3f} s of {np.ptp(poses.stamps) / bags.NS:.3f} s: '
+                        'check the clocks')
+
+
+def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.ndarray:
+    """Wrench at stamps, linear between the samples."""
+    _check_overlap(felt, poses)
+    if felt.frame != poses.frame:
+        raise DataError(f'{felt.bag}: the wrench of {felt.topic} is in frame {felt.frame!r}, '
+                        f'expected {poses.frame!r} as the poses: transform it')
+    # Differences are exact; stamps as numbers with a decimal point are not.
+    first = felt.stamps[0]
+    return np.column_stack([np.interp(stamps - first, felt.stamps - first, column)
+                            for column in felt.values.T])
 
 
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
@@ -183,18 +220,14 @@ def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
         raise DataError(f'{poses.bag}, topic {poses.topic}: {error}') from None
 
 
-def _trim(demonstration: Demonstration, where: str) -> Demonstration:
-    """Cut off rest longer than `REST_S` at either end, keeping one sample of it."""
+def _without_rest(demonstration: Demonstration, where: str) -> slice:
+    """The samples without rest longer than `REST_S` at either end, but for one sample of it."""
     first = _resting(demonstration)
     last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
     if last - first < 2:
         raise DataError(f'{where}: nothing moves: every sample is within the goal '
                         'tolerance of the first')
-    if first == 0 and last == len(demonstration.times) - 1:
-        return demonstration
-    times = demonstration.times[first:last + 1]
-    return Demonstration(times - times[0], demonstration.points[first:last + 1],
-                         demonstration.manifold)
+    return slice(first, last + 1)
 
 
 def _reversed(demonstration: Demonstration) -> Demonstration:

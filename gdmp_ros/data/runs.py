@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.data.bags import NS, opened, REFERENCE, topics_in
 from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError
@@ -27,6 +28,9 @@ class Run:
 
     :ivar published: times at which the references were published [ns]
     :ivar moving: whether a reference has a velocity
+    :ivar modes: of the references (`gdmp_ros.control.modes.StreamMode`)
+    :ivar arm_modes: of the states (`gdmp_ros.control.modes.ArmMode`)
+    :ivar ticks: control ticks of the arm, by its own count
     :ivar applied: sequence number of the reference that the arm followed at each state
     """
 
@@ -36,6 +40,7 @@ class Run:
     references: np.ndarray
     reference_stiffness: np.ndarray
     moving: np.ndarray
+    modes: np.ndarray
     state_stamps: np.ndarray
     applied: np.ndarray
     poses: np.ndarray
@@ -46,6 +51,8 @@ class Run:
     torques: np.ndarray
     tank: np.ndarray
     limited: np.ndarray
+    arm_modes: np.ndarray
+    ticks: np.ndarray
 
 
 def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
@@ -93,14 +100,17 @@ def read(bag: Path, robot: str = '') -> Run:
         sequences=_column(references, lambda m: m.sequence),
         references=_column(references, _pose),
         reference_stiffness=_column(references, lambda m: m.stiffness),
-        moving=_column(references, _speed) > 0.0, state_stamps=_stamps(states),
+        moving=_column(references, _speed) > 0.0,
+        modes=_column(references, lambda m: _later(m, 'mode')), state_stamps=_stamps(states),
         applied=_column(states, lambda m: m.sequence), poses=_column(states, _pose),
         stiffness=_column(states, lambda m: m.stiffness),
         twists=_column(states, _twist), joints=_column(states, lambda m: m.position),
         velocities=_column(states, lambda m: m.velocity),
         torques=_column(states, lambda m: m.torque),
         tank=_column(states, lambda m: m.tank_energy),
-        limited=_column(states, lambda m: m.limited))
+        limited=_column(states, _limited),
+        arm_modes=_column(states, lambda m: _later(m, 'mode')),
+        ticks=_column(states, lambda m: _later(m, 'tick')))
 
 
 def lost(run: Run) -> int:
@@ -129,6 +139,17 @@ def _column(messages: list[Any], get: Any) -> np.ndarray:
 def _stamps(messages: list[Any]) -> np.ndarray:
     return np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec
                      for m in messages], dtype=np.int64)
+
+
+def _later(message: Any, name: str) -> int:
+    """A field that older recordings do not have: 0 there."""
+    return int(getattr(message, name, 0))
+
+
+def _limited(message: Any) -> np.ndarray:
+    """By how much each of `LIMITS` was exceeded; 0 for those that came later."""
+    numbers = np.concatenate([message.limited, getattr(message, 'limited_more', [])])
+    return np.pad(numbers, (0, max(0, len(LIMITS) - len(numbers))))[:len(LIMITS)]
 
 
 def _pose(message: Any) -> list[float]:

@@ -18,7 +18,9 @@ class LearningSettings:
     How a skill is learned; the names are those of `Skill.learn` and of `recordings`.
 
     :ivar stiffness: source of the stiffness, one of `gdmp_ros.choices.STIFFNESSES`
+    :ivar wrench_topic: topic of a wrench that is played back too; empty for none
     :ivar frame: frame that the poses must have; empty for any
+    :ivar weights: how much each demonstration counts; None for alike
     """
 
     n_basis: int | str = 'auto'
@@ -32,9 +34,11 @@ class LearningSettings:
     k_max: float = 800.0
     pose_topic: str = ''
     stiffness_topic: str = ''
+    wrench_topic: str = ''
     frame: str = ''
     fit: str = 'output'
     end: str | None = None
+    weights: tuple[float, ...] | None = None
 
 
 class LearnedSkill(NamedTuple):
@@ -59,15 +63,18 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     """
     shown = []
     for bag in bags:
-        shown.append(recordings.read(bag, settings.pose_topic, settings.stiffness_topic))
+        shown.append(recordings.read(bag, settings.pose_topic, settings.stiffness_topic,
+                                     settings.wrench_topic))
         step()
     _check_frames(shown, settings.frame)
     demonstrations, source = recordings.with_stiffness(shown, settings.stiffness, settings.k_min,
                                                        settings.k_max)
+    demonstrations = recordings.with_wrench(shown, demonstrations)
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization, alpha_g=settings.alpha_g,
                         fit=settings.fit, end=settings.end,
+                        demonstration_weights=settings.weights,
                         provenance={'demonstrations': [str(bag) for bag in bags],
                                     'frame': shown[0].frame, 'stiffness': source})
     return LearnedSkill(skill, demonstrations, source)

@@ -1,25 +1,26 @@
 """Whether a motion has finished: at its goal and at rest relative to it, for a while."""
 from __future__ import annotations
 
-import math
-
-from gdmp_ros.kernels import always_inline, noinline
+from gdmp_ros.kernels import always_inline, noinline, numbers_at
 from gdmp_ros.manifolds.factors import log_in_frame, to_frame
+from gdmp_ros.manifolds.linalg import norm
 
 #: A factor is at rest below this part of its largest speed …
 REST_SHARE = 0.01
 #: … or, if it hardly moves, below this many goal tolerances per second (2 mm/s for a position).
 STILL_TOLERANCES = 4.0
-#: Part of a duration for which the motion must be at rest at its goal: a pause is no rest.
+#: Part of a duration for which the motion must rest at its goal: a short pause does not count.
 DWELL = 0.05
+
+#: From this progress on a motion may have arrived; before it, the largest velocities are noted
+#: once in so many intervals, at most 1/500 of a duration.
+BEFORE_END, LOOK_EVERY = 1.0 - DWELL, 8
 
 
 @always_inline
 def _norm(factor, values):
-    total = 0.0
-    for k in range(factor.tangent, factor.tangent_end):
-        total += values[k] * values[k]
-    return math.sqrt(total)
+    size = factor.tangent_end - factor.tangent
+    return norm(size, numbers_at(values, factor.tangent, size))
 
 
 @always_inline
@@ -69,7 +70,7 @@ def update_arrival(motion, s):
     """
     Note the largest velocities up to the nominal end, and decide whether the motion has finished.
 
-    Called after every interval, so that the result does not depend on how time is cut into steps.
+    Called after the same intervals however time is cut into steps, so that the result is the same.
     """
     noinline()
     scalars = motion.scalars
@@ -78,7 +79,7 @@ def update_arrival(motion, s):
         for i in range(motion.factors.size):
             speed = _norm(motion.factors[i], motion.tangents.rate)
             motion.peaks[i] = max(motion.peaks[i], speed)
-    if s < 1.0 - DWELL or scalars.finished == 1:
+    if s < BEFORE_END or scalars.finished == 1:
         return
     if not _has_arrived(motion):
         scalars.arrived_at = -1.0

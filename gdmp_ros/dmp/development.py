@@ -24,11 +24,14 @@ from gdmp_ros.manifolds.factors import (
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.manifolds.point_space import kernel_array
 from gdmp_ros.manifolds.rows import (
+    exp_rows,
     frame_point_rows,
+    log_in_frame_rows,
     log_rows,
     project_tangent_rows,
     transport_frame_rows,
 )
+from gdmp_ros.util.profiles import minimum_jerk
 
 
 @kernel
@@ -48,7 +51,7 @@ def _develop(factors, frame, points, targets, frames, steps, to_target, distance
                 renormalize_frame(factors, frame, work)
 
 
-def _log_each(manifold: Manifold, bases: np.ndarray,
+def log_each(manifold: Manifold, bases: np.ndarray,
               points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Logarithm of each row, and distances from the cut locus."""
     table = manifold.factor_table
@@ -115,13 +118,22 @@ class Development:
         """
         Points of a twice differentiable curve through the samples (a cubic spline, unrolled).
 
+        Between two samples the spline is seen from the frame of either; on a curved space these
+        views differ. A share with derivatives zero at both ends leads from one to the other.
+
         :param times: of the samples, increasing, shape ``(samples,)``
         :param at: times wanted, within those of the samples
         :returns: flat points, shape ``(len(at), point_size)``
         """
-        unrolled = self.unrolled
-        index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 1)
-        return self.moved(CubicSpline(times, unrolled)(at) - unrolled[index], index)
+        unrolled, table = self.unrolled, self.manifold.factor_table
+        index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 2)
+        wanted = CubicSpline(times, unrolled)(at)
+        before, after = (self.moved(wanted - unrolled[i], i) for i in (index, index + 1))
+        way, _ = log_each(self.manifold, before, after)
+        way *= minimum_jerk((at - times[index]) / np.diff(times)[index])[:, None]
+        points = np.empty_like(before)
+        exp_rows(table, before, way, points, work_array(table))
+        return points
 
     def smooth(self, times: np.ndarray, cutoff: float) -> np.ndarray:
         """
@@ -138,6 +150,18 @@ class Development:
             make_smoothing_spline(times, column, w=spacing / mean, lam=penalty)(times)
             for column in unrolled.T])
         return self.moved(smooth - unrolled)
+
+    def ways_to(self, points: np.ndarray) -> np.ndarray:
+        """
+        Logarithm of a point at each sample, coordinates in the frames there.
+
+        :param points: flat, shape ``(samples, point_size)``
+        """
+        table = self.manifold.factor_table
+        ways = np.empty((len(points), self.manifold.tangent_size))
+        log_in_frame_rows(table, self.frames, kernel_array(points), ways, np.empty(len(points)),
+                          work_array(table))
+        return ways
 
     def moved(self, offsets: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """
@@ -185,10 +209,10 @@ def published_derivatives(manifold: Manifold, points: np.ndarray, targets: np.nd
     :param targets: a flat point for each
     :raises CutLocusError: as `Development`
     """
-    forward, distances = _log_each(manifold, points[:-1], points[1:])
+    forward, distances = log_each(manifold, points[:-1], points[1:])
     _check_steps(manifold, distances)
-    backward, _ = _log_each(manifold, points[1:], points[:-1])
-    to_target, distances = _log_each(manifold, points, targets)
+    backward, _ = log_each(manifold, points[1:], points[:-1])
+    to_target, distances = log_each(manifold, points, targets)
     _check_targets(manifold, distances)
     table, work = manifold.factor_table, work_array(manifold.factor_table)
     projected = []

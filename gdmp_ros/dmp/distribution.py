@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+import math
 from typing import Generic, TypeVar
+import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.variation import Variation
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
 
 S = TypeVar('S', bound=Primitive)
@@ -26,6 +29,8 @@ S = TypeVar('S', bound=Primitive)
 REPETITIONS = 20
 #: A point counts as met when it is this near.
 MET = 1e-10
+#: A context further than this from the mean is reported [standard deviations of a number].
+FAR = 3.0
 #: A hard condition is met up to this part of the prior's variance: it keeps the system regular.
 _REGULAR = 1e-14
 
@@ -63,46 +68,80 @@ class Distribution(Generic[S]):
         point, frame = _point(self._skill, _checked(s))
         rows = self._rows(s) @ self._variation.factor
         found = rows @ rows.T + np.diag(self._variation.noise)
-        turn = _change_of_frame(self._manifold, frame, self._manifold.frame(point))
+        turn = change_of_frame(self._manifold, frame, self._manifold.frame(point))
         return np.asarray(turn @ found @ turn.T)
 
     def sample(self, rng: np.random.Generator) -> S:
-        """Draw a skill: another start, goal and motion, as another take might show."""
+        """Draw a skill: other start, goal, motion and duration, as another take might show."""
         numbers = rng.standard_normal(self._variation.factor.shape[1])
-        return self._make(self._shifted(self._variation.factor @ numbers))
+        drawn = self._shifted(self._variation.factor @ numbers)
+        duration = drawn.duration * math.exp(self.timing * rng.standard_normal())
+        return self._make(replace(drawn, duration=max(duration, SHORTEST_DURATION)))
+
+    @property
+    def timing(self) -> float:
+        """Standard deviation of the logarithm of the duration: timing is not space."""
+        return self._variation.timing
 
     def condition(self, points: Sequence[tuple[float, np.ndarray]
-                                         | tuple[float, np.ndarray, np.ndarray]]) -> S:
+                                         | tuple[float, np.ndarray, np.ndarray]] = (),
+                  context: Sequence[float] | np.ndarray | None = None) -> S:
         """
         Return the most likely skill that passes through points; its distribution is what remains.
 
-        At s = 0 the start and at s = 1 the goal is meant.
+        At s = 0 the start and at s = 1 the goal is meant. A skill learned with contexts is the one
+        for a context first, and then passes through the points. What remains has no context.
 
         :param points: progress and point of each; with a covariance in the canonical frame at the
             point, shape ``(n, n)``, the point is only likely, without one it is met
+        :param context: numbers as given to `Skill.learn`, shape ``(m,)``; far outside those of the
+            takes a `GdmpWarning` says so
         :raises ManifoldError: if a point is not on the manifold
-        :raises ParameterError: if s is out of range or occurs twice, or a covariance is none
+        :raises ParameterError: if s is out of range or occurs twice, a covariance is none, or the
+            context has another size
         """
+        if context is not None:
+            known = self._in_context(context)
+            return known.condition(points) if len(points) else self._make(known._skill)
         wanted = self._wanted(points)
         size = self._manifold.tangent_size
         factor = self._variation.factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
         shift, moved = np.zeros(factor.shape[0]), self._skill
+        away, noise = _remaining(moved, wanted)
         for _ in range(REPETITIONS):
-            away, noise = _remaining(moved, wanted)
             # The gain refers to the mean: what has been shifted already counts as remaining.
             gain = _gain(rows @ factor, noise)
             shift = factor @ (gain @ (away + rows @ shift))
             moved = self._shifted(shift)
-            if np.abs(_remaining(moved, wanted)[0]).max() <= MET:
+            away, noise = _remaining(moved, wanted)
+            if np.abs(away).max() <= MET:
                 break
         left = np.eye(factor.shape[1]) - gain @ (rows @ factor)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        rest = Variation(factor @ root, self._variation.noise)
+        rest = _without_context(self._variation, factor @ root)
         # `_shifted` turned what the variation of the moved primitive refers to.
         turned = _turned(rest, _turns(self._skill, moved), size)
         return self._make(replace(moved, variation=turned))
+
+    def _in_context(self, context: Sequence[float] | np.ndarray) -> Distribution[S]:
+        """The distribution of takes in a context."""
+        variation, given = self._variation, np.asarray(context, dtype=float)
+        count = len(variation.context_mean)
+        if count == 0 or given.shape != (count,) or not np.isfinite(given).all():
+            raise ParameterError(f'context: expected {count} finite numbers, as given to '
+                                 f'Skill.learn(contexts=), got {context!r}')
+        away = np.linalg.solve(variation.context_scale, given - variation.context_mean)
+        if np.linalg.norm(away) > FAR * math.sqrt(count):
+            warnings.warn(f'context {given.tolist()} is {np.linalg.norm(away):.1f} standard '
+                          'deviations from the mean of the takes: the skill for it is a guess',
+                          GdmpWarning, stacklevel=3)
+        moved = self._shifted(variation.factor[:, -count:] @ away)
+        rest = _without_context(variation, variation.factor[:, :-count])
+        turned = _turned(rest, _turns(self._skill, moved), self._manifold.tangent_size)
+        moved = replace(moved, variation=turned)
+        return Distribution(moved, turned, self._make)
 
     # Coordinates
 
@@ -142,12 +181,16 @@ class Distribution(Generic[S]):
         skill, manifold = self._skill, self._manifold
         size = manifold.tangent_size
         start = manifold.exp(skill.start, manifold.from_frame(skill.frame, shift[:size]))
-        goal_frame = carry_frame(manifold, skill.frame, skill.goal)[0]
+        goal_frame = frame_of(skill, skill.goal)
         goal = manifold.exp(skill.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
         weights = skill.weights + shift[2 * size:].reshape(-1, size)
         moved = replace(skill, start=start, goal=goal, frame=manifold.frame(start))
         turn = _turns(skill, moved)[0]
         return replace(moved, weights=weights @ turn.T, velocity=turn @ skill.velocity)
+
+
+def _without_context(variation: Variation, factor: np.ndarray) -> Variation:
+    return Variation(factor, variation.noise, variation.timing)
 
 
 def _checked(s: float) -> float:
@@ -162,7 +205,7 @@ def _point(skill: Primitive, s: float) -> tuple[np.ndarray, np.ndarray]:
     point = rollout.advance(s).point.copy()
     if skill.connection == 'parallel':
         return point, rollout.current_frame()
-    return point, carry_frame(skill.manifold, skill.frame, point)[0]
+    return point, frame_of(skill, point)
 
 
 def _remaining(skill: Primitive, wanted: list[tuple[float, np.ndarray, np.ndarray]]
@@ -174,14 +217,14 @@ def _remaining(skill: Primitive, wanted: list[tuple[float, np.ndarray, np.ndarra
     for number, (s, point, covariance) in enumerate(wanted):
         if s in (0.0, 1.0):
             present = skill.start if s == 0.0 else skill.goal
-            frame = carry_frame(manifold, skill.frame, present)[0]
+            frame = frame_of(skill, present)
         else:
             present, frame = _point(skill, s)
         target = manifold.align(point, present)
         away.append(manifold.log_in_frame(frame, target)[0])
         if covariance.any():
             carried = carry_frame(manifold, frame, target)[0]
-            turn = _change_of_frame(manifold, manifold.frame(target), carried)
+            turn = change_of_frame(manifold, manifold.frame(target), carried)
             part = slice(number * size, (number + 1) * size)
             noise[part, part] = turn @ covariance @ turn.T
     return np.concatenate(away), noise
@@ -194,21 +237,14 @@ def _gain(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(found, rows, rcond=1e-15)[0].T)
 
 
-def _change_of_frame(manifold: Manifold, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Matrix from coordinates in a frame to those in another one at the same point."""
-    columns = [manifold.to_frame(second, manifold.from_frame(first, unit))
-               for unit in np.eye(manifold.tangent_size)]
-    return np.array(columns).T
-
-
 def _turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
     manifold = before.manifold
-    carried = carry_frame(manifold, before.frame, after.start)[0]
-    start = _change_of_frame(manifold, carried, after.frame)
-    goal_frame = carry_frame(manifold, before.frame, before.goal)[0]
+    carried = frame_of(before, after.start)
+    start = change_of_frame(manifold, carried, after.frame)
+    goal_frame = frame_of(before, before.goal)
     carried = carry_frame(manifold, goal_frame, after.goal)[0]
-    goal = _change_of_frame(manifold, carried, carry_frame(manifold, after.frame, after.goal)[0])
+    goal = change_of_frame(manifold, carried, frame_of(after, after.goal))
     return start, goal
 
 
@@ -218,4 +254,4 @@ def _turned(variation: Variation, turns: tuple[np.ndarray, np.ndarray], size: in
     parts = variation.factor.reshape(-1, size, variation.factor.shape[1])
     turned = np.einsum('ij,kjr->kir', start, parts)
     turned[1] = goal @ parts[1]
-    return Variation(turned.reshape(variation.factor.shape), variation.noise)
+    return replace(variation, factor=turned.reshape(variation.factor.shape))

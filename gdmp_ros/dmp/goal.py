@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.layout import Motion
-from gdmp_ros.kernels import always_inline, jitable, noinline
+from gdmp_ros.kernels import always_inline, jitable, noinline, numbers_at
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import (
     CUT_LOCUS_LIMIT,
+    factor_log_in_frame,
     frame_at,
     frame_point,
     from_frame,
@@ -29,7 +30,9 @@ from gdmp_ros.manifolds.factors import (
 from gdmp_ros.manifolds.linalg import copy_numbers
 from gdmp_ros.util.profiles import smoothstep
 
-#: A velocity of the goal below this part of a still factor's is none.
+#: A goal nearer than this to being opposite to the last waypoint carries it [rad].
+OPPOSITE = 0.3
+#: A velocity of the goal below this part of a still factor's limit is taken as zero.
 _NEGLIGIBLE = 1e-6
 
 
@@ -112,6 +115,38 @@ def _share_of_goal(motion, factor, s):
         return 1.0
     begin = motion.segment_ends[count - 1]
     return smoothstep(min((s - begin) / (1.0 - begin), 1.0)) if s > begin else 0.0
+
+
+@always_inline
+def carry_waypoint(motion, s):
+    """
+    Write the target in the last segment where the goal is nearly opposite to the last waypoint.
+
+    The geodesic between them turns quickly there, and flips where they are opposite. From then on
+    the goal carries the waypoint with it, in its frame.
+    """
+    noinline()
+    scalars, tangents, spare = motion.scalars, motion.tangents, motion.frames.spare
+    last = motion.sizes.waypoints - 1
+    begin = motion.segment_ends[last]
+    if scalars.waypoint_is_carried == 0:
+        waypoint = numbers_at(motion.waypoints, last * motion.sizes.point, motion.sizes.point)
+        for i in range(motion.factors.size):
+            factor = motion.factors[i]
+            distance = factor_log_in_frame(factor, motion.frames.goal, waypoint,
+                                           tangents.to_waypoint, motion.work)
+            if motion.split[i] == 1.0 and distance < OPPOSITE:
+                scalars.waypoint_is_carried = scalars.cut_locus = 1
+    if scalars.waypoint_is_carried == 0:
+        return
+    left = 1.0 - smoothstep(min((s - begin) / (1.0 - begin), 1.0))
+    for i in range(motion.factors.size):
+        factor = motion.factors[i]
+        for k in range(factor.tangent, factor.tangent_end):
+            tangents.spare[k] = left * motion.split[i] * tangents.to_waypoint[k]
+    copy_numbers(motion.sizes.frame, motion.frames.goal, spare)
+    transport_frame(motion.factors, spare, tangents.spare, motion.work)
+    frame_point(motion.factors, spare, motion.points.target, motion.work)
 
 
 @always_inline

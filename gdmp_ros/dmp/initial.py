@@ -84,7 +84,7 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
         point[:] = first.reshape(-1)
     for point in (motion.points.goal, motion.points.anchor):
         point[:] = goal.reshape(-1)
-    motion.frames.anchor[:] = manifold.frame(goal)
+    motion.frames.anchor[:] = motion.frames.goal[:] = manifold.frame(goal)
     for tangent in (motion.tangents.goal_offset, motion.tangents.target_velocity,
                     motion.tangents.goal_velocity, motion.tangents.lead, motion.peaks):
         tangent[:] = 0.0
@@ -133,7 +133,7 @@ def recover(manifold: Manifold, motion: Motion, point: np.ndarray) -> None:
         tangent[:] = 0.0
     for goal in (motion.points.anchor, motion.points.goal):
         goal[:] = point.reshape(-1)
-    frames.anchor[:] = manifold.frame(point)
+    frames.anchor[:] = frames.goal[:] = manifold.frame(point)
     scalars.goal_is_moving = scalars.target_is_moving = scalars.target_by_progress = 0
     scalars.held = 0
     scalars.progress = (scalars.interval + 1.0) / scalars.steps

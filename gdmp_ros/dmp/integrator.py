@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.dmp.arrival import update_arrival
+from gdmp_ros.dmp.arrival import BEFORE_END, LOOK_EVERY, update_arrival
 from gdmp_ros.dmp.forcing import forcing
-from gdmp_ros.dmp.goal import move_goal, update_lead, update_start_to_goal
+from gdmp_ros.dmp.goal import carry_waypoint, move_goal, update_lead, update_start_to_goal
 from gdmp_ros.dmp.interpolation import write_state
 from gdmp_ros.dmp.layout import motion_view, state_size, total_size
 from gdmp_ros.dmp.obstacles import avoid_obstacles
@@ -71,6 +71,8 @@ def _update_target(motion, s):
         target_at(motion.factors, motion.split, motion.sizes.waypoints, motion.segment_ends,
                   motion.waypoints, points.goal, s, points.target, motion.tangents.spare,
                   motion.work)
+        if s >= motion.segment_ends[motion.sizes.waypoints - 1]:
+            carry_waypoint(motion, s)
         if first:
             target_at(motion.factors, motion.split, motion.sizes.waypoints, motion.segment_ends,
                       motion.waypoints, points.goal, -1.0, points.first_target,
@@ -209,7 +211,8 @@ def _step(motion):
         copy_numbers(sizes.tangent, tangents.velocity_before, tangents.velocity)
         return False
     scalars.interval += 1.0
-    update_arrival(motion, s)
+    if s >= BEFORE_END or int(scalars.interval) % LOOK_EVERY == 0:
+        update_arrival(motion, s)
     return True
 
 

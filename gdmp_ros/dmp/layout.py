@@ -52,6 +52,7 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'goal_is_moving',      # flag: it has not reached its target, or the target moves
     'target_is_moving',    # flag: the target has a velocity, or had one until now
     'target_by_progress',  # flag: the target moves with s to its anchor, not with time
+    'waypoint_is_carried', # flag: the last waypoint is where the goal carries it
     'held',                # flag: a step was not finite, the last state is kept
     'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
 
@@ -97,8 +98,8 @@ class Tangents(NamedTuple):
 
     ``velocity`` is Z at the node, ``velocity_before`` that at the node before; ``lead`` is the
     velocity of the target by s, at the point. In the frame of the goal: ``goal_offset`` from the
-    target to the goal at the last switch, ``target_velocity`` [1/s], and ``goal_velocity``, which
-    follows it continuously.
+    target to the goal at the last switch, ``target_velocity`` [1/s], ``goal_velocity``, which
+    follows it continuously, and ``to_waypoint``, where the last waypoint is.
     """
 
     velocity: Any
@@ -108,6 +109,7 @@ class Tangents(NamedTuple):
     goal_offset: Any
     target_velocity: Any
     goal_velocity: Any
+    to_waypoint: Any
     lead: Any
     forcing: Any
     start_correction: Any
@@ -203,7 +205,7 @@ def motion_view(memory):
                         _row(memory, at, n, 3), _row(memory, at, n, 4), _row(memory, at, n, 5),
                         _row(memory, at, n, 6), _row(memory, at, n, 7), _row(memory, at, n, 8),
                         _row(memory, at, n, 9), _row(memory, at, n, 10), _row(memory, at, n, 11),
-                        _row(memory, at, n, 12), _row(memory, at, n, 13))
+                        _row(memory, at, n, 12), _row(memory, at, n, 13), _row(memory, at, n, 14))
     at += _TANGENTS * n
     return Motion(sizes, scalars, factors, split, decay, pull, basis, weights, tolerances,
                   still_speeds, peaks, segment_ends, waypoints, obstacles, frames, points,

@@ -117,6 +117,22 @@ def check_connection(connection: str) -> None:
                              f'{", ".join(CONNECTIONS)}')
 
 
+def frame_of(primitive: Primitive, point: np.ndarray) -> np.ndarray:
+    """The frame of a primitive, carried from its start to a point."""
+    return carry_frame(primitive.manifold, primitive.frame, point)[0]
+
+
+def change_of_frame(manifold: Manifold, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """
+    Matrix from coordinates in a frame to those in another one at the same point.
+
+    On a sphere it also removes the normal component.
+    """
+    columns = [manifold.to_frame(second, manifold.from_frame(first, unit))
+               for unit in np.eye(manifold.tangent_size)]
+    return np.array(columns).T
+
+
 def carry_frame(manifold: Manifold, frame: np.ndarray,
                 point: np.ndarray) -> tuple[np.ndarray, bool]:
     """

@@ -13,6 +13,7 @@ from gdmp_ros.dmp.obstacles import store_obstacles
 from gdmp_ros.dmp.options import (
     check_range,
     check_steps,
+    LONGEST_STEP,
     MAX_SPEED,
     merged_options,
     Options,
@@ -111,8 +112,12 @@ class Rollout:
             steps
         :raises ParameterError: for another number; nothing has changed then
         """
+        # As `advance_to`, without the call.
+        if not 0.0 <= dt <= LONGEST_STEP:
+            check_steps(dt, dt)
         out = np.empty(self.state_size)
-        self.advance_to(dt, out)
+        out[0] = dt
+        advance(self.memory, out)
         return State(out, self._manifold)
 
     def advance_to(self, dt: float, out: np.ndarray) -> None:
@@ -124,7 +129,8 @@ class Rollout:
         :param out: shape ``(state_size,)``; see `State.numbers`
         :raises ParameterError: as `advance`
         """
-        check_steps(dt, dt)
+        if not 0.0 <= dt <= LONGEST_STEP:
+            check_steps(dt, dt)
         out[0] = dt
         advance(self.memory, out)
 

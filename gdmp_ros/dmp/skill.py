@@ -36,6 +36,8 @@ class Skill(Primitive):
               connection: str = 'parallel', *, alpha_g: float = 8.0, tolerance: float = 1e-4,
               smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
               fit: str = 'output', end: str | None = None, align: bool = True,
+              demonstration_weights: Sequence[float] | None = None,
+              contexts: Sequence[Sequence[float]] | np.ndarray | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -62,9 +64,14 @@ class Skill(Primitive):
             ``fit='output'`` and ``moving`` with ``fit='forcing'``
         :param align: warp the time of several demonstrations, so that the same progress is the
             same moment of the motion (`gdmp_ros.learning.alignment`); with ``fit='output'`` only
+        :param demonstration_weights: how much each demonstration counts, above 0; alike by
+            default, whatever their numbers of samples; with ``fit='output'`` only
+        :param contexts: numbers that describe the situation of each demonstration, such as the
+            height of an object, shape ``(demonstrations, m)``, with ``fit='output'`` only; see
+            `Distribution.condition`
         :raises ParameterError: if a setting is out of range, or does not fit the others
-        :raises DataError: without demonstrations, if their manifolds differ, or if one lasts less
-            than 50 ms
+        :raises DataError: without demonstrations, if their manifolds differ, if one lasts less
+            than 50 ms, or if there are too few for their contexts
         :raises CutLocusError: if samples are so coarse that neighbours are opposite each other;
             with ``split=False``, if a demonstration meets the cut locus of its goal
 
@@ -73,7 +80,8 @@ class Skill(Primitive):
         # The one place where this room uses a higher one: see docs/design.md.
         from gdmp_ros.learning.fit import FitSettings, learn
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
-                               regularization, split, dict(provenance or {}), fit, end, align)
+                               regularization, split, dict(provenance or {}), fit, end, align,
+                               demonstration_weights, contexts)
         return cls.of(learn(demonstrations, n_basis, settings, tolerance))
 
     @property

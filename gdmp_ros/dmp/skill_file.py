@@ -41,7 +41,9 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'via': list(skill.via),
         'variation': None if skill.variation is None else {
             'factor': skill.variation.factor.tolist(),
-            'noise': skill.variation.noise.tolist()},
+            'noise': skill.variation.noise.tolist(), 'timing': skill.variation.timing,
+            'context_mean': skill.variation.context_mean.tolist(),
+            'context_scale': skill.variation.context_scale.tolist()},
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -137,7 +139,13 @@ def _variation(document: dict[str, Any]) -> Variation | None:
         return None
     if not isinstance(given, dict):
         raise DataError(f'variation: expected an object, got {given!r}')
-    return Variation(_numbers(given, 'factor', (None, None)), _numbers(given, 'noise', (None,)))
+    timing = _numbers({'timing': [given.get('timing', 0.0)]}, 'timing', (1,))
+    mean = _numbers({'context_mean': given.get('context_mean', [])}, 'context_mean', (None,))
+    scale = np.zeros((0, 0))
+    if len(mean):
+        scale = _numbers(given, 'context_scale', (len(mean), len(mean)))
+    return Variation(_numbers(given, 'factor', (None, None)), _numbers(given, 'noise', (None,)),
+                     float(timing[0]), mean, scale)
 
 
 def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:

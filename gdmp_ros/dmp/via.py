@@ -6,15 +6,12 @@ from dataclasses import replace
 import warnings
 
 import numpy as np
-from scipy.signal import lfilter
 
-from gdmp_ros.dmp.forcing import basis, design_matrix
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import GdmpWarning, ParameterError
 
-#: Samples of the response to a weight over a duration.
-_GRID = 2000
 #: Most corrections on a curved manifold; on a flat one the first is exact.
 _MAX_ITERATIONS = 20
 #: Via points that make the largest acceleration this many times larger are reported.
@@ -102,20 +99,16 @@ def _columns(skill: Primitive, factors: Sequence[str] | None) -> tuple[list[int]
 
 def _responses(skill: Primitive, moments: np.ndarray) -> np.ndarray:
     """Change of the weights for a unit displacement at each moment, shape (weights, moments)."""
-    count, rate = skill.n_basis, 0.5 * skill.gains.alpha_z
-    grid = np.linspace(0.0, 1.0, _GRID + 1)
-    forcing = np.empty((len(grid), count))
-    design_matrix(basis(count, skill.gains.alpha_x), skill.gains.alpha_x, grid, forcing)
-    # α_z = 4 β_z: both poles of the system lie at -α_z / 2.
-    decay = np.exp(-rate / _GRID)
-    once = lfilter([1.0 - decay], [1.0, -decay], forcing, axis=0)
-    answer = lfilter([1.0 - decay], [1.0, -decay], once, axis=0)
-    velocity = np.gradient(answer, grid, axis=0)
-    acceleration = np.gradient(velocity, grid, axis=0)
-    cost = acceleration.T @ acceleration / len(grid)
+    count, response = skill.n_basis, responses(skill.n_basis, skill.gains)
+    shown = response.progress <= 1.0
+    motion = response.motion[shown, 1:]
+    velocity = np.gradient(motion, response.progress[1], axis=0)
+    acceleration = np.gradient(velocity, response.progress[1], axis=0)
+    cost = acceleration.T @ acceleration / len(motion)
     cost[np.diag_indices(count)] += 1e-9 * np.trace(cost) / count
-    at = [np.array([np.interp(s, grid, column) for column in answer.T]) for s in moments]
-    rows = np.array([*at, velocity[-1] / rate])
+    _, at = response.at(moments)
+    # At the end velocity counts too; α_z = 4 β_z: both poles lie at -α_z / 2.
+    rows = np.vstack([at[:, 1:], velocity[-1] / (0.5 * skill.gains.alpha_z)])
     solved = np.linalg.solve(cost, rows.T)
     gain = np.linalg.lstsq(rows @ solved, np.eye(len(rows))[:, :len(moments)], rcond=1e-13)[0]
     return np.asarray(solved @ gain)

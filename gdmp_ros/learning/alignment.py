@@ -14,11 +14,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.development import Development, log_each
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import exp_rows, log_rows
+from gdmp_ros.manifolds.rows import exp_rows
 
 #: Grid of the warps.
 SAMPLES = 151
@@ -109,20 +109,11 @@ def mean_path(manifold: Manifold, points: np.ndarray, near: np.ndarray) -> np.nd
     """
     table, mean = manifold.factor_table, np.array(near)
     for _ in range(2):
-        tangents = np.mean([deviations(manifold, mean, path) for path in points], axis=0)
+        tangents = np.mean([log_each(manifold, mean, path)[0] for path in points], axis=0)
         moved = np.empty_like(mean)
         exp_rows(table, mean, tangents, moved, work_array(table))
         mean = moved
     return mean
-
-
-def deviations(manifold: Manifold, base: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Logarithm of each point at its base, as stored, shape ``(samples, tangent_size)``."""
-    table = manifold.factor_table
-    out = np.empty((len(base), manifold.tangent_size))
-    log_rows(table, np.ascontiguousarray(base), np.ascontiguousarray(points), out,
-             np.empty(len(base)), work_array(table))
-    return out
 
 
 def _at(take: Demonstration, progress: np.ndarray) -> np.ndarray:

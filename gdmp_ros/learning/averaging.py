@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.development import log_each
 from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.point_space import kernel_array
-from gdmp_ros.manifolds.rows import exp_rows, log_rows
+from gdmp_ros.manifolds.rows import exp_rows
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
@@ -34,9 +34,7 @@ def averaged(demonstration: Demonstration) -> Samples:
     manifold, groups = demonstration.manifold, count // size
     points = demonstration.flat_points[:groups * size]
     middles = np.repeat(points[size // 2::size], size, axis=0)
-    tangents, table = np.empty((len(points), manifold.tangent_size)), manifold.factor_table
-    log_rows(table, kernel_array(middles), kernel_array(points), tangents, np.empty(len(points)),
-             work_array(table))
+    tangents, table = log_each(manifold, middles, points)[0], manifold.factor_table
     mean, made = tangents.reshape(groups, size, -1).mean(axis=1), middles[::size].copy()
     exp_rows(table, middles[::size].copy(), mean, made, work_array(table))
     times = demonstration.times[:groups * size].reshape(groups, size).mean(axis=1)

@@ -30,6 +30,7 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
                               or isinstance(n_basis, bool)):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
     shown = prepared(demonstrations, settings.smoothing)
+    settings.contexts_of(len(shown))
     if settings.fit == 'output':
         return _fit_output(shown, n_basis, settings, tolerance)
     with_basis = fit_forcing(shown, settings)
@@ -45,7 +46,10 @@ def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSet
         shown = aligned(shown)
     fit = OutputFit(shown, settings)
     primitive = fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
-    return replace(primitive, variation=variation_of(primitive, shown) if several else None)
+    if not several:
+        return primitive
+    return replace(primitive, variation=variation_of(
+        primitive, shown, settings.weights(len(shown)), settings.contexts_of(len(shown))))
 
 
 def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tolerance: float,

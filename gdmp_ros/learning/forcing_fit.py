@@ -10,13 +10,12 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development, differentiate, published_derivatives
 from gdmp_ros.dmp.forcing import basis
-from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.primitive import frame_of, Primitive
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.learning.preparation import (
     blank_primitive,
     common_segments,
     FitSettings,
-    frame_of,
     own_segments,
 )
 from gdmp_ros.learning.regression import regress
@@ -37,7 +36,7 @@ def fit_forcing(shown: list[Demonstration], settings: FitSettings) -> Callable[[
     Source: [GDMP] eqs. (20), (21).
     """
     blank = blank_primitive(shown, [d.points[0] for d in shown], [d.points[-1] for d in shown],
-                            common_segments(shown, settings.split), settings)
+                            common_segments(shown, settings), settings)
     parts = [_invert(d, blank) for d in shown]
     s, forcing = (np.concatenate([p.s for p in parts]), np.vstack([p.forcing for p in parts]))
     blank = replace(blank, velocity=np.mean([p.velocity for p in parts], axis=0))

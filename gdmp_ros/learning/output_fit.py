@@ -18,7 +18,7 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.primitive import frame_of, Primitive
 from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
@@ -31,16 +31,12 @@ from gdmp_ros.learning.preparation import (
     check_tolerance,
     common_segments,
     FitSettings,
-    frame_of,
     own_segments,
     warn_tolerance,
 )
 from gdmp_ros.learning.published_fit import with_published
 from gdmp_ros.learning.ridge import regression, Ridge, Rows, solve
 from gdmp_ros.manifolds.euclidean import Euclidean
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.point_space import kernel_array
-from gdmp_ros.manifolds.rows import log_in_frame_rows
 
 #: The motion begins with a velocity if it is this many times its standard error.
 MOVING = 4.0
@@ -87,17 +83,19 @@ class OutputFit:
         samples = [averaged(d) for d in shown]
         self._shown, self._settings = shown, settings
         self._manifold = manifold = shown[0].manifold
-        segments = common_segments([one.demonstration for one in samples], settings.split)
-        self._blank = blank_primitive(shown, [one.point for one in starts],
-                                      [one.point for one in goals], segments,
-                                      replace(settings, connection='parallel'))
-        self._rows = Rows(tuple(one.progress for one in samples), settings.rests)
+        segments = common_segments([one.demonstration for one in samples], settings)
+        self._blank = replace(blank_primitive(
+            shown, [one.point for one in starts], [one.point for one in goals], segments,
+            settings), connection='parallel')
+        self._weights = settings.weights(len(shown))
+        self._rows = Rows(tuple(one.progress for one in samples), tuple(self._weights),
+                          settings.rests)
         self._moving = self._which_move(starts)
         self._shapes = [self._shape(k, samples[k], starts[k].point, goals[k].point)
                         for k in range(len(samples))]
         self._first = [manifold.log_in_frame(shape.frame, shape.targets[0].reshape(
             manifold.point_shape))[0] for shape in self._shapes]
-        self._goal = np.mean(self._first, axis=0)
+        self._goal = np.average(self._first, axis=0, weights=self._weights)
         self._wanted = np.vstack([self._rows.scale(k)[:, None] * self._linearised(k)
                                   for k in range(len(samples))])
 
@@ -115,10 +113,10 @@ class OutputFit:
             # The responses are exact, and the connections are the same.
             return replace(fitted, connection=self._settings.connection)
         predicted = _size(self._wanted - self._predicted(fitted))
-        fitted = self._refined(fitted)
+        fitted, residuals = self._refined(fitted)
         rows = math.sqrt(len(self._wanted))
         if self._settings.split:
-            check_curvature(_size(self._residuals(fitted)) / rows, predicted / rows,
+            check_curvature(_size(residuals) / rows, predicted / rows,
                             max(float(np.linalg.norm(shape.curve, axis=1).max())
                                 for shape in self._shapes))
         if self._settings.connection == 'parallel':
@@ -163,9 +161,9 @@ class OutputFit:
             first = demonstration.points[0]
             tangent = manifold.from_frame(manifold.frame(first), start.velocity)
             velocities.append(manifold.to_frame(frame_of(self._blank, first), tangent))
-        velocity = np.mean(velocities, axis=0)
-        error = np.sqrt(np.mean([one.velocity_error ** 2 for one in starts], axis=0)
-                        / len(starts))
+        shares = self._weights / len(starts)
+        velocity = shares @ np.array(velocities)
+        error = np.sqrt(shares ** 2 @ np.array([one.velocity_error ** 2 for one in starts]))
         return tuple(bool(np.linalg.norm(velocity[columns])
                           > MOVING * np.linalg.norm(error[columns]))
                      for columns in self._columns)
@@ -228,8 +226,8 @@ class OutputFit:
         matrix = regression(primitive.n_basis, self._settings.gains, self._rows, True).matrix
         return np.asarray(matrix @ np.vstack([primitive.velocity, primitive.weights]))
 
-    def _refined(self, primitive: Primitive) -> Primitive:
-        """Gauss-Newton steps with the real roll-out, while they improve it."""
+    def _refined(self, primitive: Primitive) -> tuple[Primitive, np.ndarray]:
+        """Gauss-Newton steps with the real roll-out, while they improve it; its residuals."""
         best, residuals = primitive, self._residuals(primitive)
         for _ in range(STEPS):
             before = _size(residuals)
@@ -240,7 +238,7 @@ class OutputFit:
             if not _size(after) < (1.0 - IMPROVEMENT) * before:
                 break
             best, residuals = step, after
-        return best
+        return best, residuals
 
     def _residuals(self, primitive: Primitive) -> np.ndarray:
         """
@@ -257,16 +255,12 @@ class OutputFit:
     def _deviations(self, primitive: Primitive) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         manifold = self._manifold
         primitive = replace(primitive, steps=COARSE)
-        table = manifold.factor_table
         for number, shape in enumerate(self._shapes):
             rollout = Rollout(primitive, start=shape.start, goal=shape.goal, duration=1.0)
             path = rollout.sample(shape.progress).points.reshape(len(shape.progress), -1)
             offset, _ = manifold.log_in_frame(shape.frame, path[0].reshape(manifold.point_shape))
-            frames = Development(manifold, path,
-                                 manifold.transport_frame(shape.frame, offset)).frames
-            away = np.empty((len(path), manifold.tangent_size))
-            log_in_frame_rows(table, frames, kernel_array(shape.points), away,
-                              np.empty(len(path)), work_array(table))
+            away = Development(manifold, path, manifold.transport_frame(
+                shape.frame, offset)).ways_to(shape.points)
             if 'held' in rollout.flags:
                 away[:] = np.inf
             yield self._rows.scale(number), away

@@ -12,7 +12,7 @@ import numpy as np
 from gdmp_ros.choices import ENDS, FITS
 from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.options import SHORTEST_DURATION
-from gdmp_ros.dmp.primitive import carry_frame, check_connection, Gains, MIN_STEPS, Primitive
+from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS, Primitive
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
@@ -34,6 +34,8 @@ class FitSettings:
     fit: str = 'output'
     end: str | None = None
     align: bool = True
+    demonstration_weights: Sequence[float] | None = None
+    contexts: Sequence[Sequence[float]] | np.ndarray | None = None
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
@@ -47,6 +49,11 @@ class FitSettings:
         if self.fit == 'forcing' and self.end == 'rest':
             raise ParameterError("end='rest' needs fit='output': fit='forcing' has no data after "
                                  'the end of the demonstration')
+        if self.fit == 'forcing' and self.demonstration_weights is not None:
+            raise ParameterError("demonstration_weights need fit='output': fit='forcing' counts "
+                                 'samples, as the paper does')
+        if self.fit == 'forcing' and self.contexts is not None:
+            raise ParameterError("contexts need fit='output': fit='forcing' has no distribution")
         if self.fit == 'output' and self.regularization > 0.0:
             warnings.warn("regularization is for fit='forcing' only, and ignored: fit='output' "
                           'chooses the smoothness by cross-validation', GdmpWarning, stacklevel=4)
@@ -55,6 +62,34 @@ class FitSettings:
     def rests(self) -> bool:
         """Whether the motion comes to rest at its goal."""
         return self.fit == 'output' and self.end != 'moving'
+
+    def weights(self, count: int) -> np.ndarray:
+        """
+        Weight of each of ``count`` demonstrations, 1 on average.
+
+        :raises ParameterError: unless there is a number above 0 for each
+        """
+        if self.demonstration_weights is None:
+            return np.ones(count)
+        given = np.array(self.demonstration_weights, dtype=np.float64)
+        if given.shape != (count,) or not (np.isfinite(given) & (given > 0.0)).all():
+            raise ParameterError(f'demonstration_weights are {given.tolist()}, expected {count} '
+                                 'numbers above 0, one for each demonstration')
+        return np.asarray(given / given.mean())
+
+    def contexts_of(self, count: int) -> np.ndarray:
+        """
+        Contexts of ``count`` demonstrations, shape ``(count, m)``; m is 0 without any.
+
+        :raises ParameterError: unless there are as many finite numbers for each
+        """
+        if self.contexts is None:
+            return np.empty((count, 0))
+        given = np.array(self.contexts, dtype=np.float64)
+        if given.ndim != 2 or len(given) != count or not np.isfinite(given).all():
+            raise ParameterError(f'contexts have shape {given.shape}, expected ({count}, any) '
+                                 'finite numbers, one row for each demonstration')
+        return given
 
 
 def prepared(demonstrations: Demonstration | Sequence[Demonstration],
@@ -89,24 +124,20 @@ def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals:
     :param goals: its goal
     :param segments: see `common_segments`
     """
-    manifold = shown[0].manifold
-    start = _mean(manifold, starts)
-    duration = float(np.mean([d.duration for d in shown]))
+    manifold, weights = shown[0].manifold, settings.weights(len(shown))
+    start = _mean(manifold, starts, weights)
+    duration = float(np.average([d.duration for d in shown], weights=weights))
     return Primitive(
         manifold=manifold, connection=settings.connection, gains=settings.gains, start=start,
-        goal=_mean(manifold, goals), frame=manifold.frame(start), duration=duration,
+        goal=_mean(manifold, goals, weights), frame=manifold.frame(start), duration=duration,
         velocity=np.zeros(manifold.tangent_size), weights=np.zeros((2, manifold.tangent_size)),
         steps=max(MIN_STEPS, math.ceil(duration / 1e-3 - 1e-6)),
         segments=segments, provenance=settings.provenance)
 
 
-def common_segments(shown: list[Demonstration], allowed: bool) -> Segments:
-    """
-    Where a motion is split at the cut locus; all demonstrations have the same segments.
-
-    :param allowed: False for one segment
-    """
-    if not allowed:
+def common_segments(shown: list[Demonstration], settings: FitSettings) -> Segments:
+    """Where a motion is split at the cut locus; all demonstrations have the same segments."""
+    if not settings.split:
         return Segments()
     manifold = shown[0].manifold
     distances, spacing = zip(*(cut_locus_distances(manifold, d.flat_points, d.flat_points[-1])
@@ -117,7 +148,9 @@ def common_segments(shown: list[Demonstration], allowed: bool) -> Segments:
         return Segments()
     ends = segment_ends(spacing, split)
     at = [_points_at(d, ends) for d in shown]
-    waypoints = [_mean(manifold, [points[k] for points in at]) for k in range(len(ends))]
+    weights = settings.weights(len(shown))
+    waypoints = [_mean(manifold, [points[k] for points in at], weights)
+                 for k in range(len(ends))]
     return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)
 
 
@@ -129,21 +162,16 @@ def own_segments(blank: Primitive, demonstration: Demonstration) -> Segments:
     return replace(blank.segments, waypoints=own.reshape(len(own), -1))
 
 
-def frame_of(blank: Primitive, start: np.ndarray) -> np.ndarray:
-    """The frame of a primitive, carried to the start of a demonstration."""
-    return carry_frame(blank.manifold, blank.frame, start)[0]
-
-
 def _points_at(demonstration: Demonstration, progress: np.ndarray) -> np.ndarray:
     return demonstration.at(demonstration.times[0] + progress * demonstration.duration)
 
 
-def _mean(manifold: Manifold, points: list[np.ndarray]) -> np.ndarray:
+def _mean(manifold: Manifold, points: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
     """Fréchet mean; points opposite each other have none."""
     if len(points) == 1:
         return points[0]
     try:
-        return manifold.mean([manifold.align(p, points[0]) for p in points])
+        return manifold.mean([manifold.align(p, points[0]) for p in points], weights)
     except CutLocusError as error:
         raise CutLocusError(f'the demonstrations differ too much to have a mean: {error}',
                             error.distance) from None

@@ -18,15 +18,13 @@ import numpy as np
 
 from gdmp_ros.dmp.development import Development, published_derivatives
 from gdmp_ros.dmp.forcing import basis
-from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.primitive import frame_of, Primitive
 from gdmp_ros.dmp.response import LAST
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError, GdmpWarning
 from gdmp_ros.learning.preparation import LARGEST_CURVATURE_ERROR
 from gdmp_ros.learning.regression import regress
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import log_in_frame_rows
 
 #: Samples of a motion per duration, and at least this many for each basis function.
 SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
@@ -64,7 +62,8 @@ def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarra
         try:
             candidate = _inverted(published, wanted, paths, s)
             made = [_path(candidate, one.start, one.goal, s) for one in wanted]
-            moves = [_moves(fitted, one, path) for one, path in zip(wanted, made)]
+            moves = [_unrolled(fitted, one, path).ways_to(one.points)
+                     for one, path in zip(wanted, made)]
         except CutLocusError:
             break
         error = float(sum((one ** 2).sum() for one in moves))
@@ -113,14 +112,4 @@ def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarra
 
 
 def _unrolled(primitive: Primitive, one: _Motion, path: np.ndarray) -> Development:
-    frame, _ = carry_frame(primitive.manifold, primitive.frame, one.start)
-    return Development(primitive.manifold, path, frame)
-
-
-def _moves(primitive: Primitive, one: _Motion, made: np.ndarray) -> np.ndarray:
-    """From the motion that was made to the one that is wanted, in frames along the former."""
-    table = primitive.manifold.factor_table
-    away = np.empty((len(made), primitive.manifold.tangent_size))
-    log_in_frame_rows(table, _unrolled(primitive, one, made).frames, one.points.copy(), away,
-                      np.empty(len(made)), work_array(table))
-    return away
+    return Development(primitive.manifold, path, frame_of(primitive, one.start))

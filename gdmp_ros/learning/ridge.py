@@ -26,11 +26,13 @@ class Rows:
     """
     Which rows the regression has.
 
-    :ivar progress: of the samples of each demonstration
+    :ivar progress: of the samples of each demonstration: first, last, how many
+    :ivar weights: of the demonstrations, 1 on average
     :ivar rests: whether samples at the goal follow
     """
 
     progress: tuple[tuple[float, float, int], ...]
+    weights: tuple[float, ...]
     rests: bool
 
     def of(self, number: int) -> np.ndarray:
@@ -46,12 +48,12 @@ class Rows:
         return math.ceil((LAST - 1.0) * self.progress[number][2]) if self.rests else 0
 
     def scale(self, number: int) -> np.ndarray:
-        """Square root of the weight of each row: every demonstration counts alike."""
+        """Square root of the weight of each row: the number of samples does not count."""
         mean = sum(count for _, _, count in self.progress) / len(self.progress)
         own = self.progress[number][2]
         weights = np.ones(own + self.holds(number))
         weights[own:] = HOLD_WEIGHT
-        return np.sqrt(weights * mean / own)
+        return np.sqrt(self.weights[number] * mean / own * weights)
 
 
 class Regression(NamedTuple):

@@ -9,10 +9,13 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.evaluation import mean_distance, reproduction_error
+from gdmp_ros.dmp.primitive import Gains
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.alignment import aligned
+from gdmp_ros.learning.output_fit import OutputFit
+from gdmp_ros.learning.preparation import FitSettings, prepared
 from gdmp_ros.learning.take_stiffness import AGREEMENT, covariances_of_takes
 
 #: Numbers of basis functions that are tried.
@@ -79,34 +82,31 @@ def basis_errors(demonstrations: Sequence[Demonstration],
 
     :param step: called after each of `COUNTS`
     """
-    result, several = [], len(demonstrations) > 1
+    result = []
+    # Aligned once, and as demonstrated up to the end.
     demonstrations = aligned(demonstrations)
-    finest = _learn(demonstrations, COUNTS[-1]).reproduce(_DT)
+    fit, left_out = _fit(demonstrations), []
+    if len(demonstrations) > 1:
+        left_out = [(one, _fit([*demonstrations[:i], *demonstrations[i + 1:]]))
+                    for i, one in enumerate(demonstrations)]
+    finest = fit(COUNTS[-1]).reproduce(_DT)
     manifold = demonstrations[0].manifold
     motion = Demonstration(finest.times, finest.points, manifold)
     for count in COUNTS:
-        skill = _learn(demonstrations, count)
+        skill = fit(count)
         training = reproduction_error(skill, demonstrations, _DT).mean()
         made = skill.reproduce(_DT).points.reshape(len(finest.times), -1)
         detail = mean_distance(manifold.factor_distances(motion.flat_points, made)) / motion.span()
-        unseen = float('nan')
-        if several:
-            unseen = float(np.mean([
-                _error_on(one, [*demonstrations[:i], *demonstrations[i + 1:]], count)
-                for i, one in enumerate(demonstrations)]))
-        result.append(BasisError(count, detail, float(training), float(unseen)))
+        unseen = [reproduction_error(other(count), one, _DT)[0] for one, other in left_out]
+        result.append(BasisError(count, detail, float(training),
+                                 float(np.mean(unseen)) if unseen else float('nan')))
         step()
     return result
 
 
-def _learn(shown: Sequence[Demonstration], count: int) -> Skill:
-    # Aligned once before, and as demonstrated up to the end.
-    return Skill.learn(shown, count, end='moving', align=False)
-
-
-def _error_on(unseen: Demonstration, shown: Sequence[Demonstration], count: int) -> float:
-    skill = _learn(shown, count)
-    return float(reproduction_error(skill, unseen, _DT)[0])
+def _fit(shown: Sequence[Demonstration]) -> Callable[[int], Skill]:
+    fit = OutputFit(prepared(shown, None), FitSettings(Gains(), 'parallel', end='moving'))
+    return lambda count: Skill.of(fit.primitive(count))
 
 
 def sufficient_basis(errors: Sequence[BasisError]) -> int:

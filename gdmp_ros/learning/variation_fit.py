@@ -14,36 +14,46 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.primitive import carry_frame, Gains, Primitive
+from gdmp_ros.dmp.primitive import change_of_frame, frame_of, Gains, Primitive
 from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.variation import Variation
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import log_in_frame_rows
+from gdmp_ros.errors import DataError
 
 #: Samples of a take.
 SAMPLES = 101
 #: Shortest wavelength of what varies, and correlation length of what is not known, in durations.
 WAVELENGTH, CORRELATION = 0.05, 0.1
+#: Largest condition of the correlations between the numbers of a context.
+LARGEST_CONDITION = 1e8
 #: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
 #: are left out.
 NEGLIGIBLE = 1e-3
 
 
-def variation_of(primitive: Primitive, takes: Sequence[Demonstration]) -> Variation:
+def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
+                 take_weights: np.ndarray, contexts: np.ndarray) -> Variation:
     """
     Compute the variation of at least two aligned takes.
 
     :param primitive: learned from them
+    :param take_weights: of the takes, 1 on average
+    :param contexts: of the takes, shape ``(takes, m)``; with m = 0 there are none
+    :raises DataError: if there are too few takes for the contexts, or a context does not vary
     """
     manifold, count = primitive.manifold, len(takes)
     progress = np.linspace(0.0, 1.0, SAMPLES)
     # The skill contains each take: without it the rest would be larger by this.
-    unseen = count / (count - 1.0)
-    ends = np.array([_ends(primitive, take) for take in takes])
-    ends = unseen * (ends - ends.mean(axis=0))
-    rest = unseen * np.array([_rest(primitive, take, progress) for take in takes])
+    unseen = count / (count - 1.0 - contexts.shape[1])
     smoother = _smoother(primitive.n_basis, primitive.gains, progress)
+    # Second moments are then weighted means.
+    roots = np.sqrt(take_weights)[:, None]
+    ends = np.array([_ends(primitive, take) for take in takes])
+    ends = roots * (ends - np.average(ends, axis=0, weights=take_weights))
+    rest = roots[:, None] * np.array([_rest(primitive, take, progress) for take in takes])
+    mean = np.average(contexts, axis=0, weights=take_weights)
+    explained = _Explained(roots * (contexts - mean), ends, rest)
+    ends, rest = (unseen * part for part in (explained.ends_left, explained.rest_left))
     weights = np.einsum('is,ksj->kij', smoother, rest)
     unexplained = rest - np.einsum('si,kij->ksj', _matrix(primitive, progress), weights)
     size = manifold.tangent_size
@@ -60,17 +70,57 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration]) -> Variat
     units = _units(primitive, ends, rest)
     scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
     factor = (_compressed(np.vstack(parts) * scales) / scales).T
+    factor = np.hstack([factor, explained.columns(smoother)])
     # Coordinates on a sphere have a normal component, in which nothing varies.
-    tangent = np.array([manifold.to_frame(primitive.frame, manifold.from_frame(
-        primitive.frame, unit)) for unit in np.eye(size)]).T
+    tangent = change_of_frame(manifold, primitive.frame, primitive.frame)
     blocks = factor.reshape(-1, size, factor.shape[1])
-    return Variation(np.einsum('ij,kjr->kir', tangent, blocks).reshape(factor.shape), noise)
+    return Variation(np.einsum('ij,kjr->kir', tangent, blocks).reshape(factor.shape), noise,
+                     _timing(takes, take_weights), mean, explained.scale)
+
+
+class _Explained:
+    """What the contexts of takes explain of their starts, goals and motions, linearly."""
+
+    def __init__(self, contexts: np.ndarray, ends: np.ndarray, rest: np.ndarray):
+        """:param contexts: of zero mean"""
+        count, size = contexts.shape
+        if size and count < size + 3:
+            raise DataError(f'{count} takes, expected at least {size + 3} for contexts of {size} '
+                            'numbers')
+        self.scale = np.zeros((size, size))
+        if size:
+            covariance = contexts.T @ contexts / (count - 1.0)
+            spread = np.sqrt(np.diag(covariance))
+            if not (spread > 0.0).all() or np.linalg.cond(
+                    covariance / np.outer(spread, spread)) > LARGEST_CONDITION:
+                raise DataError('contexts: a number does not vary between the takes, or follows '
+                                'from the others')
+            self.scale = np.linalg.cholesky(covariance)
+        flat = rest.reshape(count, -1)
+        regression = np.linalg.pinv(contexts)
+        self._of_ends, of_rest = regression @ ends, regression @ flat
+        self.ends_left = ends - contexts @ self._of_ends
+        self.rest_left = (flat - contexts @ of_rest).reshape(rest.shape)
+        self._of_rest = of_rest.reshape(size, *rest.shape[1:])
+
+    def columns(self, smoother: np.ndarray) -> np.ndarray:
+        """Columns of the factor: start, goal and weights for a standard deviation."""
+        weights = np.einsum('is,msj->mij', smoother, self._of_rest)
+        flat = weights.reshape(len(weights), weights.shape[1] * weights.shape[2])
+        both = np.hstack([self._of_ends, flat])
+        return np.asarray(both.T @ self.scale)
+
+
+def _timing(takes: Sequence[Demonstration], take_weights: np.ndarray) -> float:
+    lengths = np.log([take.duration for take in takes])
+    away = lengths - np.average(lengths, weights=take_weights)
+    return float(np.sqrt(take_weights @ away ** 2 / (len(takes) - 1.0)))
 
 
 def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
     """Shift of start and goal."""
     manifold = primitive.manifold
-    goal_frame = carry_frame(manifold, primitive.frame, primitive.goal)[0]
+    goal_frame = frame_of(primitive, primitive.goal)
     return np.concatenate([
         manifold.log_in_frame(frame, manifold.align(point, near))[0] for frame, point, near in (
             (primitive.frame, take.points[0], primitive.start),
@@ -83,12 +133,9 @@ def _rest(primitive: Primitive, take: Demonstration, progress: np.ndarray) -> np
     start = manifold.align(take.points[0], primitive.start)
     rollout = Rollout(primitive, start=start, goal=take.points[-1], duration=1.0)
     path = rollout.sample(progress).points.reshape(len(progress), -1)
-    frames = Development(manifold, path, carry_frame(manifold, primitive.frame, start)[0]).frames
     shown = take.aligned(start).at(take.times[0] + progress * take.duration)
-    away, table = np.empty((len(path), manifold.tangent_size)), manifold.factor_table
-    log_in_frame_rows(table, frames, shown.reshape(len(progress), -1).copy(), away,
-                      np.empty(len(path)), work_array(table))
-    return away
+    return Development(manifold, path, frame_of(primitive, start)).ways_to(
+        shown.reshape(len(progress), -1))
 
 
 def _matrix(primitive: Primitive, progress: np.ndarray) -> np.ndarray:

@@ -122,6 +122,18 @@ def rotation_between(start, end, out):
     out[0], out[1], out[2] = scale * x, scale * y, scale * z
 
 
+@kernel
+def pose_distance(first, second):
+    """Distance [m] and angle [rad] between two poses (x, y, z, qw, qx, qy, qz)."""
+    rotation = np.empty(3)
+    rotation_between(first[3:7], second[3:7], rotation)
+    distance, angle = 0.0, 0.0
+    for i in range(3):
+        distance += (second[i] - first[i]) ** 2
+        angle += rotation[i] ** 2
+    return math.sqrt(distance), math.sqrt(angle)
+
+
 def rotation_angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     Angles between orientations, row by row; q and -q count as the same [rad].

@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import predicted_poses
+from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.tool_skill import PlayerSettings
 
 _DT = 1e-3  # s
@@ -35,3 +37,10 @@ def rehearse(skill: Skill, settings: PlayerSettings) -> None:
     player.start(skill.start[:7])
     player.stop()
     player.tick(_DT)
+    player.hold(skill.start[:7])
+    player.start(skill.goal[:7].copy())  # by way of the robot
+    bounds = StreamBounds(StreamSettings())
+    for _ in range(2):
+        target = player.tick(_DT)
+        if target is not None:
+            bounds.apply(target, _DT)

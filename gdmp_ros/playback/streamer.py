@@ -3,52 +3,32 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 import threading
 import time
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
+from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.realtime.shared_loop import Member
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.util.settings import setting
 
 NS = 1_000_000_000
-#: Ticks between two readings of the measured pose, for motions that need it.
-READ_EVERY = 20
+#: Ticks between two readings of the measured pose.
+READ_EVERY = 50
 #: Reads the measured pose: (x, y, z, qw, qx, qy, qz) and its age [s]; None if there is no new one.
 PoseSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
-
-
-@dataclass(frozen=True)
-class StreamSettings:
-    """Where motions may start, and where goals may be."""
-
-    start_from: str = setting(
-        'measured', "where motions start: at the measured pose, or at the skill's own start",
-        choices=('measured', 'skill'))
-    measured_pose_age: float = setting(
-        0.5, 'oldest measured pose from which a motion may start', 's', 0.01, 10.0)
-    workspace_min: tuple[float, float, float] = setting(
-        (-0.2, -0.8, 0.02), 'lowest goal position accepted', 'm', -10.0, 10.0)
-    workspace_max: tuple[float, float, float] = setting(
-        (0.8, 0.8, 1.1), 'highest goal position accepted', 'm', -10.0, 10.0)
-
-    def __post_init__(self) -> None:
-        """:raises ParameterError: if the workspace is empty"""
-        for axis, low, high in zip('xyz', self.workspace_min, self.workspace_max):
-            if low >= high:
-                raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
-                                     f'workspace_max {axis}, {high:g} m')
 
 
 class Streamer:
@@ -58,21 +38,29 @@ class Streamer:
     One thread calls `tick`; the other methods may be called from any thread.
 
     :ivar player: None before there is a skill
+    :ivar robot: what is known of the robot
+    :ivar bounds: of speed and acceleration
     :ivar active: whether ticks are made
     :ivar member: the task in the real-time loop; None with simulated time
     :ivar ticks: number of calls of `tick`
+    :ivar time: that the motions have had, without jumps [s]
     :ivar time_jumps: [s], not reported yet
     """
 
     def __init__(self, period_ns: int, read_pose: PoseSource, measured_from: str,
-                 settings: StreamSettings, player_settings: PlayerSettings):
+                 settings: StreamSettings, player_settings: PlayerSettings,
+                 robot_settings: RobotSettings | None = None,
+                 reach: Callable[[np.ndarray], str] = lambda _: ''):
         """
         Prepare to stream.
 
         :param read_pose: called when the measured pose is needed, by any thread
         :param measured_from: source of the measured pose, for messages
+        :param reach: why the robot cannot reach a pose; empty if it can
         """
         self.settings = settings
+        self.bounds = StreamBounds(settings)
+        self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
         self.skill_name = ''
         self.refusals = Refusals()
@@ -82,17 +70,26 @@ class Streamer:
         self.time_jumps: deque[float] = deque(maxlen=10)
         self._player_settings = player_settings
         self._read_pose, self._measured_from = read_pose, measured_from
+        self._reach = reach
         self._reading = threading.Lock()
         self._measured: tuple[np.ndarray, float] | None = None
         self._used: tuple[np.ndarray, float] | None = None
-        self._last_tick = self.ticks = 0
+        self._last_tick, self.ticks, self.time = 0, 0, 0.0
         self._tracker = GoalTracker()
 
-    def configure(self, settings: StreamSettings, player_settings: PlayerSettings) -> None:
+    def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
+                  robot_settings: RobotSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
         self.settings, self._player_settings = settings, player_settings
+        self.robot.settings = robot_settings
+        self.bounds.configure(settings)
         if self.player is not None:
             self.player.configure(player_settings)
+
+    @property
+    def mode(self) -> StreamMode:
+        """What the stream of references says of itself."""
+        return StreamMode.HOLDING if self.player is None else self.player.mode
 
     def use(self, skill: Skill, name: str) -> None:
         """
@@ -142,8 +139,13 @@ class Streamer:
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)
+        measured = self._start_pose()
+        problem = self._reach(player.tool.skill.goal[:7] if goal_pose is None else goal_pose)
+        if problem:
+            raise ParameterError(f'the goal cannot be reached: {problem}')
         self._tracker.reset()
-        return player.start(self._start_pose(), goal_pose, factor, duration, tolerances)
+        self.robot.begin()
+        return player.start(measured, goal_pose, factor, duration, tolerances)
 
     def switch_goal_pose(self, pose: np.ndarray, age: float = 0.0) -> None:
         """
@@ -194,7 +196,7 @@ class Streamer:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
         measured = self._measured
         if measured is not None and _age(measured) <= self.settings.measured_pose_age:
-            return True  # without reading a newer one
+            return True
         try:
             self._start_pose()
         except ParameterError:
@@ -202,7 +204,12 @@ class Streamer:
         return True
 
     def activate(self, period_ns: int) -> None:
-        """Begin to tick."""
+        """Begin to tick; what was held before is forgotten: the robot may be elsewhere now."""
+        if self.player is not None:
+            self.player.forget()
+        self._measured = self._used = None
+        self.robot.reset()
+        self.bounds.reset()
         self.lateness = LatenessRecorder(period_ns)
         self._last_tick = 0
         self.active = True
@@ -230,6 +237,7 @@ class Streamer:
         if not 0.0 <= dt <= longest_s:
             self.time_jumps.append(dt)
             dt = 0.0
+        self.time += dt
         player = self.player
         if player is None:
             return None
@@ -238,20 +246,22 @@ class Streamer:
             ended = self._tracker.expired(now_ns / NS)
             if ended is not None:
                 player.goal_pose(ended.pose)
-        return player.tick(dt)
+        target = player.tick(dt)
+        return None if target is None else self.bounds.apply(target, dt)
 
     def _use_pose(self, player: Player) -> None:
-        """Let the player use the measured pose, if it needs it."""
-        idle = player.target is None and player.status is Status.IDLE
-        if not idle and not player.stops_phase:
-            return
-        measured = self._newest_pose()
+        """Let the player and the watch use the measured pose."""
+        measured, reference = self._newest_pose(), player.target
+        known = measured is not None and _age(measured) <= self.settings.measured_pose_age
+        if reference is not None:
+            self.robot.update(self.time, measured[0] if measured is not None and known else None,
+                              reference, player.status is Status.MOVING)
         if measured is None or measured is self._used:
             return
         self._used = measured
-        if idle:
+        if reference is None and player.status is Status.IDLE:
             player.hold(measured[0])
-        else:
+        elif player.stops_phase:
             player.observe(measured[0])
 
     def _newest_pose(self) -> tuple[np.ndarray, float] | None:
@@ -274,9 +284,8 @@ class Streamer:
             return None
         measured = self._newest_pose()
         if measured is None:
-            raise ParameterError(f'no measured pose has arrived on {self._measured_from}: the '
-                                 "robot's pose is not known (with start_from: skill a motion "
-                                 "starts at the skill's own start)")
+            raise ParameterError(f'no measured pose has arrived on {self._measured_from} (with '
+                                 'start_from: skill none is needed)')
         age = _age(measured)
         if age > self.settings.measured_pose_age:
             raise ParameterError(f'the last measured pose on {self._measured_from} is {age:.2f} s '
@@ -285,5 +294,4 @@ class Streamer:
 
 
 def _age(measured: tuple[np.ndarray, float]) -> float:
-    """Time since a pose arrived [s]."""
-    return time.monotonic() - measured[1]
+    return time.monotonic() - measured[1]  # s since it arrived

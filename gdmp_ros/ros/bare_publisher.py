@@ -20,8 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
 from gdmp_ros.ros.lifecycle import DEEP, reliable
-from gdmp_ros.ros.messages import fill_reference, SerializedTemplate
+from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.polling import PolledGroup, take
+from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.util.signals import stop_event
 
 TOPIC = '/bare_publisher/reference'

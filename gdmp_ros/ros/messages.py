@@ -1,40 +1,40 @@
-"""
-Messages as numbers, and templates of serialised messages.
-
-Serialising a Python message takes 20 µs or more; writing stamp and numbers into a serialised one
-takes 2 µs. Their positions are found by serialising a message with known marks.
-"""
+"""Messages as numbers, and numbers as messages."""
 from __future__ import annotations
 
-from collections.abc import Callable
-import math
-import struct
-from typing import Any, TypeAlias
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from gdmp_msgs.msg import Reference, RobotState
-from geometry_msgs.msg import Pose, PoseStamped
+from gdmp_msgs.msg import Reference, RobotState, Tube
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance
 from nav_msgs.msg import Path
 import numpy as np
-from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from gdmp_ros.control.controller import Tick
-from gdmp_ros.control.guard import QUATERNION_TOLERANCE
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TARGET_SIZE, TWIST
+from gdmp_ros.control.reference_check import Origin, QUATERNION_TOLERANCE
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    POSE,
+    STIFFNESS,
+    TARGET_SIZE,
+    TWIST,
+    whole_target,
+    WRENCH,
+    WRENCH_GAIN,
+)
+from gdmp_ros.control.tick import Tick
 from gdmp_ros.data import message_numbers
-from gdmp_ros.errors import DataError, ManifoldError
+from gdmp_ros.errors import ManifoldError
 from gdmp_ros.realtime.statistics import Punctuality
 
 NS = 1_000_000_000
-#: Serialised data; the name ``bytes`` is a method below.
-Buffer: TypeAlias = bytes
-_HEADER = 4  # bytes of CDR encapsulation; alignment is relative to its end
-_MARK = 1e-200
+#: Limits in ``RobotState.limited``; the others are in ``limited_more``.
+STATE_LIMITS = 15
 #: Numbers of a robot state before those of its joints.
-ROBOT_STATE_FIXED = 93 + len(LIMITS)
+ROBOT_STATE_FIXED = 99 + 32
+_UNUSED = np.zeros(ROBOT_STATE_FIXED - 99 - len(LIMITS))
 
 
 def pose_numbers(pose: Pose) -> np.ndarray:
@@ -58,6 +58,15 @@ def stamp_of(ns: int) -> Time:
     return Time(sec=ns // NS, nanosec=ns % NS)
 
 
+def origin_of(message: Reference, age: float) -> Origin:
+    """
+    Where a reference comes from.
+
+    :param age: present time minus its stamp [s]
+    """
+    return Origin(message.header.frame_id, age, message.sequence, message.mode)
+
+
 def reference_target(message: Reference) -> np.ndarray:
     """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
     target = np.empty(TARGET_SIZE)
@@ -66,27 +75,33 @@ def reference_target(message: Reference) -> np.ndarray:
                                                                 message.twist.angular)
     target[ACCELERATION:STIFFNESS] = message_numbers.vector_numbers(message.acceleration.linear,
                                                                     message.acceleration.angular)
-    target[STIFFNESS:-1] = message.stiffness
-    target[-1] = message.damping_ratio
+    target[STIFFNESS:DAMPING_RATIO] = message.stiffness
+    target[DAMPING_RATIO] = message.damping_ratio
+    target[WRENCH:WRENCH_GAIN] = message_numbers.vector_numbers(message.wrench.force,
+                                                                message.wrench.torque)
+    target[WRENCH_GAIN:] = message.wrench_gain
     return target
 
 
 def fill_reference(message: Reference, numbers: np.ndarray) -> None:
-    """Write `TARGET_SIZE` numbers to a reference (the inverse of `reference_target`)."""
+    """Write the numbers of a target to a reference (the inverse of `reference_target`)."""
+    numbers = whole_target(numbers)
     set_pose(message.pose, numbers[POSE:])
     set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])
     set_vectors(message.acceleration.linear, message.acceleration.angular,
                 numbers[ACCELERATION:ACCELERATION + 6])
-    message.stiffness = numbers[STIFFNESS:-1]
-    message.damping_ratio = float(numbers[-1])
+    message.stiffness = numbers[STIFFNESS:DAMPING_RATIO]
+    message.damping_ratio = float(numbers[DAMPING_RATIO])
+    set_vectors(message.wrench.force, message.wrench.torque, numbers[WRENCH:WRENCH_GAIN])
+    message.wrench_gain = numbers[WRENCH_GAIN:]
 
 
 def robot_state_numbers(tick: Tick) -> np.ndarray:
     """Numbers of a tick as `fill_robot_state` takes them."""
     measured = tick.measurement
     return np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness, tick.requested,
-                           [tick.spring, tick.tank], tick.violation, measured.position,
-                           measured.velocity, tick.torque])
+                           [tick.spring, tick.tank], tick.commanded, tick.violation, _UNUSED,
+                           measured.position, measured.velocity, tick.torque])
 
 
 def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
@@ -96,7 +111,9 @@ def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
     set_vectors(message.wrench.force, message.wrench.torque, numbers[13:19])
     message.stiffness, message.requested_stiffness = numbers[19:55], numbers[55:91]
     message.spring_energy, message.tank_energy = float(numbers[91]), float(numbers[92])
-    message.limited = numbers[93:ROBOT_STATE_FIXED]
+    set_vectors(message.commanded_wrench.force, message.commanded_wrench.torque, numbers[93:99])
+    message.limited = numbers[99:99 + STATE_LIMITS]
+    message.limited_more = numbers[99 + STATE_LIMITS:ROBOT_STATE_FIXED]
     joints = numbers[ROBOT_STATE_FIXED:].reshape(3, -1)
     message.position, message.velocity, message.torque = (list(row) for row in joints)
 
@@ -124,6 +141,17 @@ def path_message(poses: np.ndarray, frame: str, stamp: Time) -> Path:
     result.header.frame_id, result.header.stamp = frame, stamp
     for numbers in poses:
         one = PoseStamped(header=result.header)
+        set_pose(one.pose, numbers)
+        result.poses.append(one)
+    return result
+
+
+def tube_message(poses: np.ndarray, covariances: np.ndarray, frame: str, stamp: Time) -> Tube:
+    """Poses as in `path_message`, with covariances, shape ``(T, 6, 6)``."""
+    result = Tube()
+    result.header.frame_id, result.header.stamp = frame, stamp
+    for numbers, covariance in zip(poses, covariances):
+        one = PoseWithCovariance(covariance=covariance.reshape(-1))
         set_pose(one.pose, numbers)
         result.poses.append(one)
     return result
@@ -161,107 +189,3 @@ def lateness_diagnostics(node: str, level: bytes, message: str, figures: Punctua
     result = DiagnosticArray(status=[status])
     result.header.stamp = stamp
     return result
-
-
-def deserialized(data: Buffer, kind: Any) -> Any:
-    """
-    Read a serialised message.
-
-    :raises DataError: if it is not one of this type
-    """
-    try:
-        return deserialize_message(data, kind)
-    except RuntimeError as error:
-        raise DataError(f'not a {kind.__name__}: {error}') from None
-
-
-class PoseReader:
-    """
-    Reads serialised PoseStamped messages of one frame.
-
-    It takes a tenth of the time of `checked_pose` with deserialisation.
-    """
-
-    def __init__(self, frame: str):
-        """:param frame: ``frame_id`` that the poses must have"""
-        self._frame = frame
-        message = PoseStamped()
-        message.header.frame_id = frame
-        data = serialize_message(message)
-        self._size, self._numbers = len(data), len(data) - 7 * 8
-        # Encapsulation; behind the stamp the string of the frame.
-        self._begin, self._string = data[:_HEADER], data[_HEADER + 8:_HEADER + 12 + len(frame)]
-
-    def read(self, data: Buffer) -> np.ndarray:
-        """
-        (x, y, z, qw, qx, qy, qz), normalised.
-
-        :raises GdmpError: as `checked_pose` and `deserialized`
-        """
-        if (len(data) >= self._size and data[:_HEADER] == self._begin
-                and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
-            x, y, z, qx, qy, qz, qw = struct.unpack_from('<7d', data, self._numbers)
-            norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-            if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
-                return np.array([x, y, z, qw / norm, qx / norm, qy / norm, qz / norm])
-        # Names the reason.
-        return checked_pose(deserialized(data, PoseStamped), self._frame)
-
-
-class SerializedTemplate:
-    """A serialised message in which stamp, sequence number and numbers are replaced."""
-
-    def __init__(self, message: Any, count: int, fill: Callable[[Any, np.ndarray], None]):
-        """
-        Find the positions of stamp and numbers.
-
-        :param message: with its strings (frame); they cannot change later
-        :param count: number of numbers
-        :param fill: writes the numbers to the message
-        """
-        marks = _MARK * (1.0 + np.arange(count))
-        fill(message, marks)
-        self._stamped = hasattr(message, 'header')
-        sequenced = hasattr(message, 'sequence')
-        if sequenced:
-            message.sequence = 0x1122334455667788
-        data = bytearray(serialize_message(message))
-        data += b'\0' * (-(len(data) - _HEADER) % 8)
-        self._size = len(serialize_message(message))
-        self._data = data
-        self._doubles = np.frombuffer(data, dtype='<f8', offset=_HEADER)
-        self._integers = np.frombuffer(data, dtype='<u8', offset=_HEADER)
-        self._positions = np.array([_find(self._doubles, mark) for mark in marks])
-        self._sequence = (_find(self._integers, np.uint64(0x1122334455667788)) if sequenced
-                          else -1)
-
-    def bytes(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> bytes:
-        """Serialised message with these values."""
-        if self._stamped:
-            struct.pack_into('<iI', self._data, _HEADER, stamp_ns // NS, stamp_ns % NS)
-        self._doubles[self._positions] = numbers
-        if self._sequence >= 0:
-            self._integers[self._sequence] = sequence
-        return bytes(memoryview(self._data)[:self._size])
-
-    def sequence_of(self, data: Buffer) -> int:
-        """Sequence number of a serialised message with these strings."""
-        return int(struct.unpack_from('<Q', data, _HEADER + 8 * self._sequence)[0])
-
-    def numbers_of(self, data: Buffer) -> np.ndarray:
-        """Numbers of a serialised message with these strings."""
-        count = (len(data) - _HEADER) // 8
-        return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._positions])
-
-
-def stamp_ns_of(data: Buffer) -> int:
-    """Stamp of a serialised message that begins with a header [ns]."""
-    seconds, ns = struct.unpack_from('<iI', data, _HEADER)
-    return int(seconds) * NS + int(ns)
-
-
-def _find(values: np.ndarray, mark: Any) -> int:
-    found = np.flatnonzero(values == mark)
-    if len(found) != 1:
-        raise RuntimeError(f'unknown serialisation: a mark was found {len(found)} times')
-    return int(found[0])

@@ -36,6 +36,7 @@ class Spec:
     :ivar changes: when a change takes effect: with the next ``configure`` (until then it is
         refused), ``live``, or with the next ``motion``
     :ivar formerly: older name, still accepted
+    :ivar each: whether an array may have one entry for all, or one for each joint
     """
 
     name: str
@@ -47,6 +48,7 @@ class Spec:
     choices: tuple[str, ...] = ()
     changes: str = 'configure'
     formerly: str = ''
+    each: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Descriptor for ``ros2 param describe``."""
@@ -77,7 +79,8 @@ class Spec:
                 unit = f' {self.unit}' if self.unit else ''
                 return (f'{self.name} is {number!r}{unit}, expected {self.low:g} to '
                         f'{self.high:g}{unit}')
-        if hasattr(self.default, '__len__') and len(values) != len(self.default):
+        if hasattr(self.default, '__len__') and not self.each and (
+                len(values) != len(self.default)):
             return f'{self.name} has {len(values)} entries, expected {len(self.default)}'
         return None
 
@@ -97,7 +100,7 @@ def specs_of(settings_class: type, changes: str = 'live', names: Mapping[str, st
     return tuple(
         Spec(names.get(field, field), list(default) if isinstance(default, tuple) else default,
              known.description, known.unit, known.low, known.high, known.choices,
-             'configure' if field in fixed else changes, formerly.get(field, ''))
+             'configure' if field in fixed else changes, formerly.get(field, ''), known.each)
         for field, (default, known) in about(settings_class).items())
 
 
@@ -126,10 +129,12 @@ class Parameters:
     :ivar locked: whether the node is configured
     """
 
-    def __init__(self, node: Node, specs: Sequence[Spec]):
+    def __init__(self, node: Node, specs: Sequence[Spec],
+                 retired: Mapping[str, tuple[str, str]] | None = None):
         """
         Declare all of them.
 
+        :param retired: parameters with another unit now: name and what to set instead
         :raises ParameterError: if a value at start-up is out of range
         """
         self.check: Callable[[Any], object] = lambda _: None
@@ -138,6 +143,10 @@ class Parameters:
         self._node = node
         self._specs = {spec.name: spec for spec in specs}
         self._newer = {spec.formerly: spec.name for spec in specs if spec.formerly}
+        self._retired, self._refused = dict(retired or {}), ''
+        for name, (_, reason) in self._retired.items():
+            if self._given(name) is not None:
+                raise ParameterError(reason)
         for spec in specs:
             problem = spec.problem(self._declared(spec))
             if problem:
@@ -163,9 +172,7 @@ class Parameters:
         """Value given at start-up under the older name, otherwise the default."""
         if not spec.formerly:
             return spec.default
-        given = self._node.declare_parameter(spec.formerly, None,
-                                             ParameterDescriptor(dynamic_typing=True)).value
-        self._node.undeclare_parameter(spec.formerly)
+        given = self._given(spec.formerly)
         if given is None:
             return spec.default
         self._warn_of_name(spec.formerly)
@@ -176,18 +183,35 @@ class Parameters:
                                  f'{type(spec.default).__name__}')
         return value
 
+    def _given(self, name: str) -> Any:
+        """Value given at start-up for a name that is no parameter; None without one."""
+        given = self._node.declare_parameter(name, None,
+                                             ParameterDescriptor(dynamic_typing=True)).value
+        self._node.undeclare_parameter(name)
+        return given
+
     def _warn_of_name(self, name: str) -> None:
         self._node.get_logger().warning(
             f'the parameter {name} is now called {self._newer[name]}')
 
     def _rename(self, changes: list[Parameter]) -> list[Parameter]:
+        result, self._refused = [], ''
         for change in changes:
             if change.name in self._newer:
                 self._warn_of_name(change.name)
-        return [Parameter(self._newer.get(change.name, change.name), change.type_, change.value)
-                for change in changes]
+            if change.name in self._retired:
+                # Only the check that follows can refuse; what it gets is the present value.
+                newer, self._refused = self._retired[change.name]
+                result.append(self._node.get_parameter(newer))
+            else:
+                result.append(Parameter(self._newer.get(change.name, change.name), change.type_,
+                                        change.value))
+        return result
 
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        refused, self._refused = self._refused, ''
+        if refused:
+            return SetParametersResult(successful=False, reason=refused)
         for change in changes:
             spec = self._specs.get(change.name)
             if spec is None:

@@ -8,12 +8,8 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import (
-    fill_matrix,
-    fill_pose_stamped,
-    matrix_message,
-    SerializedTemplate,
-)
+from gdmp_ros.ros.messages import fill_matrix, fill_pose_stamped, matrix_message
+from gdmp_ros.ros.serialized import SerializedTemplate
 
 #: Ticks between two checks for subscribers.
 CHECK_EVERY = 100
@@ -21,7 +17,7 @@ CHECK_EVERY = 100
 
 class Stream:
     """
-    Messages that differ in numbers, stamp and sequence number only.
+    Messages that differ in numbers, stamp and integers only (`SerializedTemplate.bytes`).
 
     :ivar has_subscribers: result of the last `check`; without subscribers nothing need be
         published, because the topics are volatile
@@ -35,10 +31,10 @@ class Stream:
         """Find out whether there are subscribers."""
         self.has_subscribers = self._publisher.get_subscription_count() > 0
 
-    def publish(self, numbers: np.ndarray, stamp_ns: int = 0, sequence: int = 0) -> None:
+    def publish(self, numbers: np.ndarray, stamp_ns: int = 0, *integers: int) -> None:
         """Publish; only useful if it `has_subscribers`."""
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
-        self._publisher.handle.publish_raw(self._template.bytes(numbers, stamp_ns, sequence))
+        self._publisher.handle.publish_raw(self._template.bytes(numbers, stamp_ns, *integers))
 
 
 def check_subscribers(*streams: Stream) -> None:

@@ -126,9 +126,12 @@ class NodeTestbed:
 
     def wait_progress(self, value: float) -> None:
         """Wait until a motion has reached a progress."""
-        self.client.wait(f'{value:.0%} of the motion',
-                         lambda: self.state.status == 'moving' and self.state.progress >= value,
-                         60.0)
+        self.client.state = None  # it may be of the motion before
+
+        def reached() -> bool:
+            state = self.client.state
+            return state is not None and state.status == 'moving' and state.progress >= value
+        self.client.wait(f'{value:.0%} of the motion', reached, 60.0)
 
     def wait_log(self, name: str, text: str, timeout: float) -> None:
         """

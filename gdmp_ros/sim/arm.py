@@ -10,9 +10,15 @@ import numpy as np
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
+from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import load, make_torque_controlled
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.plant import Actuation, change, PlantSettings
+from gdmp_ros.sim.tool import Mount, ToolTransform
 
 PANDA = Path(__file__).parent / 'models' / 'panda.xml'
+#: Speed limit of the joints of a model without one [rad/s].
+JOINT_SPEED = 2.175
 #: Warnings after which MuJoCo resets its state or ignores the torques.
 _BROKEN = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -23,7 +29,7 @@ class Arm:
     """One arm; `step` advances it by one period under joint torques."""
 
     def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
-                 hand: bool = True):
+                 hand: bool = True, plant: PlantSettings | None = None):
         """
         Load a model.
 
@@ -31,37 +37,36 @@ class Arm:
             construction; the built-in Panda by default
         :param tool: name of the site that is controlled
         :param hand: False removes the body ``hand`` with the tool from the model
+        :param plant: how the simulated robot, `model`, differs from the model with which it is
+            controlled
         :raises DataError: if the file cannot be loaded, or has no such site or no motors
         """
         source: Any = path or PANDA
-        try:
-            spec = source if isinstance(source, mujoco.MjSpec) else load(str(source))
-            if not hand:
-                spec.delete(spec.body('hand'))
-            if spec.site(tool) is not None:
-                make_torque_controlled(spec, tool)
-            self.model = spec.compile()
-        except DataError:
-            raise
-        except (ValueError, OSError, mujoco.FatalError) as error:
-            raise DataError(f'{source}: cannot load the model: {error}') from None
+        known, site = _compiled(source, tool, hand)
+        self._plant = plant or PlantSettings()
+        self.model, self._site = known, site
+        if plant is not None:
+            self.model, self._site = _compiled(plant.model or source, tool, hand)
+            if self.model.nv != known.nv:
+                raise DataError(f'{plant.model}: the robot has {self.model.nv} joints, its model '
+                                f'{known.nv}')
+            change(self.model, self._site, plant)
+        self._random = np.random.default_rng(0)
+        self._body = int(self.model.site_bodyid[self._site])
+        self._mount = Mount(self.model, self._site)
         self.data = mujoco.MjData(self.model)
-        self._site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, tool)
-        if self._site < 0:
-            names = [self.model.site(i).name for i in range(self.model.nsite)]
-            raise DataError(f'{source}: no site {tool!r}, the model has {names}')
-        if self.model.nu == 0 or self.model.nu != self.model.nv:
-            raise DataError(f'{source}: {self.model.nu} motors for {self.model.nv} degrees of '
-                            'freedom, expected one torque motor for each')
-        n = self.model.nv
-        self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        lower, upper = np.where(self.model.jnt_limited[:, None].astype(bool),
-                                self.model.jnt_range, [-np.inf, np.inf]).T
-        self.limits = JointLimits(lower, upper, self.model.actuator_ctrlrange[:, 1].copy())
-        self.friction = self.model.dof_damping.copy()
+        self._known = KnownModel(known, self.data if plant is None else mujoco.MjData(known),
+                                 site, plant is None)
+        self._actuation = Actuation(self._plant.delay, self.period)
+        n = known.nv
+        self.names = [known.joint(i).name for i in range(known.njnt)]
+        lower, upper = np.where(known.jnt_limited[:, None].astype(bool),
+                                known.jnt_range, [-np.inf, np.inf]).T
+        self.limits = JointLimits(lower, upper, known.actuator_ctrlrange[:, 1].copy(),
+                                  _joint_speeds(known))
+        self.friction = known.dof_damping.copy()
         self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
         self._rate = np.zeros((2, 3, n))
-        self._body = int(self.model.site_bodyid[self._site])
         self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
         self.reset()
 
@@ -81,29 +86,54 @@ class Arm:
         return float(self.data.time)
 
     def reset(self, position: np.ndarray | None = None) -> None:
-        """Put the arm at rest at ``position`` [rad], by default at the first keyframe."""
+        """Put the arm at rest at ``position`` [rad], by default at the model's first keyframe."""
         mujoco.mj_resetData(self.model, self.data)
+        known = self._known.model
         if position is not None:
             self.data.qpos[:] = position
-        elif self.model.nkey:
-            mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        elif known.nkey:
+            self.data.qpos[:] = known.key_qpos[0]
         mujoco.mj_forward(self.model, self.data)
+        self._actuation.reset(self.data.qfrc_bias)
+        self._random = np.random.default_rng(0)
+
+    def announce(self, payload: Payload) -> None:
+        """
+        Tell the controller's model what the arm carries; any thread may call it.
+
+        The model changes within `PAYLOAD_S`, so that the torque has no step.
+        """
+        self._known.announce(payload)
+
+    def put_tool(self, tool: ToolTransform) -> None:
+        """Control another point of the body that carries the tool site, from now on."""
+        self._known.put_tool(tool)
+        self._mount.put(self.model, tool)
+        mujoco.mj_kinematics(self.model, self.data)
 
     def measure(self) -> Measurement:
         """Read the present state; the arrays are valid until the next call."""
-        model, data = self.model, self.data
-        mujoco.mj_jacSite(model, data, self._linear, self._angular, self._site)
-        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[self._site], self._body)
+        known, plant, true = self._known, self._plant, self.data
+        position, velocity = true.qpos.copy(), true.qvel.copy()
+        if not known.shared:
+            noise = self._random.standard_normal((2, self.model.nv))
+            position += plant.position_noise * noise[0]
+            velocity += plant.velocity_noise * noise[1]
+        known.look(position, velocity, self.period)
+        model, data, site = known.model, known.data, known.site
+        mujoco.mj_jacSite(model, data, self._linear, self._angular, site)
+        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[site], known.body)
         mujoco.mj_fullM(model, data, self._inertia)
         mujoco.mj_energyPos(model, data)
-        self._pose[:3] = data.site_xpos[self._site]
-        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[self._site])
+        self._pose[:3] = data.site_xpos[site]
+        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[site])
         # Everything that is not passive, bias or motor torque is external.
-        external = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - data.qfrc_actuator
-        return Measurement(data.qpos.copy(), data.qvel.copy(), self._pose,
-                           np.vstack([self._linear, self._angular]), self._inertia,
-                           data.qfrc_bias.copy(), data.qfrc_constraint + external,
-                           (self._rate @ data.qvel).reshape(-1), float(data.energy[0]))
+        external = true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
+        return Measurement(position, velocity, self._pose,
+                           np.concatenate([self._linear, self._angular]), self._inertia,
+                           data.qfrc_bias.copy(), true.qfrc_constraint + external,
+                           self._rate.reshape(6, -1) @ velocity,
+                           float(data.energy[0]) + known.level)
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """
@@ -120,7 +150,7 @@ class Arm:
 
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period under joint torques [Nm]."""
-        self.data.ctrl[:] = torque
+        self.data.ctrl[:] = self._actuation.through(torque)
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
         if self.data.warning.number[_BROKEN].any():
@@ -142,3 +172,44 @@ class Arm:
         pose[:3] = site.xpos
         mujoco.mju_mat2Quat(pose[3:], site.xmat)
         return pose
+
+
+def _compiled(source: Any, tool: str, hand: bool) -> tuple[mujoco.MjModel, int]:
+    """
+    Model with a torque motor for each joint, and the id of its tool site.
+
+    :param source: see `Arm`
+    :raises DataError: as `Arm`
+    """
+    try:
+        spec = source if isinstance(source, mujoco.MjSpec) else load(str(source))
+        if not hand and spec.body('hand') is not None:
+            spec.delete(spec.body('hand'))
+        if spec.site(tool) is not None:
+            make_torque_controlled(spec, tool)
+        model = spec.compile()
+    except DataError:
+        raise
+    except (ValueError, OSError, mujoco.FatalError) as error:
+        raise DataError(f'{source}: cannot load the model: {error}') from None
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tool)
+    if site < 0:
+        names = [model.site(i).name for i in range(model.nsite)]
+        raise DataError(f'{source}: no site {tool!r}, the model has {names}')
+    if model.nu == 0 or model.nu != model.nv:
+        raise DataError(f'{source}: {model.nu} motors for {model.nv} degrees of freedom, expected '
+                        'one torque motor for each')
+    return model, site
+
+
+def _joint_speeds(model: mujoco.MjModel) -> np.ndarray:
+    """Speed limits in the model's numeric ``joint_speed``; MJCF has no place for them."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, 'joint_speed')
+    if number < 0:
+        return np.full(model.nv, JOINT_SPEED)
+    begin = model.numeric_adr[number]
+    speeds = model.numeric_data[begin:begin + model.numeric_size[number]].copy()
+    if speeds.shape != (model.nv,):
+        raise DataError(f'numeric joint_speed has {speeds.size} numbers, expected {model.nv}, '
+                        'one for each joint')
+    return np.asarray(speeds)

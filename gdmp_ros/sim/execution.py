@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.target import POSE
+from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.requests import Status

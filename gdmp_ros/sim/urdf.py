@@ -86,7 +86,7 @@ def shape_pose(arm: Arm, shape: Shape) -> np.ndarray:
                     shape.pose)
 
 
-def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> str:
+def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> str:
     """
     Describe an arm as URDF.
 
@@ -95,7 +95,7 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = 2.175) -> st
 
     :param frame: name of the link at the model's origin, the frame of poses. Its prefix before the
         name of the first body, such as ``panda_`` before ``link0``, is used for all links
-    :param joint_speed: speed limit of every joint, which MJCF does not contain [rad/s]
+    :param joint_speed: largest speed of any joint, besides the limits of the arm [rad/s]
     :raises DataError: for joints that URDF cannot describe, or if the frame is not at the origin
     """
     model, drawn = arm.model, shapes(arm)
@@ -188,7 +188,8 @@ def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: s
     _origin(element, pose)
     ET.SubElement(element, 'axis', xyz=_words(model.jnt_axis[j]))
     dof = int(model.jnt_dofadr[j])
-    limit = {'effort': f'{arm.limits.torque[dof]:.6g}', 'velocity': f'{speed:.6g}'}
+    limit = {'effort': f'{arm.limits.torque[dof]:.6g}',
+             'velocity': f'{arm.limits.fastest(speed)[dof]:.6g}'}
     if limited:
         limit |= {'lower': repr(float(model.jnt_range[j, 0])),
                   'upper': repr(float(model.jnt_range[j, 1]))}

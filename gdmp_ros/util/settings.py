@@ -16,6 +16,7 @@ class About:
     :ivar low: smallest value, None without bound
     :ivar high: largest value
     :ivar choices: the strings allowed
+    :ivar each: whether a tuple may have one entry for all, or one for each joint
     """
 
     description: str
@@ -23,13 +24,14 @@ class About:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    each: bool = False
 
 
 def setting(default: Any, description: str, unit: str = '', low: float | None = None,
-            high: float | None = None, choices: tuple[str, ...] = ()) -> Any:
+            high: float | None = None, choices: tuple[str, ...] = (), each: bool = False) -> Any:
     """Field of a settings dataclass; parameters of nodes are declared from it."""
     return field(default=default,
-                 metadata={'about': About(description, unit, low, high, choices)})
+                 metadata={'about': About(description, unit, low, high, choices, each)})
 
 
 def about(settings_class: Any) -> dict[str, tuple[Any, About]]:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,8 +15,11 @@ from gdmp_ros.data.run_events import Event
 from gdmp_ros.data.runs import Run
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+from gdmp_ros.playback.prediction import LIKELY
 from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
 
+#: Poses of a skill and their covariances (`gdmp_ros.playback.prediction.likely_path`).
+Likely: TypeAlias = tuple[np.ndarray, np.ndarray]
 #: Largest number of points of a curve.
 MAX_POINTS = 3000
 #: Ellipsoids along a path.
@@ -45,18 +48,34 @@ def _path(positions: np.ndarray, name: str, ink: str, dash: str = 'solid') -> go
                         line={'color': ink, 'width': 4, 'dash': dash})
 
 
-def _ellipsoids(positions: np.ndarray, matrices: np.ndarray, name: str) -> go.Scatter3d:
-    """Three rings of each ellipsoid; the longest axis is the stiffest direction."""
-    at = evenly(positions, ELLIPSOIDS)
+def _rings(positions: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Three rings of each ellipsoid, whose half-axes are the eigenvalues of its matrix."""
     angle = np.linspace(0.0, 2.0 * np.pi, 25)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     unit = np.vstack([np.vstack([np.roll(ring, k, axis=1), np.full((1, 3), np.nan)])
                       for k in range(3)])
+    return np.vstack([position + unit @ matrix.T
+                      for position, matrix in zip(positions, matrices)])
+
+
+def _ellipsoids(positions: np.ndarray, matrices: np.ndarray, name: str) -> go.Scatter3d:
+    """The longest axis is the stiffest direction."""
+    at = evenly(positions, ELLIPSOIDS)
     largest = float(np.linalg.eigvalsh(matrices[at]).max())
-    lines = np.vstack([positions[i] + unit @ (matrices[i] * ELLIPSOID_M / largest).T for i in at])
-    x, y, z = lines.T
+    x, y, z = _rings(positions[at], matrices[at] * ELLIPSOID_M / largest).T
     return go.Scatter3d(x=x, y=y, z=z, mode='lines', name=f'{name} (longest {largest:.0f} N/m)',
                         line={'color': INK[2], 'width': 1.5}, connectgaps=False)
+
+
+def _tube(poses: np.ndarray, covariances: np.ndarray) -> list[go.Scatter3d]:
+    """Path of the skill, and ellipsoids in which 95 % of takes lie."""
+    at = evenly(poses[:, :3], ELLIPSOIDS)
+    values, axes = np.linalg.eigh(covariances[at, :3, :3])
+    roots = np.einsum('tij,tj,tkj->tik', axes, np.sqrt(np.maximum(values, 0.0)), axes)
+    x, y, z = _rings(poses[at, :3], LIKELY * roots).T
+    return [_path(poses[:, :3], 'skill', INK[3], 'dot'),
+            go.Scatter3d(x=x, y=y, z=z, mode='lines', name='95 % of takes',
+                         line={'color': INK[3], 'width': 1.5}, connectgaps=False)]
 
 
 def _point(position: np.ndarray, name: str, symbol: str) -> go.Scatter3d:
@@ -100,14 +119,15 @@ def _eigenvalues(matrices: np.ndarray, times: np.ndarray, name: str
             for word, k in (('smallest', 0), ('largest', -1))]
 
 
-def run_in_space(run: Run) -> go.Figure:
-    """Paths of reference and arm, with the stiffness of the reference."""
+def run_in_space(run: Run, likely: Likely | None = None) -> go.Figure:
+    """Paths of reference and arm, with the stiffness of the reference, and likely takes."""
     kept = run.moving if run.moving.any() else slice(None)
     moving = run.references[kept]
     matrices = run.reference_stiffness[kept].reshape(-1, 6, 6)[:, :3, :3]
     return _space([_path(moving[:, :3], 'reference', INK[0], 'dash'),
                    _path(run.poses[:, :3], 'arm', INK[1]),
                    _ellipsoids(moving[:, :3], matrices, 'stiffness'),
+                   *(_tube(*likely) if likely else []),
                    _point(moving[0, :3], 'start', 'circle'),
                    _point(moving[-1, :3], 'end', 'diamond')])
 
@@ -134,8 +154,8 @@ def run_over_time(run: Run, tracked: Tracking,
         ('lateness [µs]', [('reference', sent, 1e6 * lateness(run))])], marks)
 
 
-def demonstration_in_space(recording: Recording) -> go.Figure:
-    """The demonstrated path, with its stiffness if it has one."""
+def demonstration_in_space(recording: Recording, likely: Likely | None = None) -> go.Figure:
+    """The demonstrated path, with its stiffness if it has one, and likely takes."""
     shown = recording.demonstration
     points = shown.points
     traces = [_path(points[:, :3], 'demonstration', INK[0]),
@@ -144,11 +164,11 @@ def demonstration_in_space(recording: Recording) -> go.Figure:
     matrices = _stiffness(shown)
     if matrices is not None:
         traces.insert(1, _ellipsoids(points[:, :3], matrices, 'stiffness'))
-    return _space(traces)
+    return _space(traces + (_tube(*likely) if likely else []))
 
 
-def demonstration_over_time(recording: Recording) -> go.Figure:
-    """Position, orientation, speed and stiffness."""
+def demonstration_over_time(recording: Recording, likely: Likely | None = None) -> go.Figure:
+    """Position, orientation, speed and stiffness; limits of 95 % of takes."""
     shown = recording.demonstration
     times, points = shown.times, shown.points
     speed = np.linalg.norm(np.gradient(points[:, :3], times, axis=0), axis=1)
@@ -156,6 +176,15 @@ def demonstration_over_time(recording: Recording) -> go.Figure:
             ('quaternion', [(name, times, points[:, 3 + k])
                             for k, name in enumerate(('qw', 'qx', 'qy', 'qz'))]),
             ('speed [m/s]', [('tool', times, speed)])]
+    if likely is not None:
+        poses, covariances = likely
+        at = np.linspace(times[0], times[-1], len(poses))
+        away = 1.96 * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        rows[:1] = [(f'{name} [m]', [
+            ('demonstration', times, points[:, k]),
+            *((f'95 % of takes, {word}', at, poses[:, k] + sign * away[:, k])
+              for word, sign in (('least', -1.0), ('most', 1.0)))])
+            for k, name in enumerate('xyz')]
     matrices = _stiffness(shown)
     if matrices is not None:
         rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'demonstrated,')))

@@ -15,7 +15,7 @@ from gdmp_ros.view import plots
 
 #: Skills that are drawn for a band.
 SAMPLES = 60
-_UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]'}
+_UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]', 'wrench': ' [N, Nm]'}
 
 
 def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],

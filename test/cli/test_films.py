@@ -32,6 +32,7 @@ def test_a_skill_is_executed_by_the_simulated_arm(skill):
     assert np.linalg.norm(done.references[-1, :3] - skill.goal[:3]) < 1e-3
 
 
+@pytest.mark.long
 def test_films_have_the_stated_number_of_pictures(folder):
     av = pytest.importorskip('av')
     done = gdmp('film', 'skill.json', '-o', 'skill.mp4', '--speed', '2', '--fps', '10', cwd=folder)

@@ -4,8 +4,9 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from gdmp_ros.control.impedance import damping_design, impedance_torque, left_jacobian_inverse
+from gdmp_ros.control.impedance import damping_design, impedance_torque
 from gdmp_ros.control.settings import ImpedanceGains
+from gdmp_ros.control.spring import left_jacobian_inverse
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.quaternion import rotation_between
@@ -37,8 +38,8 @@ def torque_of(arm, numbers, velocity=None, gains=None):
     settings = gains or ImpedanceGains(posture_stiffness=0.0, posture_damping=0.0,
                                        singularity=1e-4)
     impedance_torque(measured.position, dq, measured.pose, measured.jacobian, measured.inertia,
-                     measured.bias, arm.friction, numbers, READY, numbers_of(settings),
-                     measured.external, torque, wrench)
+                     measured.bias, np.array([arm.friction, np.zeros(7)]), numbers, READY,
+                     numbers_of(settings), 1.6, measured.external, torque, wrench, np.empty(6))
     return torque - measured.bias
 
 

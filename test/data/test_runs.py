@@ -1,6 +1,10 @@
 """Recorded runs are read from bags."""
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.data import runs
 from gdmp_ros.data.bags import BagWriter, REFERENCE
 from gdmp_ros.errors import DataError
@@ -31,3 +35,34 @@ def test_runs_of_several_robots_are_distinguished_by_their_namespace(tmp_path):
         runs.read(tmp_path / 'both')
     with pytest.raises(DataError, match='with references in middle, the bag has none'):
         runs.read(tmp_path / 'both', 'middle')
+
+
+def test_a_run_that_was_recorded_with_the_first_messages_is_read_with_zeros():
+    """40 references and 40 states of a motion, recorded before the messages had a mode."""
+    run = runs.read(Path(__file__).parent / 'first_messages')
+    assert len(run.references) == len(run.poses) == 40 and run.moving.all()
+    assert np.ptp(run.poses[:, 0]) > 0.0 and run.limited.shape == (40, len(LIMITS))
+    for zero in (run.modes, run.arm_modes, run.ticks, run.limited[:, 15:]):
+        assert not zero.any()
+
+
+def test_messages_without_the_references_of_joints_are_read(tmp_path):
+    from gdmp_msgs.msg import JointReference, Reference, RobotState
+    from rclpy.serialization import serialize_message
+
+    from gdmp_ros.ros.recorder.record import definition
+    with BagWriter(tmp_path / 'run', 'mcap') as bag:
+        for i in range(2):
+            numbers = [1.0] * 7
+            joints = [JointReference(position=numbers, velocity=numbers,
+                                     stiffness=numbers)] if i else []
+            state = RobotState(position=[0.1] * 7, velocity=[0.0] * 7, torque=[0.0] * 7, mode=2,
+                               tick=7 + i, limited_more=[0.5] + [0.0] * 16,
+                               joint_reference=joints)
+            for name, kind, message in (('/a/reference', REFERENCE, Reference(mode=1,
+                                                                              joints=joints)),
+                                        ('/a/state', runs.STATE, state)):
+                bag.raw(name, kind, 1 + i, serialize_message(message), *definition(kind))
+    run = runs.read(tmp_path / 'run')
+    assert run.modes.tolist() == [1, 1] and run.arm_modes.tolist() == [2, 2]
+    assert run.ticks.tolist() == [7, 8] and run.limited[:, 15].tolist() == [0.5, 0.5]

@@ -2,7 +2,14 @@
 import numpy as np
 import pytest
 
-from gdmp_ros import Demonstration, Euclidean, Skill
+from gdmp_ros import (
+    Demonstration,
+    Euclidean,
+    Skill,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
 from gdmp_ros.dmp.evaluation import reproduction_error
 from test.motions import TOOL, wave
 
@@ -16,6 +23,22 @@ def test_smoothing_has_the_effect_it_states(frequency, left):
     assert kept == pytest.approx(left, rel=0.02)
     reference = np.sin(2.0 * np.pi * frequency * times[1000:3000])
     assert smooth @ reference / np.linalg.norm(smooth) / np.linalg.norm(reference) > 0.9999
+
+
+@pytest.mark.parametrize('manifold', [Sphere(2), UnitQuaternion(), SymmetricPositiveDefinite(2)],
+                         ids=repr)
+def test_the_curve_through_the_samples_has_a_continuous_acceleration(manifold, rng):
+    # Far apart, so that the space is curved between neighbours.
+    shown = wave(manifold, rng, np.linspace(0.0, 3.0, 12), size=1.5)
+    np.testing.assert_allclose(shown.at(shown.times), shown.points, atol=1e-12)
+    h, base = 1e-4, shown.times[1:-1]
+    sides = []
+    for side in (-1.0, 1.0):
+        near = [shown.at(base + side * k * h) for k in range(4)]
+        # One-sided, of second order.
+        sides.append((2.0 * near[0] - 5.0 * near[1] + 4.0 * near[2] - near[3]) / h ** 2)
+    scale = np.abs(sides[0]).max()
+    np.testing.assert_allclose(sides[0], sides[1], atol=5e-3 * scale)
 
 
 def test_a_skill_is_learned_despite_noise_gaps_and_irregular_stamps(rng):

@@ -92,7 +92,7 @@ def test_measurements_of_a_moving_goal_do_not_start_the_settling_anew(rng):
         if rollout.finished and finished is None:
             finished = rollout.progress
     assert finished is not None and finished < 1.4 and rollout.finished
-    # Another object, 20 cm away: it has to be reached anew.
+    # Another object, 20 cm away: the motion has not reached it yet.
     rollout.retarget(rollout.goal + [0.0, 0.2, 0.0], velocity)
     assert not rollout.finished
 

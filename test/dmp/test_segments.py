@@ -116,6 +116,35 @@ def test_a_new_goal_is_reached_from_any_segment_after_all_the_turns(connection, 
     assert steps.max() < filter_tick + 0.05 * np.abs(turn).max()
 
 
+@pytest.mark.parametrize('connection', CONNECTIONS)
+@pytest.mark.parametrize('side', [1e-9, 0.02])
+def test_a_goal_that_passes_opposite_to_the_last_waypoint_does_not_jerk(connection, side):
+    skill = Skill.learn(great_circle(4.3 * np.pi), connection=connection)
+    manifold, waypoint = skill.manifold, skill.segments.waypoints[-1]
+    begin = 3.0 * skill.segments.ends[-1]
+    # From the goal through the point opposite to the waypoint, and on.
+    opposite = -waypoint + side * np.array([0.0, 0.0, 1.0])
+    opposite /= np.linalg.norm(opposite)
+    new = manifold.exp(skill.goal, 1.3 * manifold.log(skill.goal, opposite))
+    rollout, plain = Rollout(skill), Rollout(skill)
+    for one in (rollout, plain):
+        one.advance(begin + 0.02)
+    rollout.retarget(new)
+    # Half way to a goal that stays in reach: as large a switch, without the opposite point.
+    near = manifold.exp(skill.goal, 0.3 * manifold.log(skill.goal, opposite))
+    plain.retarget(near)
+    jerks, moved = [], []
+    for one in (rollout, plain):
+        states = [one.advance(1e-3) for _ in range(4000)]
+        turn = np.array([state.acceleration for state in states])
+        jerks.append(np.linalg.norm(np.diff(turn, axis=0), axis=1).max())
+        moved.append(states[-1].point)
+    scale = manifold.distance(skill.goal, new) / manifold.distance(skill.goal, near)
+    assert jerks[0] < 1.5 * scale * jerks[1]
+    assert rollout.finished and 'cut_locus' in rollout.flags and 'cut_locus' not in plain.flags
+    assert manifold.distance(moved[0], new) < 0.00125
+
+
 def test_segments_are_saved_with_the_skill(tmp_path):
     skill = Skill.learn(SHOWN[2])
     skill.save(tmp_path / 'skill.json')

@@ -49,7 +49,8 @@ measured = y = one.start
 motion = one.reproduce(one.duration / 10)
 v, a = motion.velocities[5], 0.0 * motion.velocities[5]
 point, other_point = motion.points[4], motion.points[7]
-takes = first, second, third = lasa.robot_demonstrations('GShape')[:3]
+takes = lasa.robot_demonstrations('GShape')[:4]
+first, second, third, _ = takes
 start, goal, via = first.points[0], first.points[-1], motion.points[4]
 covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
 """}

@@ -465,27 +465,61 @@ def action_execute() -> Entrance:
 
 
 def services_of_the_simulation() -> Entrance:
-    """``~/set_pause``, ``~/teach``, ``~/reset_world`` and ``~/step_simulation``."""
+    """``~/set_pause``, ``~/teach``, ``~/reset_world``, ``~/step_simulation`` and the rest."""
     from gdmp_msgs.srv import StepSimulation
-    from std_srvs.srv import SetBool
+    from std_srvs.srv import SetBool, Trigger
 
     def use(sim: Any, request: Any) -> None:
         reply = StepSimulation.Response()
         # Refused before it awaits anything, as the simulation is not paused.
         with suppress(StopIteration):
-            sim._on_step(request, reply).send(None)
+            sim.arm_services.on_step(request, reply).send(None)
             raise AssertionError('waits for steps though not paused')
         if reply.success:
             raise AssertionError('stepped though not paused')
         for paused in (True, False):
-            sim._on_pause(SetBool.Request(data=paused), SetBool.Response())
+            sim.arm_services.on_pause(SetBool.Request(data=paused), SetBool.Response())
             tick('sim')
-            sim._on_teach(SetBool.Request(data=paused), SetBool.Response())
+            sim.arm_services.on_teach(SetBool.Request(data=paused), SetBool.Response())
+            tick('sim')
+            sim.arm_services.on_refill(Trigger.Request(), Trigger.Response())
+            with suppress(StopIteration):
+                sim.arm_services.on_identify(SetBool.Request(data=paused),
+                                             SetBool.Response()).send(None)
             tick('sim')
         if request.steps % 3 == 0:
+            sim.arm_services.on_reset(Trigger.Request(), Trigger.Response())
             sim.simulation.request_reset()
     return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
                     'sim', use)
+
+
+def service_set_tool() -> Entrance:
+    """``~/set_tool`` of the arm."""
+    from gdmp_msgs.srv import SetTool
+    from geometry_msgs.msg import Point, Pose, Quaternion
+    valid = [SetTool.Request(), SetTool.Request(pose=Pose(
+        position=Point(x=0.05, z=0.1), orientation=Quaternion(x=0.6, w=0.8)))]
+
+    def use(sim: Any, request: Any) -> None:
+        answering = sim.arm_services.on_tool(request, SetTool.Response())
+        with suppress(StopIteration):
+            answering.send(None)
+        tick('sim')
+        answering.close()
+    return _message(SetTool.Request, valid, 'sim', use)
+
+
+def service_set_payload() -> Entrance:
+    """``~/set_payload`` of the arm."""
+    from gdmp_msgs.srv import SetPayload
+    valid = [SetPayload.Request(), SetPayload.Request(mass=0.5, center=[0.0, 0.0, 0.05]),
+             SetPayload.Request(mass=1.0, inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])]
+
+    def use(sim: Any, request: Any) -> None:
+        sim.arm_services.on_payload(request, SetPayload.Response())
+        tick('sim')
+    return _message(SetPayload.Request, valid, 'sim', use)
 
 
 def _parameters(name: str, module: str) -> Entrance:
@@ -544,5 +578,5 @@ ENTRANCES: dict[str, Callable[[], Entrance]] = {
         topic_moving_goal, topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
         topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
-        action_execute, services_of_the_simulation, parameters_of_the_server,
-        parameters_of_the_simulation)}
+        action_execute, services_of_the_simulation, service_set_payload, service_set_tool,
+        parameters_of_the_server, parameters_of_the_simulation)}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
-from gdmp_ros.control.guard import Origin, ReferenceGuard
+from gdmp_ros.control.guard import ReferenceGuard
+from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.settings import ControllerSettings, GuardSettings, LimitSettings
 from gdmp_ros.control.target import HOLD_STIFFNESS, TARGET_SIZE
 from gdmp_ros.dmp.skill import Skill
@@ -88,18 +89,20 @@ def test_a_torque_that_cannot_be_computed_is_never_sent():
     assert np.linalg.norm(loop.arm.measure().pose - start) < 1e-3
 
 
-def test_a_measurement_that_is_none_is_answered_with_the_last_torque():
+@pytest.mark.parametrize('potential', [np.nan, 0.0])
+def test_a_measurement_that_is_none_is_answered_with_the_last_torque(potential):
     loop = ClosedLoop(Arm())
     for _ in range(50):
         last = loop.tick()
     measured = loop.arm.measure()
-    broken = measured._replace(bias=np.full(7, np.nan), potential=np.nan)
+    broken = measured._replace(bias=np.full(7, np.nan), potential=potential)
     for _ in range(3):
         tick = loop.controller.tick(broken, 1e-3)
         np.testing.assert_array_equal(tick.torque, last.torque)
     for _ in range(500):
         tick = loop.tick()
         assert np.isfinite(tick.torque).all() and np.isfinite(tick.tank)
+    assert np.isfinite(loop.controller.tank.missing(measured, tick.torque, 0.0, 1e-3))
 
 
 @pytest.mark.parametrize('acceleration', [13.0, 100.0, 1e5])
@@ -127,6 +130,7 @@ def test_a_wall_is_kept_by_a_fast_reference():
     loop = ClosedLoop(Arm(), ControllerSettings(limits=LimitSettings(
         workspace_max=(wall, 1.0, 1.3))))
     target = reference()
+    loop.controller.guard.arm()
     for k in range(600):
         target[0], target[7] = start + 1e-3 * k, 1.0
         loop.follow(target)

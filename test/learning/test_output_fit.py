@@ -19,7 +19,7 @@ from gdmp_ros.dmp.evaluation import deviation, mean_distance, reproduction_error
 from gdmp_ros.dmp.primitive import Gains
 from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.util.profiles import minimum_jerk
-from test.motions import TOOL, wave
+from test.motions import takes, TOOL, wave
 
 DURATION = 5.0
 GAINS = Gains()
@@ -222,3 +222,29 @@ def test_mean_error_falls_with_the_rate():
             found.append(mean_distance(np.linalg.norm(path - bend(times), axis=1)[:, None]))
         errors.append(np.mean(found))
     assert errors[1] < 0.6 * errors[0]
+
+
+def test_demonstrations_count_by_their_weights(rng):
+    """Twice the weight is the same as twice the take, whatever the number of samples."""
+    first, second, third = takes(TOOL, 3, rng)
+    twice = Skill.learn([first, second, second, third], 30, align=False)
+    weighted = Skill.learn([first, second, third], 30, align=False,
+                           demonstration_weights=[1.0, 2.0, 1.0])
+    dense = Demonstration(np.linspace(0.0, 2.0, 900), second.at(np.linspace(0.0, 2.0, 900)), TOOL)
+    finer = Skill.learn([first, dense, third], 30, align=False, demonstration_weights=(2, 4, 2))
+    times = np.linspace(0.0, 2.0, 50)
+    paths = [one.rollout(duration=2.0).sample(times).points for one in (twice, weighted, finer)]
+    np.testing.assert_allclose(paths[1], paths[0], atol=1e-5)
+    np.testing.assert_allclose(paths[2], paths[0], atol=2e-4)
+    plain = Skill.learn([first, second, third], 30, align=False)
+    assert np.abs(plain.rollout(duration=2.0).sample(times).points - paths[0]).max() > 5e-3
+    # One take that hardly counts changes neither the motion nor what is likely.
+    alone = Skill.learn([first, second], 30, align=False)
+    both = Skill.learn([first, second, third], 30, align=False,
+                       demonstration_weights=[1.0, 1.0, 1e-9])
+    np.testing.assert_allclose(both.goal, alone.goal, atol=1e-6)
+    for weights in ([1.0, 2.0], [1.0, 0.0, 1.0], [1.0, np.nan, 1.0]):
+        with pytest.raises(ParameterError, match='demonstration_weights are'):
+            Skill.learn([first, second, third], demonstration_weights=weights)
+    with pytest.raises(ParameterError, match='demonstration_weights need'):
+        Skill.learn([first, second, third], fit='forcing', demonstration_weights=[1.0, 2.0, 1.0])

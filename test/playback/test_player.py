@@ -15,6 +15,7 @@ from gdmp_ros import (
     Skill,
     UnitQuaternion,
 )
+from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import predicted_poses
@@ -70,13 +71,78 @@ def test_a_motion_starts_at_the_measured_pose_without_a_step(player, skill):
     assert (np.linalg.eigvalsh(stiffness)[:, 0] > 0).all()
 
 
-def test_it_starts_from_the_robot_where_the_held_reference_is_far_from_it(player, skill):
+def begin_far_away(player, skill):
+    """Start at a robot 0.2 m from the held reference; poses until the motion begins."""
     player.hold(pose_of(skill))
-    run(player, 3)
+    rows = [run(player, 3)]
     robot = pose_of(skill)
     robot[0] += 0.2
     player.start(robot)
-    np.testing.assert_allclose(player.tick(DT)[:3], robot[:3], atol=1e-4)
+    while player.mode is StreamMode.HOLDING or player.status == 'holding':
+        rows.append(run(player, 1))
+        assert len(rows) < 2000
+    return robot, np.vstack(rows)
+
+
+def test_a_reference_that_is_held_far_from_the_robot_goes_there_before_a_motion(player, skill):
+    robot, rows = begin_far_away(player, skill)
+    np.testing.assert_allclose(rows[-1, :7], robot, atol=1e-9)
+    rows = np.vstack([rows, run(player, 500)])
+    assert largest_step(rows) < 0.5e-3
+    np.testing.assert_allclose(np.diff(rows[:, :3], axis=0)[:700] / DT,
+                               0.5 * (rows[1:701, 7:10] + rows[:700, 7:10]), atol=5e-3)
+
+
+@pytest.mark.parametrize('after', [1, 200])
+def test_what_is_asked_on_the_way_to_the_robot_is_done(player, skill, after):
+    goal = skill.goal[:7] + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    robot = pose_of(skill) + [0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    player.hold(pose_of(skill))
+    run(player, 3)
+    player.start(robot)
+    run(player, after)
+    player.goal_pose(goal)
+    run(player, 1500)
+    np.testing.assert_allclose(player.goal, goal)
+    player.hold(pose_of(skill))
+    player.start(robot)
+    run(player, after)
+    player.stop()
+    stopped = run(player, 10)
+    assert player.status == 'holding' and not stopped[-1, 7:19].any()
+
+
+def test_a_motion_that_follows_a_stop_begins_at_a_robot_that_did_not_follow(player, skill):
+    player.start(pose_of(skill))
+    rows = [run(player, 1500)]
+    player.stop()
+    player.start(pose_of(skill))
+    rows.append(run(player, 3000))
+    near = np.linalg.norm(np.vstack(rows)[1500:, :3] - skill.start[:3], axis=1).min()
+    assert near < 1e-3 and player.status == 'moving' and player.motion == 2
+    assert largest_step(np.vstack(rows)) < 1e-3
+
+
+def test_only_motions_are_streamed_as_motions(player, skill):
+    player.hold(pose_of(skill))
+    run(player, 1)
+    assert player.mode is StreamMode.HOLDING
+    player.start(pose_of(skill))
+    run(player, 100)
+    assert player.mode is StreamMode.STREAMING
+    player.stop()
+    run(player, 1000)
+    assert player.mode is StreamMode.HOLDING
+
+
+def test_in_motion_the_next_motion_goes_on_from_the_reference(player, skill):
+    """A robot that is 25 mm behind does not pull the reference back."""
+    player.start(pose_of(skill))
+    rows = [run(player, 1500)]
+    behind = rows[0][-1, :7] + [0.025, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    player.start(behind)
+    rows.append(run(player, 1500))
+    assert largest_step(np.vstack(rows)) < 0.5e-3
 
 
 def test_goals_switch_pose_and_stiffness_each_on_its_own(player, skill):

@@ -37,6 +37,7 @@ def adapters(tmp_path_factory):
         for preset, space in SPACES.items():
             made.children.start_node(preset, 'gdmp_ros.ros.adapter.node', {}, [
                 '--params-file', str(PRESETS / f'{preset}.yaml'), '-r', f'__ns:={space}',
+                '-p', 'measured_pose_topic:=/robot',
                 *(['-p', 'frame_id:=base_link'] if preset == 'cartesian_controllers' else [])])
         yield made
 
@@ -58,6 +59,9 @@ class Feed:
         messages.fill_reference(self.message, np.concatenate(
             [POSE, np.zeros(12), stiffness().reshape(-1), [0.7]]))
         self.out = nodes.publisher(Reference, '/trajectory_server/reference')
+        self.robot = nodes.publisher(PoseStamped, '/robot')
+        self.measured = PoseStamped(header=self.message.header)
+        messages.set_pose(self.measured.pose, POSE)
 
     def listen(self, kind, topic):
         def take(message):
@@ -68,6 +72,7 @@ class Feed:
     def until(self, *topics):
         """Publish the reference until messages on all topics have arrived; returns them."""
         def look():
+            self.robot.publish(self.measured)
             self.out.publish(self.message)
             return all(topic in self.got for topic in topics)
         self.nodes.wait(f'{topics}', look, 60.0)
@@ -140,10 +145,10 @@ def test_matrix_gets_all_entries_with_the_coupling_of_axes(feed):
 
 
 def test_franka_gets_the_pose_and_no_stiffness(feed):
-    check_pose(feed.listen(PoseStamped, '/franka/equilibrium_pose').until(
-        '/franka/equilibrium_pose')[0])
+    topic = '/franka/cartesian_impedance_example_controller/equilibrium_pose'
+    check_pose(feed.listen(PoseStamped, topic).until(topic)[0])
     published = dict(feed.nodes.node.get_publisher_names_and_types_by_node('adapter', '/franka'))
-    assert '/franka/equilibrium_pose' in published
+    assert topic in published
     assert not any('stiffness' in topic for topic in published)
 
 

@@ -14,10 +14,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+import yaml
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
+from test.commands import gdmp
 from test.ros.nodes import DEACTIVATE, FRAME
 
 STEP = f'{ARM}/step_simulation'
@@ -149,3 +151,24 @@ def test_a_late_subscriber_gets_the_robot_description(running):
     assert '<link name="panda_link0">' in received[0].data
     assert all(f'<joint name="joint{i}" type="revolute">' in received[0].data
                for i in range(1, 8))
+
+
+@pytest.mark.long
+def test_friction_is_identified_and_used(nodes, tmp_path):
+    """As fast as the machine can, on a plant with dry friction."""
+    nodes.start_arm(pace='fast', plant_dry_friction=1.0)
+    output = tmp_path / 'friction.yaml'
+    done = gdmp('identify-friction', '-o', str(output), '--set')
+    assert done.returncode == 0, done.stderr
+    found = yaml.safe_load(output.read_text())['/**/panda_sim']['ros__parameters']
+    np.testing.assert_allclose(found['friction_dry'], 1.0, atol=0.15)
+    values = nodes.call(GetParameters, f'{ARM}/get_parameters', names=['friction_dry']).values
+    assert list(values[0].double_array_value) == found['friction_dry']
+
+
+def test_the_tank_is_filled_and_identification_is_refused_under_references(running):
+    running.client.execute()
+    running.wait('a motion', lambda: running.state.status == 'moving')
+    refused = running.call(SetBool, f'{ARM}/identify_friction', data=True)
+    assert not refused.success and 'follows references' in refused.message
+    assert 'filled to 5 J' in running.call(Trigger, f'{ARM}/refill_tank').message

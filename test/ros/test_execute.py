@@ -39,7 +39,7 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     code, out, err = execute('--speed', '2')
     assert code == 0, err
     assert 'the goal was reached; distance: position' in out
-    running.wait('this tempo', lambda: running.state.speed == 2.0)
+    running.wait('this tempo', lambda: running.state.speed == pytest.approx(2.0, 0.05))
     goal = messages.pose_numbers(running.state.goal[0])[:3] + [0.0, 0.05, 0.03]
     numbers = [f'{value:.4f}' for value in goal]
     code, out, _ = execute('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
@@ -56,7 +56,8 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
 
 def test_ctrl_c_stops_the_motion_smoothly(running):
     running.listen()
-    assert running.call(SetSpeed, f'{SERVER}/set_speed', scale=0.5).success
+    # Slow, so that the motion still goes on when the signal arrives at a busy machine.
+    assert running.call(SetSpeed, f'{SERVER}/set_speed', scale=0.3).success
     with executing() as process:
         running.client.wait_status('moving', 60.0)
         running.wait('a fast reference', lambda: speeds(running).max() > 0.05)

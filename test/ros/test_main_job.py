@@ -3,6 +3,7 @@ from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
+import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -129,7 +130,7 @@ def test_services_start_pause_and_stop(running, skill_file, tmp_path):
     too_fast = running.call(SetSpeed, f'{SERVER}/set_speed', scale=7.0)
     assert not too_fast.success and 'speed is 7.0' in too_fast.message
     assert running.call(Trigger, f'{SERVER}/start').success
-    running.wait('this tempo', lambda: running.state.speed == 0.2)
+    running.wait('this tempo', lambda: running.state.speed == pytest.approx(0.2, 0.05))
     assert running.call(SetBool, f'{SERVER}/pause', data=True).success
     running.client.wait_status('paused', 5.0)
     running.wait('standstill', lambda: running.state.speed == 0.0)

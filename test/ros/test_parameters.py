@@ -42,6 +42,12 @@ def test_parameters_change_live_and_are_checked_first(running):
     assert 'expected less than stiffness_max' in bad.reason
     assert values_of(running, ARM, 'speed') == [1.7]
     assert 'speed out of range' in running.set_parameters(ARM, speed=-1.0).reason
+    retired = running.set_parameters(ARM, torque_rate=0.5)
+    assert not retired.successful and '1 Nm per tick of 1 ms is 1000 Nm/s' in retired.reason
+    assert values_of(running, ARM, 'torque_slew') == [950.0]
+    sizes = running.set_parameters(ARM, friction_dry=[1.0, 1.0])
+    assert not sizes.successful and '2 numbers, expected 1 or 7' in sizes.reason
+    assert running.set_parameters(ARM, friction_dry=[0.0] * 7).successful
     locked = running.set_parameters(ARM, model='other.xml')
     assert not locked.successful and 'cannot change while the node is configured' in locked.reason
     box = running.set_parameters(SERVER, workspace_min=[0.0, 0.0, 0.9],
@@ -103,7 +109,8 @@ def test_an_invalid_value_at_start_up_is_one_clear_line():
     cases = [('workspace_min', [0.0, 0.0], 'workspace_min has 2 entries, expected 3'),
              ('speed', 99.0, 'speed out of range'), ('speed', 'high', "'speed' to 'high'"),
              ('turn_speed', 99.0, 'angular_speed out of range'),
-             ('turn_speed', 'high', "turn_speed is 'high', expected a float")]
+             ('turn_speed', 'high', "turn_speed is 'high', expected a float"),
+             ('torque_rate', 1.0, 'torque_rate [Nm per tick] is now torque_slew [Nm/s]: 1 Nm')]
     with Domain() as domain:
         started = [subprocess.Popen(
             [sys.executable, '-m', MODULES[ARM], '--ros-args', '-p', f'{name}:={value}'],

@@ -1,4 +1,5 @@
 """What RViz and Foxglove receive, and what dragging an interactive marker does."""
+from gdmp_msgs.srv import LoadSkill
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
@@ -6,6 +7,9 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
 
+from gdmp_ros import Skill
+from gdmp_ros.data import lasa
+from gdmp_ros.playback.prediction import LIKELY, Tube
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import ARM, SERVER
@@ -124,6 +128,24 @@ def test_everything_is_shown_and_the_goal_is_switched_by_its_handle(running, vie
     # Updates are numbered without gaps: a viewer that finds one begins anew.
     numbers = [update.seq_num for update in viewer.updates]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_how_takes_vary_is_shown_around_the_predicted_path(running, viewer, tmp_path):
+    shown, path = lasa.robot_demonstrations('GShape')[:3], tmp_path / 'several.json'
+    skill = Skill.learn(shown, 40)
+    skill.save(path)
+    assert running.call(LoadSkill, f'{SERVER}/load_skill', path=str(path)).success
+    assert running.call(Trigger, f'/{SERVER}/start').success
+    space = 'likely positions of takes'
+    running.wait('the tube', lambda: space in viewer.namespaces(), 60.0)
+    # The skill is likely to pass a point as far from its own path as the drawn ellipsoid says.
+    drawn = [marker for key, marker in viewer.shown.items() if key[0] == space]
+    largest = max(max(marker.scale.x, marker.scale.y, marker.scale.z) for marker in drawn) / 2.0
+    stated = Tube(skill, 40).covariances(np.linspace(0.0, 1.0, 41))[:, :3, :3]
+    assert largest <= LIKELY * np.sqrt(np.linalg.eigvalsh(stated).max()) * 1.01
+    assert largest > 0.001
+    assert running.call(Trigger, f'/{SERVER}/stop').success
+    running.wait('its end', lambda: space not in viewer.namespaces(), 60.0)
 
 
 def test_the_handle_returns_from_a_goal_that_is_refused(running, viewer):

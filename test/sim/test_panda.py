@@ -3,6 +3,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Rollout, Skill
+from gdmp_ros.control.reference_check import Origin
+from gdmp_ros.control.target import resting_target
 from gdmp_ros.data import lasa
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.quaternion import rotation_between
@@ -91,6 +93,16 @@ def test_the_arm_holds_still_without_references():
     for _ in range(1000):
         loop.tick()
     assert np.linalg.norm(loop.arm.measure().pose - start) < 1e-6
+
+
+def test_a_stream_that_begins_right_after_the_warm_up_is_followed():
+    loop = ClosedLoop(Arm())
+    loop.warm_up()
+    guard, target = loop.controller.guard, resting_target(loop.arm.measure().pose)
+    for sequence in range(1, 4):
+        assert guard.offer(target, Origin(guard.settings.frame, sequence=sequence))
+        loop.tick()
+    assert guard.following and guard.refused == 0
 
 
 def test_a_learned_letter_is_tracked_through_a_goal_switch():

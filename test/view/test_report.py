@@ -6,6 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from gdmp_ros import Skill
 from gdmp_ros.data import lasa, recordings, runs
 from gdmp_ros.errors import DataError
 from gdmp_ros.view import report_figures, report_page
@@ -32,6 +33,19 @@ def taken(tmp_path_factory):
     bag = tmp_path_factory.mktemp('report') / 'GShape_1'
     recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', NS)
     return bag
+
+
+def test_a_page_shows_where_takes_like_these_would_be(taken, tmp_path):
+    several, single = tmp_path / 'several.json', tmp_path / 'single.json'
+    shown = lasa.robot_demonstrations('GShape')
+    Skill.learn(shown[:3], 40).save(several)
+    Skill.learn(shown[0], 40).save(single)
+    page = tmp_path / 'take.html'
+    report_page.write(taken, page, skill=several)
+    body = page.read_text().split('</script>', 1)[1]
+    assert '95 % of takes' in body and '95 % of takes, most' in body
+    with pytest.raises(DataError, match='single take'):
+        report_page.write(taken, page, skill=single)
 
 
 def test_a_page_loads_nothing_from_elsewhere(taken, tmp_path):

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from gdmp_ros.data import robottasks
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
-from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.evaluation import deviation
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.experiments import timing
@@ -77,9 +77,7 @@ def _leave_out(raw: list[Demonstration], even: list[Demonstration], number: int)
 
 
 def _error(skill: Skill, take: Demonstration) -> float:
-    rollout = Rollout(skill, start=take.points[0], goal=take.points[-1], duration=take.duration)
-    path = rollout.sample(take.times - take.times[0]).points
-    return float(np.linalg.norm(path[:, :3] - take.points[:, :3], axis=1).mean())
+    return float(deviation(skill, take, take.times - take.times[0])[:, 0].mean())
 
 
 def _inside(distribution: Distribution[Skill], take: Demonstration) -> np.ndarray:

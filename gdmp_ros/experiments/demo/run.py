@@ -226,7 +226,7 @@ def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, flo
 def _limits(run: runs.Run) -> dict[str, bool]:
     figures = run_analysis.limit_figures(run, Arm().limits)
     return {'torque_ok': figures.torque <= 1.0,
-            'torque_rate_ok': figures.torque_rate <= LimitSettings().torque_rate + 1e-9,
+            'torque_rate_ok': figures.torque_rate <= 1e-3 * LimitSettings().torque_slew + 1e-9,
             'joint_ok': figures.joint_distance >= 0.0}
 
 

@@ -97,9 +97,9 @@ def learn(data: Data) -> tuple[Skill, Demonstration]:
     from gdmp_ros.sim.scenes import CAN_MASS
     duration = float(data['taught_durations'].mean())
     times = np.linspace(0.0, duration, SAMPLES)
-    stiffness = force_stiffness(
-        ForceRecords(times, *(data[f'taught_{key}'] for key in (
-            'positions', 'velocities', 'accelerations', 'forces'))), CAN_MASS, HAND_DAMPING)
+    records = ForceRecords(times, *(data[f'taught_{key}'] for key in (
+        'positions', 'velocities', 'accelerations', 'forces')))
+    stiffness = force_stiffness(records, CAN_MASS, HAND_DAMPING).matrices
     tools = data['taught_tool']
     points = []
     for i in range(SAMPLES):

@@ -25,8 +25,8 @@ HEIGHT, CENTRE = 0.3, np.array([0.55, 0.0])
 STIFFNESS = 800.0 * np.eye(2)
 ALPHA, NULL_DAMPING = 600.0, 4.0
 SETTLE_S = 3.0
-#: Torque rate of the motors, larger than that of a real robot [Nm per ms].
-TORQUE_RATE = 20.0
+#: Torque rate of the motors, larger than that of a real robot [Nm/s].
+TORQUE_SLEW = 20_000.0
 
 
 def letter() -> Demonstration:
@@ -60,7 +60,7 @@ def follow(skill: Skill, alpha: float) -> tuple[np.ndarray, np.ndarray]:
     from gdmp_ros.sim.planar import planar_arm
     arm, rollout = planar_arm(PUPIL), Rollout(skill)
     arm.reset(np.array(PUPIL_POSTURE))
-    loop = PositionLoop(arm, PositionGains(STIFFNESS, 1.0, alpha, NULL_DAMPING), TORQUE_RATE)
+    loop = PositionLoop(arm, PositionGains(STIFFNESS, 1.0, alpha, NULL_DAMPING), TORQUE_SLEW)
     position, matrix = SPACE.split(skill.start)
     loop.settle(PositionTarget(position, np.zeros(2), np.zeros(2), matrix), SETTLE_S)
     wanted, measured = [], []

@@ -45,7 +45,7 @@ def execute(skill: Skill, goal: np.ndarray | None) -> Data:
     arm, rollout = point_mass(MASS), Rollout(skill)
     position, _ = SPACE.split(skill.start)
     arm.reset(position)
-    loop = PositionLoop(arm, PositionGains(START), torque_rate=np.inf)
+    loop = PositionLoop(arm, PositionGains(START), torque_slew=np.inf)
     wanted, measured, force = [], [], []
     for tick in range(round(END / PERIOD)):
         if goal is not None and tick == round(SWITCH * DURATION / PERIOD):

@@ -18,6 +18,7 @@ from gdmp_ros.ros import messages
 from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.polling import PolledGroup, take
 from gdmp_ros.ros.recorder.record import DRAIN_S
+from gdmp_ros.ros.serialized import SerializedTemplate, stamp_ns_of
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.signals import stop_event
 
@@ -53,10 +54,9 @@ class Monitor(Node):
         self._extremes, self._opened = Extremes(), time.monotonic()
         reference, state = Reference(), RobotState()
         reference.header.frame_id = state.header.frame_id = frame
-        self._reference = messages.SerializedTemplate(reference, TARGET_SIZE,
-                                                      messages.fill_reference)
-        self._state = messages.SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
-                                                  messages.fill_robot_state)
+        self._reference = SerializedTemplate(reference, TARGET_SIZE, messages.fill_reference)
+        self._state = SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
+                                         messages.fill_robot_state)
         self._sequence, self._torque, self._stamp = 0, np.zeros(JOINTS), 0
         self._inputs = [(self.create_subscription(
             kind, topic, lambda _: None, reliable(DEEP), raw=True, callback_group=PolledGroup()),
@@ -84,7 +84,7 @@ class Monitor(Node):
         self.received += 1
 
     def _on_state(self, data: bytes) -> None:
-        numbers, stamp = self._state.numbers_of(data), messages.stamp_ns_of(data)
+        numbers, stamp = self._state.numbers_of(data), stamp_ns_of(data)
         position, velocity, torque = numbers[messages.ROBOT_STATE_FIXED:].reshape(3, JOINTS)
         worst = self._extremes
         if self.states and stamp - self._stamp < STATE_GAP_NS:

@@ -1,4 +1,4 @@
-"""Executes the skill of a server once, on the host of the server."""
+"""Executes the skill of a server until its goal is reached, on the host of the server."""
 from __future__ import annotations
 
 import sys
@@ -8,14 +8,18 @@ from gdmp_ros.ros.clients.server_client import ServerClient
 
 
 def main(timeout: str) -> int:
-    """Execute the loaded skill; print ``executing``, then ``ended with N``."""
+    """Execute the loaded skill, at most twice; print ``executing``, then ``ended with N``."""
     client = ServerClient()
     try:
         client.wait_status('holding', 120.0)
-        client.execute()
-        print('executing', flush=True)
-        result = client.result(float(timeout))
-        print(f'ended with {result.error_code} {result.error_string}', flush=True)
+        for last in (False, True):
+            client.execute()
+            print('executing', flush=True)
+            result = client.result(float(timeout))
+            print(f'ended with {result.error_code} {result.error_string}', flush=True)
+            if last or result.error_code == result.SUCCESSFUL:
+                break
+        print('done', flush=True)
     except GdmpError as error:
         print(f'error: {error}', flush=True)
         return 1

@@ -209,7 +209,7 @@ def judge(document: dict[str, Any]) -> Outcome:
     outcome.need('torque [fraction of the limit]', float((torque / arm.torque).max()),
                  lambda v: v <= 1.0)
     outcome.need('torque rate [Nm per tick]', max(w['rate'] for w in windows),
-                 lambda v: v <= limits.torque_rate + 1e-9)
+                 lambda v: v <= 1e-3 * limits.torque_slew + 1e-9)
     outcome.need('joint speed [rad/s]', max(w['joint_speed'] for w in windows),
                  lambda v: v <= limits.joint_speed)
     outcome.need('speed [m/s]', max(w['speed'] for w in windows), lambda v: v <= limits.speed)

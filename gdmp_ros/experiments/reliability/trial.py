@@ -40,7 +40,8 @@ def judge_limits(run: runs.Run, outcome: Outcome) -> None:
     limits, figures = LimitSettings(), run_analysis.limit_figures(run, Arm().limits)
     for name, value, smallest, largest in (
             ('torque [fraction of the limit]', figures.torque, 0.0, 1.0),
-            ('torque rate [Nm per tick]', figures.torque_rate, 0.0, limits.torque_rate + 1e-9),
+            ('torque rate [Nm per tick]', figures.torque_rate, 0.0,
+             1e-3 * limits.torque_slew + 1e-9),
             ('distance to joint limits [rad]', figures.joint_distance, 0.0, np.inf),
             ('joint speed [rad/s]', figures.joint_speed, 0.0, limits.joint_speed),
             ('speed [m/s]', figures.speed, 0.0, OSCILLATION * limits.speed),
@@ -68,6 +69,16 @@ class Trial(NodeTestbed):
         """Wait for the end of the motion; whether it reached its goal."""
         result = self.client.result(timeout)
         return bool(result.error_code == result.SUCCESSFUL)
+
+    def stays_and_begins_again(self, outcome: Outcome) -> None:
+        """Require that the motion that was lost is reported, and the next one reaches the goal."""
+        result = self.client.result(60.0)
+        outcome.measured['the motion ended with'] = result.error_string
+        outcome.claim('the lost motion is not called reached',
+                      result.error_code in (result.BLOCKED, result.GOAL_TOLERANCE_VIOLATED))
+        self.wait('the robot', lambda: 'no_robot' not in self.state.flags, 60.0)
+        self.client.execute()
+        outcome.claim('the next motion reaches its goal', self.succeeded())
 
     def finish(self, outcome: Outcome, distance: float | None = 0.002,
                follows: bool = True) -> runs.Run:

@@ -12,48 +12,31 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
-from gdmp_ros.control.guard import Origin, refusal
+from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.adapter.parameters import SPECS
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import take_latest
 from gdmp_ros.ros.running import run
+from gdmp_ros.ros.serialized import PoseReader
 
 PERIOD_NS = 1_000_000
+#: The measured pose is read once in this many ticks.
+READ_EVERY = 10
+#: Pose of the robot before it is known.
+ANYWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 #: Reply timeout [s].
 REPLY_TIMEOUT_S = 1.0
 #: Relative change of an entry after which a stiffness is set by parameters again.
 CHANGED = 0.01
-SPECS = (
-    Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to convert'),
-    Spec('reference_frame', 'panda_link0', 'frame of the references; others are refused'),
-    Spec('pose_topic', 'target_pose', 'geometry_msgs/PoseStamped of the controller; empty: none'),
-    Spec('pose_rate_hz', 1000, 'largest rate of the poses', 'Hz', 1, 1000),
-    Spec('frame_id', '', 'name of that frame in the controller, if it is another one; '
-         'empty: the same'),
-    Spec('stiffness', 'six', 'interface of the controller for the stiffness: none, six numbers '
-         '(x y z rx ry rz) or a row-major 6x6 matrix in a Float64MultiArray, a WrenchStamped, or '
-         'six parameters', choices=('none', 'six', 'matrix', 'wrench', 'parameters')),
-    Spec('stiffness_topic', 'target_stiffness', 'topic of the stiffness'),
-    Spec('stiffness_rate_hz', 1000, 'largest rate of the stiffness', 'Hz', 1, 1000),
-    Spec('stiffness_frame', 'base', 'axes of the six numbers: those of the base or of the tool',
-         choices=('base', 'tool')),
-    Spec('stiffness_node', '', 'node with the six parameters'),
-    Spec('stiffness_parameters', [''], 'names of the six parameters, x y z rx ry rz'),
-    Spec('stiffness_min', [1.0, 0.1], 'smallest stiffness of the controller, translational and '
-         'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
-    Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad',
-         1e-3, 1e5),
-    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
-         'it; 0: never', low=-1, high=99),
-)
 
 
 class Output:
@@ -115,10 +98,14 @@ class Adapter(ManagedNode):
         p.check = self._check
         self._check(p)
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
+        self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None, raw=True)
+        self._poses, self._robot = PoseReader(p.reference_frame), False
+        self._ticks = 0
+        self.guard = ReferenceGuard(GuardSettings(p.reference_frame), ANYWHERE, 0.7)
+        self.add_service(Trigger, 'arm', self._on_arm)
         self._pending: tuple[Any, float] | None = None
         self._last: np.ndarray | None = None
         self._frame = p.frame_id or p.reference_frame
-        self._expected = GuardSettings(p.reference_frame)
         self._bounds = diagonal_bounds(p.stiffness_min, p.stiffness_max)
         self._outputs: list[Output] = []
         if p.pose_topic:
@@ -162,17 +149,46 @@ class Adapter(ManagedNode):
         run_periodic(self._tick, PERIOD_NS, MonotonicClock(), lambda: not self._active)
 
     def _tick(self, deadline_ns: int, now_ns: int) -> None:
+        self._ticks += 1
+        if self._ticks % READ_EVERY == 0:
+            self._read_pose()
+        self.guard.target(1e-9 * PERIOD_NS)
         message = take_latest(self._reference)
         if message is not None:
             self.convert(message)
 
+    def _read_pose(self) -> None:
+        data = take_latest(self._measured)
+        if data is None:
+            return
+        try:
+            self.guard.measure(0.0, self._poses.read(data), np.zeros(6))
+            self._robot = True
+        except GdmpError as error:
+            self.get_logger().warning(f'measured pose refused: {error}',
+                                      throttle_duration_sec=1.0)
+
+    def _on_arm(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
+        self.guard.arm()
+        reply.success = True
+        reply.message = (f'the motion that is streamed, or begins within {ARMED_S:g} s, is '
+                         'converted from wherever it is')
+        return reply
+
     def convert(self, message: Reference) -> None:
         """Send a reference to the outputs, or refuse it: other controllers do not check it."""
-        reason = refusal(messages.reference_target(message), Origin(message.header.frame_id),
-                         self._expected)
-        if reason is not None:
-            self.get_logger().warning(f'reference refused: {reason}', throttle_duration_sec=1.0)
-            return
+        guard, count = self.guard, self.guard.refused
+        if not (self._robot or guard.armed):
+            guard.refuse(f'no pose of the robot on {self.parameters.measured_pose_topic}, in '
+                         f'{self.parameters.reference_frame}: see the parameter '
+                         'measured_pose_topic, or call ~/arm')
+        elif guard.offer(messages.reference_target(message), messages.origin_of(message, 0.0)):
+            self._send(message)
+        if guard.refused > count:
+            self.get_logger().warning(f'reference refused: {guard.last_refusal}',
+                                      throttle_duration_sec=1.0)
+
+    def _send(self, message: Reference) -> None:
         now = time.monotonic()
         due = [output for output in self._outputs if output.due(now)]
         if not due:

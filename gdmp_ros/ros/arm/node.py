@@ -2,21 +2,31 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import Reference
-from gdmp_msgs.srv import StepSimulation
+from gdmp_msgs.msg import ArmStatus, Reference
 from geometry_msgs.msg import PoseStamped
-from rclpy.callback_groups import ReentrantCallbackGroup
+import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.ros.arm.parameters import controller_settings, hand_settings, SPECS
+from gdmp_ros.ros.arm.parameters import (
+    controller_settings,
+    hand_settings,
+    payload,
+    plant_settings,
+    RETIRED,
+    SPECS,
+    tool_transform,
+)
+from gdmp_ros.ros.arm.services import Services
 from gdmp_ros.ros.arm.simulation import MAX_REFERENCES, Simulation
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
@@ -29,15 +39,20 @@ from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.tool import ToolTransform
 from gdmp_ros.sim.urdf import urdf
 from gdmp_ros.sim.viewer import Viewer
 
-#: Time for steps of a paused simulation, beyond their own duration [s].
-STEP_TIMEOUT_S = 5.0
 #: Largest number of missed periods that are made up in one tick.
 MAX_CATCH_UP = 10
 #: The viewer is updated once in this many ticks.
 VIEWER_EVERY = 16
+
+
+STATUS = {ArmMode.UNKNOWN: 'starting', ArmMode.HOLD: 'holding', ArmMode.FOLLOW: 'following',
+          ArmMode.GUIDED: 'waiting for a hand', ArmMode.IDENTIFY: 'identifying the friction',
+          ArmMode.COMPLIANT: 'compliant', ArmMode.FAULT: 'fault'}
 
 
 class PandaSim(ManagedNode):
@@ -49,7 +64,7 @@ class PandaSim(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__('panda_sim')
-        self.parameters = Parameters(self, SPECS)
+        self.parameters = Parameters(self, SPECS, RETIRED)
         self._active = False
         self._ticks = 0
         self._refused = 0
@@ -59,15 +74,24 @@ class PandaSim(ManagedNode):
 
     def configure(self) -> None:
         p = self.parameters
-        loop = ClosedLoop(Arm(p.model, p.tool_site), controller_settings(p))
+        loop = ClosedLoop(Arm(p.model, p.tool_site, plant=plant_settings(p)),
+                          controller_settings(p))
+        self._payload = payload(p)
+        if self._payload != Payload():
+            loop.arm.announce(self._payload)
+        self._tool, self._tool_change = tool_transform(p), list[str]()
+        if self._tool != ToolTransform():
+            loop.put_tool(self._tool)
         loop.warm_up()  # compiles the control law, or loads it from the cache
         self.simulation = Simulation(
             loop, p.frame_id,
             self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
             self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
+        self.add_subscription(JointState, '~/posture', self._on_posture)
         self._add_publishers()
-        self._add_services()
-        p.check = controller_settings
+        self.arm_services = Services(self, self.simulation, lambda: self._active, self._describe)
+        self.add_report(self._report)
+        p.check = self._check
         p.changed = self._use_parameters
         p.locked = True
 
@@ -104,9 +128,29 @@ class PandaSim(ManagedNode):
         self.release()
         self.parameters.locked = False
 
+    def _check(self, proposed: Any) -> None:
+        payload(proposed)
+        if tool_transform(proposed) != self._tool:
+            self.simulation.loop.check_tool()
+        self.simulation.loop.controller.check(controller_settings(proposed))
+
     def _use_parameters(self) -> None:
         self.simulation.loop.controller.configure(controller_settings(self.parameters))
         self.simulation.hand_settings = hand_settings(self.parameters)
+        carried = payload(self.parameters)
+        if carried != self._payload:
+            self._payload = carried
+            self.simulation.loop.arm.announce(carried)
+        tool = tool_transform(self.parameters)
+        if tool != self._tool:
+            self._tool, self._tool_change = tool, self.simulation.request_tool(tool)
+
+    def _on_posture(self, message: JointState) -> None:
+        """Use another posture of the null space, or refuse it."""
+        try:
+            self.simulation.loop.controller.posture.want(np.array(message.position))
+        except ParameterError as error:
+            self.get_logger().warning(f'posture refused: {error}', throttle_duration_sec=1.0)
 
     # The loop
 
@@ -151,6 +195,8 @@ class PandaSim(ManagedNode):
     def _add_publishers(self) -> None:
         frame, names = self.parameters.frame_id, self.simulation.loop.arm.names
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
+        self._description = self.add_publisher(String, 'robot_description', 1, latched=True)
         self._describe()
         if self.parameters.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
@@ -166,57 +212,15 @@ class PandaSim(ManagedNode):
         except DataError as error:
             self.get_logger().warning(f'no robot_description: {error}')
             return
-        self.add_publisher(String, 'robot_description', 1, latched=True).publish(String(data=text))
-
-    def _add_services(self) -> None:
-        self.add_service(SetBool, 'set_pause', self._on_pause)
-        self.add_service(SetBool, 'teach', self._on_teach)
-        self.add_service(Trigger, 'reset_world', self._on_reset)
-        # It awaits: in the default group it would block the other services.
-        self.add_service(StepSimulation, 'step_simulation', self._on_step,
-                         ReentrantCallbackGroup())
-        self.add_report(self._report)
-
-    def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
-        self.simulation.pause(request.data)
-        reply.success = True
-        reply.message = 'paused' if request.data else 'running'
-        return reply
-
-    def _on_teach(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
-        self.simulation.request_hand_guiding(request.data)
-        reply.success = True
-        reply.message = ('only gravity is compensated: guide the arm by ~/hand_pose or with the '
-                         'mouse' if request.data else 'the arm holds its pose')
-        return reply
-
-    def _on_reset(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
-        self.simulation.request_reset()
-        reply.success, reply.message = True, 'the arm is reset to its first keyframe'
-        return reply
-
-    async def _on_step(self, request: StepSimulation.Request,
-                       reply: StepSimulation.Response) -> StepSimulation.Response:
-        simulation = self.simulation
-        try:
-            if not self._active:
-                raise ParameterError('the node is not active')
-            simulation.request_steps(request.steps)
-            seconds = request.steps * simulation.loop.arm.period + STEP_TIMEOUT_S
-            await self.wait_until(lambda: simulation.steps_left == 0, 0.005, seconds)
-            if simulation.steps_left:
-                raise ParameterError(f'{simulation.steps_left} of {request.steps} steps were not '
-                                     'made in time')
-            if simulation.steps_dropped:
-                raise ParameterError(f'{simulation.steps_dropped} of {request.steps} steps were '
-                                     'not made: ~/set_pause was called')
-            reply.success = True
-        except ParameterError as error:
-            reply.message = str(error)
-        reply.time = simulation.loop.arm.time
-        return reply
+        self._description.publish(String(data=text))
 
     def _report(self) -> None:
+        self._publish_status()
+        if self._tool_change:
+            self._describe()
+            problem = self._tool_change.pop()
+            if problem:
+                self.get_logger().error(f'tool_position, tool_rotation: no effect: {problem}')
         level, text = self._status()
         controller = self.simulation.loop.controller
         guard, counters = controller.guard, controller.counters
@@ -237,19 +241,41 @@ class PandaSim(ManagedNode):
             'panda_sim', level, text, self._lateness.punctuality(1000), extra,
             self.get_clock().now().to_msg()))
 
+    def _publish_status(self) -> None:
+        controller = self.simulation.loop.controller
+        guard = controller.guard
+        message = ArmStatus(mode=guard.mode, reason=guard.reason, refused=guard.refused,
+                            last_refusal=guard.last_refusal, tank_low=controller.tank.is_low,
+                            tank_energy=controller.tank.energy)
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self.parameters.frame_id
+        self._status_out.publish(message)
+
     def _status(self) -> tuple[bytes, str]:
         """Level and text for the diagnostics; new problems are logged."""
         simulation, logger = self.simulation, self.get_logger()
         loop = simulation.loop
-        level, text = DiagnosticStatus.OK, ('following' if loop.controller.guard.following
-                                            else 'holding')
-        if loop.hand_guided:
-            text = 'guided by hand' if loop.hand is not None else 'waiting for a hand'
+        guard = loop.controller.guard
+        level, text = DiagnosticStatus.OK, STATUS[guard.mode]
+        if guard.reason:
+            level = (DiagnosticStatus.ERROR if guard.mode is ArmMode.FAULT
+                     else DiagnosticStatus.WARN)
+            text = f'{text}: {guard.reason}'
+            logger.warning(text, throttle_duration_sec=5.0)
+        if loop.hand_guided and loop.hand is not None:
+            text = 'guided by hand'
+        if simulation.identifies and loop.identification is not None:
+            text = f'identifying the friction of joint {loop.identification.joint + 1}'
         if simulation.paused:
             text = 'paused'
         if simulation.hand_problem:
             logger.warning(simulation.hand_problem, throttle_duration_sec=1.0)
             simulation.hand_problem = ''
+        if loop.controller.tank.is_low:
+            level, text = DiagnosticStatus.WARN, (
+                f'{text}, energy tank low ({loop.controller.tank.energy:.2g} J): motions slow '
+                'down and springs soften')
+            logger.warning(text, throttle_duration_sec=5.0)
         limited = loop.controller.counters.recent()
         if limited:
             level, text = DiagnosticStatus.WARN, f'{text}, limited: {limited}'

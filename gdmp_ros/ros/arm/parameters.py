@@ -4,7 +4,9 @@ from __future__ import annotations
 from typing import Any
 
 from gdmp_ros.control.settings import (
+    ContactSettings,
     ControllerSettings,
+    FrictionSettings,
     GuardSettings,
     ImpedanceGains,
     LimitSettings,
@@ -12,9 +14,20 @@ from gdmp_ros.control.settings import (
 )
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
 from gdmp_ros.sim.hand import HandSettings
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.plant import PlantSettings
+from gdmp_ros.sim.tool import ToolTransform
 
 _GUARD = {'timeout': 'reference_timeout'}
 _TANK = {'energy': 'tank_energy', 'capacity': 'tank_capacity', 'refill': 'tank_refill'}
+_FRICTION = {'viscous': 'friction_viscous', 'dry': 'friction_dry',
+             'credit_viscous': 'friction_credit_viscous', 'credit_dry': 'friction_credit_dry'}
+_PLANT = {'dry_friction': 'plant_dry_friction', 'armature': 'plant_armature',
+          'delay': 'plant_delay', 'position_noise': 'plant_position_noise',
+          'velocity_noise': 'plant_velocity_noise', 'payload': 'plant_payload',
+          'model': 'plant_model'}
+_PAYLOAD = {'mass': 'payload_mass', 'center': 'payload_center', 'inertia': 'payload_inertia'}
+_TOOL = {'position': 'tool_position', 'rotation': 'tool_rotation'}
 _HAND = {'stiffness': 'hand_stiffness', 'force': 'hand_force'}
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
@@ -34,17 +47,51 @@ SPECS = (
                                        'angular_acceleration': 'turn_acceleration',
                                        'catch_up_angular_speed': 'catch_up_turn_speed'}),
     *specs_of(TankSettings, names=_TANK, fixed=('energy',)),
-    *specs_of(ImpedanceGains, fixed=('position_clip', 'rotation_clip')),
+    *specs_of(FrictionSettings, names=_FRICTION),
+    *specs_of(ContactSettings),
+    *specs_of(ImpedanceGains, fixed=('position_clip', 'rotation_clip', 'wrench_max')),
+    *specs_of(Payload, names=_PAYLOAD),
+    *specs_of(ToolTransform, names=_TOOL),
     *specs_of(HandSettings, names=_HAND),
+    *specs_of(PlantSettings, 'configure', names=_PLANT),
     Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )
+#: Parameters that are gone, or have another unit.
+RETIRED = {'jump_stiffness': ('stiffness_rate', 'jump_stiffness is gone: a stiffness that changes '
+                              'is ramped with stiffness_rate'),
+           'torque_rate': ('torque_slew', 'torque_rate [Nm per tick] is now torque_slew [Nm/s]: '
+                           '1 Nm per tick of 1 ms is 1000 Nm/s')}
 
 
 def hand_settings(parameters: Any) -> HandSettings:
     """Settings of the hand that guides the arm."""
     return settings_from(parameters, HandSettings, _HAND)
+
+
+def payload(parameters: Any) -> Payload:
+    """
+    Read what the arm carries.
+
+    :raises ParameterError: if no body has this mass and inertia
+    """
+    return settings_from(parameters, Payload, _PAYLOAD)
+
+
+def tool_transform(parameters: Any) -> ToolTransform:
+    """
+    Read where the tool is.
+
+    :raises ParameterError: if its rotation is none
+    """
+    return settings_from(parameters, ToolTransform, _TOOL)
+
+
+def plant_settings(parameters: Any) -> PlantSettings | None:
+    """How the simulated robot differs from its model; None if it does not."""
+    settings = settings_from(parameters, PlantSettings, _PLANT)
+    return None if settings == PlantSettings() else settings
 
 
 def controller_settings(parameters: Any) -> ControllerSettings:
@@ -58,4 +105,6 @@ def controller_settings(parameters: Any) -> ControllerSettings:
         gains=settings_from(parameters, ImpedanceGains),
         guard=settings_from(parameters, GuardSettings, _GUARD, frame=parameters.frame_id),
         limits=settings_from(parameters, LimitSettings),
-        tank=settings_from(parameters, TankSettings, _TANK))
+        tank=settings_from(parameters, TankSettings, _TANK),
+        friction=settings_from(parameters, FrictionSettings, _FRICTION),
+        contact=settings_from(parameters, ContactSettings))

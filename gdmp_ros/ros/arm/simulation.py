@@ -1,19 +1,21 @@
 """One tick of the simulated arm: requests, references, the guiding hand, physics."""
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 
-from gdmp_ros.control.controller import Tick
-from gdmp_ros.control.guard import Origin
-from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.messages import checked_pose, NS, reference_target
+from gdmp_ros.control.tick import Tick
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.ros.messages import checked_pose, NS, origin_of, reference_target
 from gdmp_ros.ros.polling import take, take_latest
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.hand import Hand, HandSettings
+from gdmp_ros.sim.tool import ToolTransform
 
 #: Largest number of references read in a tick.
 MAX_REFERENCES = 20
@@ -30,9 +32,11 @@ class Simulation:
 
     One thread calls `advance`. Requests come from another thread; `advance` carries them out.
 
+    :ivar requests: called by the next `advance`
     :ivar sequence: number of the reference that is followed, 0 before the first
     :ivar steps_dropped: ticks of the last `request_steps` that `pause` prevented
     :ivar hand_problem: why a pose of the hand was refused; empty if it was not
+    :ivar identification_problem: why the friction could not be identified; empty if it was not
     """
 
     def __init__(self, loop: ClosedLoop, frame: str, references: Any, hand_poses: Any,
@@ -48,10 +52,12 @@ class Simulation:
         self.hand_settings = hand_settings
         self.paused = False
         self.sequence = 0
-        self.hand_problem = ''
+        self.hand_problem = self.identification_problem = ''
         self._frame, self._references, self._hand_poses = frame, references, hand_poses
+        self.requests: deque[Callable[[], None]] = deque()
         self._reset_requested = False
         self._hand_guide_requested: bool | None = None
+        self._identification_requested: bool | None = None
         self.steps_dropped = 0
         # Only `advance` counts ticks, and only the other thread sets the last one of a request.
         self._ticks = self._last_tick = 0
@@ -70,6 +76,47 @@ class Simulation:
     def request_hand_guiding(self, wanted: bool) -> None:
         """Begin or end hand guiding at the next tick."""
         self._hand_guide_requested = wanted
+        self._identification_requested = False if wanted else self._identification_requested
+
+    def request_identification(self, wanted: bool) -> None:
+        """
+        Begin or end the motions that show the friction of the joints, at the next tick.
+
+        :raises ParameterError: if a reference is followed, or the arm is guided by hand
+        """
+        loop = self.loop
+        if wanted and loop.hand_guided:
+            raise ParameterError('the arm is guided by hand: end it first (~/teach)')
+        if wanted and loop.controller.guard.following:
+            raise ParameterError('the arm follows references: stop their publisher first')
+        if wanted and self.identifies:
+            raise ParameterError('friction is being identified already')
+        self.identification_problem = ''
+        self._identification_requested = wanted
+
+    @property
+    def identifies(self) -> bool:
+        """Whether such motions are made, or will be."""
+        identification = self.loop.identification
+        return bool(self._identification_requested) or (
+            identification is not None and not identification.done)
+
+    def request_tool(self, tool: ToolTransform) -> list[str]:
+        """
+        Put the tool to another place at the next tick.
+
+        :returns: empty until then; contains the reason of a refusal afterwards, or an empty string
+        """
+        done: list[str] = []
+
+        def put() -> None:
+            try:
+                self.loop.put_tool(tool)
+                done.append('')
+            except ParameterError as error:
+                done.append(str(error))
+        self.requests.append(put)
+        return done
 
     def request_steps(self, steps: int) -> None:
         """
@@ -97,12 +144,19 @@ class Simulation:
 
         :param stamp_ns: present time
         """
+        while self.requests:
+            self.requests.popleft()()
         if self._reset_requested:
             self._reset_requested, self.sequence = False, 0
             self.loop.reset()
         if self._hand_guide_requested is not None:
             self._switch_hand_guiding(self._hand_guide_requested)
             self._hand_guide_requested = None
+        if self._identification_requested is not None:
+            wanted, self._identification_requested = self._identification_requested, None
+            self.loop.identification = None
+            if wanted:
+                self.loop.identify_friction()
         if self.paused and self.steps_left == 0:
             return None
         # All in order: another publisher must not hide the one that is followed.
@@ -113,19 +167,25 @@ class Simulation:
             self.take_reference(message, stamp_ns)
         if self.loop.hand_guided:
             self._poll_hand()
-        tick = self.loop.tick()
+        try:
+            tick = self.loop.tick()
+        except DataError as error:
+            if not self.identifies:
+                raise
+            # The arm holds where it is.
+            self.identification_problem, self.loop.identification = str(error), None
+            tick = self.loop.tick()
         self._ticks += 1
         return tick
 
     def take_reference(self, message: Reference, now_ns: int) -> None:
         """Follow a reference, or refuse it."""
         guard = self.loop.controller.guard
-        if self.loop.hand_guided:
-            guard.refuse('the arm is guided by hand (~/teach)')
+        if message.joints:
+            guard.refuse('references of the joints are not followed')
             return
         stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-        origin = Origin(message.header.frame_id, (now_ns - stamp) / NS, message.sequence)
-        if guard.offer(reference_target(message), origin):
+        if guard.offer(reference_target(message), origin_of(message, (now_ns - stamp) / NS)):
             self.sequence = message.sequence
 
     def take_hand(self, message: PoseStamped) -> None:

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from gdmp_msgs.msg import RobotState
 from sensor_msgs.msg import JointState
 
-from gdmp_ros.control.controller import Tick
+from gdmp_ros.control.tick import Tick
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
 from gdmp_ros.ros.messages import (
     fill_robot_state,
     ROBOT_STATE_FIXED,
     robot_state_numbers,
-    SerializedTemplate,
     stamp_of,
 )
+from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.streams import (
     CHECK_EVERY,
     check_subscribers,
@@ -58,7 +58,8 @@ class StatePublisher:
             check_subscribers(self._state, self._pose, self._applied, self._requested)
         self._ticks += 1
         if self._state.has_subscribers:
-            self._state.publish(robot_state_numbers(tick), stamp_ns, sequence)
+            self._state.publish(robot_state_numbers(tick), stamp_ns, sequence, tick.mode,
+                                self._ticks)
         if self._ticks % self._viewer_every == 0:
             self._publish_for_viewers(tick, stamp_ns)
 

@@ -39,9 +39,12 @@ def definition(name: str) -> tuple[str, str]:
     """Text of a message definition with its dependencies, as bags store it, and its hash."""
     from rosbags.typesys import get_types_from_msg, get_typestore, Stores
     store = get_typestore(Stores.ROS2_JAZZY)
-    package, _, kind = name.split('/')
-    path = _share(package) / 'msg' / f'{kind}.msg'
-    store.register(get_types_from_msg(path.read_text(), name))
+    package = name.split('/', 1)[0]
+    # All of the package: messages contain each other.
+    for path in (_share(package) / 'msg').glob('*.msg'):
+        kind = f'{package}/msg/{path.stem}'
+        if kind not in store.types:
+            store.register(get_types_from_msg(path.read_text(), kind))
     text, _ = store.generate_msgdef(name, ros_version=2)
     return text, store.hash_rihs01(name)
 

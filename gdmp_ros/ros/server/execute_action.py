@@ -1,6 +1,7 @@
 """The action ``~/execute``: a skill to its goal, with feedback; a newer goal replaces it."""
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
@@ -8,23 +9,33 @@ from gdmp_msgs.msg import ServerState
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
+from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.robot_watch import Distance, distance
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.server.report import ServerReport
 
-#: Tolerances if a goal has none [m, rad].
+#: Tolerances of the reference if a goal has none [m, rad].
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 0.0005, 0.0025
 
 
 class _Execution(NamedTuple):
-    """A goal that is being executed: its handle, the number of its motion, its result."""
+    """
+    A goal that is being executed.
+
+    :ivar motion: number of its motion
+    :ivar goal: largest distances of the robot from the goal [m, rad]
+    :ivar path: largest distances of the robot from the reference [m, rad]; 0: any
+    """
 
     handle: Any
     motion: int
     done: Future
+    goal: Distance
+    path: Distance
 
 
 class ExecuteAction:
@@ -40,6 +51,8 @@ class ExecuteAction:
         self._node, self._streamer, self._report = node, streamer, report
         self._frame = frame
         self._execution: _Execution | None = None
+        self._rested_since = 0.0
+        self._unverified = False
         self._cancelling = False
         self._action = ActionServer(node, ExecuteSkill, '~/execute', self._execute,
                                     goal_callback=self._on_goal,
@@ -81,14 +94,70 @@ class ExecuteAction:
             return
         execution.handle.publish_feedback(ExecuteSkill.Feedback(
             phase=state.phase, progress=state.progress, factors=state.factors,
-            distance_to_goal=state.distance_to_goal))
+            distance_to_goal=state.distance_to_goal, flags=state.flags,
+            robot_distance=state.robot_distance))
         if 'held' in state.flags:
             self._finish(ExecuteSkill.Result.HELD, 'a step was not finite; the last state is held')
         elif holding and state.finished and 'not_settled' in state.flags:
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
                          'the goal was not reached within its tolerance in time')
         elif holding and state.finished:
-            self._finish(ExecuteSkill.Result.SUCCESSFUL, '')
+            self._judge_robot_at_goal(execution)
+        else:
+            self._rested_since = self._streamer.time
+            self._judge_robot_on_path(execution)
+
+    def _judge_robot_on_path(self, execution: _Execution) -> None:
+        robot, result = self._streamer.robot, ExecuteSkill.Result
+        if 'blocked' in robot.flags:
+            self._give_up(result.BLOCKED, f'the robot is {robot.lag} from the reference and has '
+                          f'not moved for {robot.settings.blocked_time:g} s: {self._why()}')
+        elif not robot.largest_lag.within(*(limit or math.inf for limit in execution.path)):
+            self._give_up(result.PATH_TOLERANCE_VIOLATED, f'the robot was {robot.largest_lag} '
+                          f'from the reference, expected at most {execution.path}')
+
+    def _judge_robot_at_goal(self, execution: _Execution) -> None:
+        """The reference is at the goal and at rest: wait until the robot is too."""
+        robot, player, result = self._streamer.robot, self._streamer.player, ExecuteSkill.Result
+        settings, waited = robot.settings, self._streamer.time - self._rested_since
+        pose, lag = robot.pose, robot.lag
+        if player is None or pose is None or lag is None:
+            if robot.seen:
+                # It was lost on the way: nothing is known of where it is.
+                if waited > settings.settling_time:
+                    self._finish(result.GOAL_TOLERANCE_VIOLATED, 'the reference is at the goal, '
+                                 'and the measured pose of the robot has ended')
+                return
+            self._unverified = True
+            self._finish(result.SUCCESSFUL, '')
+            return
+        if player.mode is StreamMode.STREAMING:
+            # The goal moves on: the robot cannot rest there.
+            there, away = lag.within(settings.lag_position, settings.lag_rotation), lag
+        else:
+            away = distance(pose, player.goal)
+            there = away.within(*execution.goal) and robot.rests()
+        if there:
+            self._finish(result.SUCCESSFUL, '')
+        elif waited > settings.settling_time:
+            text = (f'the reference is at the goal, the robot {away} from it after '
+                    f'{settings.settling_time:g} s, expected {execution.goal}')
+            self._finish(result.GOAL_TOLERANCE_VIOLATED, text)
+
+    def _why(self) -> str:
+        """Why the robot does not move."""
+        arm = self._report.arm
+        if arm is None or arm.mode == ArmMode.UNKNOWN:
+            return 'it is blocked, or does not follow'
+        if arm.mode == ArmMode.FOLLOW:
+            return 'it is blocked'
+        said = arm.reason or arm.last_refusal
+        return f'the arm does not follow{", " if said else ""}{said}'
+
+    def _give_up(self, code: int, text: str) -> None:
+        if self._streamer.player is not None:
+            self._streamer.player.stop()
+        self._finish(code, text)
 
     def _on_goal(self, goal: ExecuteSkill.Goal) -> GoalResponse:
         if self._streamer.active:
@@ -106,11 +175,20 @@ class ExecuteAction:
             handle.abort()
             result.error_code, result.error_string = result.INVALID_GOAL, str(error)
             return result
-        execution = _Execution(handle, motion, self._node.future())
+        request, settings = handle.request, self._streamer.robot.settings
+        execution = _Execution(
+            handle, motion, self._node.future(),
+            Distance(request.robot_position_tolerance or settings.robot_position_tolerance,
+                     request.robot_rotation_tolerance or settings.robot_rotation_tolerance),
+            Distance(request.path_position_tolerance or settings.path_position_tolerance,
+                     request.path_rotation_tolerance or settings.path_rotation_tolerance))
         self._execution, self._cancelling = execution, False
+        self._rested_since, self._unverified = self._streamer.time, False
         result.error_code, result.error_string = await execution.done
         state = self._report.state()
         result.factors, result.distance_to_goal = state.factors, state.distance_to_goal
+        result.flags = [*state.flags, *(['unverified'] if self._unverified else [])]
+        result.robot_distance = state.robot_distance
         if result.error_code == result.SUCCESSFUL:
             handle.succeed()
         elif handle.is_cancel_requested:
@@ -120,7 +198,8 @@ class ExecuteAction:
         return result
 
     def _begin(self, goal: ExecuteSkill.Goal) -> int:
-        for name in ('duration', 'position_tolerance', 'rotation_tolerance'):
+        for name in ('duration', *(f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
+                                   for what in ('position', 'rotation'))):
             value = getattr(goal, name)
             if not value >= 0.0:
                 raise ParameterError(f'{name} is {value!r}, expected a number >= 0')

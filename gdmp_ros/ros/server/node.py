@@ -24,13 +24,20 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
-from gdmp_ros.ros.messages import checked_pose, deserialized, PoseReader, stamp_ns_of
+from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import take_latest, take_latest_with_age
 from gdmp_ros.ros.running import own_arguments, run
+from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.execute_action import ExecuteAction
 from gdmp_ros.ros.server.learning import LearningProcess, skill_from_parameters
-from gdmp_ros.ros.server.parameters import player_settings, SPECS, stream_settings
+from gdmp_ros.ros.server.parameters import (
+    player_settings,
+    reach,
+    robot_settings,
+    SPECS,
+    stream_settings,
+)
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
 
@@ -65,13 +72,15 @@ class TrajectoryServer(ManagedNode):
         parameters = self.parameters
         topic = self.resolve_topic_name(parameters.measured_pose_topic)
         self.streamer = Streamer(self._period_ns(), self._read_measured, topic,
-                                 stream_settings(parameters), player_settings(parameters))
+                                 stream_settings(parameters), player_settings(parameters),
+                                 robot_settings(parameters), reach(parameters))
         found = skill_from_parameters(parameters, self.get_logger())
         if found is not None:
             self.streamer.use(*found)
         self._configured = True
         self._references = ReferencePublisher(self, parameters.frame_id)
-        self._report = ServerReport(self, self.streamer, parameters.frame_id)
+        self._report = ServerReport(self, self.streamer, parameters.frame_id,
+                                    parameters.arm_status_topic)
         self._action = ExecuteAction(self, self.streamer, self._report, parameters.frame_id)
         self.add_report(self._publish_report)
         self._add_inputs()
@@ -103,6 +112,7 @@ class TrajectoryServer(ManagedNode):
         if self.streamer.member is not None:
             self.streamer.member.leave()
             self.streamer.member = None
+        self._references.end()
         self._action.deactivated()
         if self.parameters.lateness_file:
             self.streamer.lateness.save(self.parameters.lateness_file)
@@ -140,7 +150,7 @@ class TrajectoryServer(ManagedNode):
             self._poll(self._goal_matrices, self.take_goal_stiffness)
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
-            self._references.publish(target, stamp_ns)
+            self._references.publish(target, stamp_ns, self.streamer.mode)
 
     # Interfaces
 
@@ -264,8 +274,9 @@ class TrajectoryServer(ManagedNode):
         self._action.watch(self._report.publish(), motion)
 
     def _use_parameters(self) -> None:
-        self.streamer.configure(stream_settings(self.parameters),
-                                player_settings(self.parameters))
+        parameters = self.parameters
+        self.streamer.configure(stream_settings(parameters), player_settings(parameters),
+                                robot_settings(parameters))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,13 +1,23 @@
 """Parameters of the trajectory server."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
-from gdmp_ros.playback.streamer import StreamSettings
+from gdmp_ros.playback.robot_watch import RobotSettings
+from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.tool import ToolTransform
 
+#: Frame in which goals are checked with the built-in Panda by default.
+PANDA_FRAME = 'panda_link0'
+_TOOL = {'position': 'tool_position', 'rotation': 'tool_rotation'}
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('skill', '', 'skill file to load; empty: learn from `demonstrations`, or load later'),
@@ -21,8 +31,15 @@ SPECS = (
     Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
+    Spec('reach_model', '', 'arm whose reach and joint limits goals are checked with: MJCF file, '
+         'menagerie:NAME or robot_descriptions:NAME; empty: the built-in Panda if frame_id is '
+         'panda_link0; none: no check'),
+    Spec('tool_site', 'tcp', 'site of that model that is the tool'),
+    *specs_of(ToolTransform, 'configure', names=_TOOL),
     Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
+    Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one'),
     *specs_of(StreamSettings),
+    *specs_of(RobotSettings),
     *specs_of(PlayerSettings, 'motion', formerly={'goal_angular_speed': 'goal_turn_speed'}),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
@@ -37,6 +54,25 @@ def stream_settings(parameters: Any) -> StreamSettings:
     :raises ParameterError: if two of them contradict each other
     """
     return settings_from(parameters, StreamSettings)
+
+
+def reach(parameters: Any) -> Callable[[np.ndarray], str]:
+    """
+    Find out why the arm cannot reach a pose (`gdmp_ros.sim.reach`).
+
+    :raises DataError: if the model cannot be loaded
+    """
+    model, tool = parameters.reach_model, parameters.tool_site
+    if model == 'none' or (not model and parameters.frame_id != PANDA_FRAME):
+        return lambda _: ''
+    arm = Arm(model, tool)
+    arm.put_tool(settings_from(parameters, ToolTransform, _TOOL))
+    return Reach(arm, tool).problem
+
+
+def robot_settings(parameters: Any) -> RobotSettings:
+    """How far the robot may be from goal and path."""
+    return settings_from(parameters, RobotSettings)
 
 
 def player_settings(parameters: Any) -> PlayerSettings:

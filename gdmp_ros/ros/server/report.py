@@ -1,19 +1,27 @@
 """What a trajectory server reports: state, predicted path, diagnostics, log messages."""
 from __future__ import annotations
 
+import time
+
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import ServerState
+from gdmp_msgs.msg import ArmStatus, ServerState
+from gdmp_msgs.msg import Tube as TubeMessage
 from geometry_msgs.msg import Pose
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 
+from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.prediction import predicted_poses
+from gdmp_ros.playback.prediction import prediction, Tube
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.robot_watch import distance
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.statistics import Punctuality
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose
+from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose, tube_message
+from gdmp_ros.ros.polling import take_latest
 
 #: Poses of a predicted path in one duration of the motion.
 PLAN_POSES = 40
@@ -23,16 +31,28 @@ PLAN_EVERY = 5
 DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
 FIGURES_EVERY, WINDOW = 10, 1000
+#: Oldest status of the arm that counts [s].
+ARM_S = 1.0
 
 
 class ServerReport:
-    """``~/state``, ``~/plan``, ``/diagnostics`` and log messages."""
+    """``~/state``, ``~/plan``, ``~/tube``, ``/diagnostics`` and log messages."""
 
-    def __init__(self, node: ManagedNode, streamer: Streamer, frame: str):
-        """:param frame: ``frame_id`` of state and path"""
+    def __init__(self, node: ManagedNode, streamer: Streamer, frame: str, arm_topic: str):
+        """
+        Prepare to report.
+
+        :param frame: ``frame_id`` of state and path
+        :param arm_topic: topic of the status of the arm
+        """
+        self._arm: tuple[ArmStatus, float] | None = None
+        # Polled: for each message an executor takes half a millisecond.
+        self._arm_in = node.add_subscription(ArmStatus, arm_topic, None)
         self._node, self._streamer, self._frame = node, streamer, frame
         self._state = node.add_publisher(ServerState, '~/state', 10)
         self._plan = node.add_publisher(PathMessage, '~/plan', 1)
+        self._tube_out = node.add_publisher(TubeMessage, '~/tube', 1)
+        self._tube: tuple[Primitive, Tube] | None = None
         self._diagnostics = node.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._reports = 0
         self._figures = streamer.lateness.punctuality(WINDOW)
@@ -54,13 +74,35 @@ class ServerReport:
         message.header.frame_id = self._frame
         flags = set() if streamer.robot_is_known() else {'no_robot'}
         if streamer.player is not None:
-            flags |= _add_motion(message, streamer.player)
-        message.flags = sorted(flags)
+            flags |= _add_motion(message, streamer.player) | streamer.robot.flags
+            measured = streamer.robot.pose
+            if measured is not None:
+                message.robot_distance = list(distance(measured, streamer.player.goal))
+        message.flags = sorted(flags | self._arm_flags(message.status == Status.MOVING))
         return message
+
+    @property
+    def arm(self) -> ArmStatus | None:
+        """What the arm said last; None if that is too old."""
+        if self._arm is None or time.monotonic() - self._arm[1] > ARM_S:
+            return None
+        return self._arm[0]
+
+    def _arm_flags(self, moving: bool) -> set[str]:
+        arm = self.arm
+        if arm is None:
+            return set()
+        flags = {'tank_low'} if arm.tank_low else set()
+        if moving and arm.mode not in (ArmMode.FOLLOW, ArmMode.UNKNOWN):
+            flags.add('not_followed')
+        return flags
 
     def publish(self) -> ServerState:
         """Publish everything, and return the state that was published."""
         self._reports += 1
+        status = take_latest(self._arm_in)
+        if status is not None:
+            self._arm = status, time.monotonic()
         self._log()
         self._publish_plan()
         if self._reports % FIGURES_EVERY == 1:
@@ -81,22 +123,34 @@ class ServerReport:
             logger.warning(f'refused: {reasons[-1]}', throttle_duration_sec=1.0)
 
     def _publish_plan(self) -> None:
-        """Publish the predicted path if there are subscribers, and an empty one at the end."""
+        """Publish path and tube if there are subscribers, and empty ones at the end."""
         player = self._streamer.player
-        if player is None or self._plan.get_subscription_count() == 0:
+        if player is None or not (self._plan.get_subscription_count()
+                                  or self._tube_out.get_subscription_count()):
             return
-        rollout, poses = player.taken_copy(), None
+        rollout, stamp = player.taken_copy(), self._node.get_clock().now().to_msg()
         if rollout is not None:
-            poses = predicted_poses(rollout, PLAN_POSES)
+            poses, progress = prediction(rollout, PLAN_POSES)
+            self._plan_is_shown = True
+            self._plan.publish(path_message(poses, self._frame, stamp))
+            self._publish_tube(rollout.skill, poses, progress, stamp)
         elif self._plan_is_shown and player.status is Status.HOLDING:
-            poses = np.empty((0, 7))
-        if poses is not None:
-            self._plan_is_shown = len(poses) > 0
-            self._plan.publish(path_message(poses, self._frame,
-                                            self._node.get_clock().now().to_msg()))
+            self._plan_is_shown = False
+            self._plan.publish(path_message(np.empty((0, 7)), self._frame, stamp))
+            self._tube_out.publish(tube_message(np.empty((0, 7)), np.empty((0, 6, 6)), self._frame,
+                                                stamp))
         if (player.status in (Status.MOVING, Status.PAUSED)
                 and self._reports % PLAN_EVERY == 0):
             player.request_copy()
+
+    def _publish_tube(self, skill: Primitive, poses: np.ndarray, progress: np.ndarray, stamp: Time
+                      ) -> None:
+        if skill.variation is None or self._tube_out.get_subscription_count() == 0:
+            return
+        if self._tube is None or self._tube[0] is not skill:
+            self._tube = skill, Tube(skill, PLAN_POSES)
+        self._tube_out.publish(tube_message(poses, self._tube[1].covariances(progress),
+                                            self._frame, stamp))
 
     def _publish_diagnostics(self, message: ServerState, figures: Punctuality) -> None:
         node, member = self._node, self._streamer.member
@@ -117,7 +171,9 @@ class ServerReport:
             return
         self._last_diagnosis = (level, text)
         extra = {'skill': message.skill, 'refused': message.refused,
-                 'last refusal': message.last_refusal, 'scheduler': message.scheduler}
+                 'last refusal': message.last_refusal,
+                 'references bounded': self._streamer.bounds.bounded,
+                 'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
             node.get_fully_qualified_name().strip('/'), level, text, figures, extra,
             message.header.stamp))

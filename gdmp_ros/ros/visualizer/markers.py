@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
+from gdmp_ros.playback.prediction import LIKELY
 from gdmp_ros.ros.messages import set_pose
 from gdmp_ros.sim.urdf import Shape
 
@@ -16,6 +17,7 @@ _KINDS = {'sphere': Marker.SPHERE, 'box': Marker.CUBE, 'cylinder': Marker.CYLIND
 #: Red, green, blue, opacity. Blue and orange are distinct with colour blindness too.
 PAST, PREDICTED, GOAL = (0.2, 0.2, 0.25, 0.9), (0.0, 0.45, 0.7, 0.9), (0.9, 0.4, 0.0, 0.9)
 STIFFNESS, MANIPULABILITY = (0.0, 0.62, 0.45, 0.35), (0.8, 0.47, 0.65, 0.3)
+TUBE = (0.35, 0.7, 0.9, 0.12)
 _AXES = ((0.85, 0.15, 0.1, 1.0), (0.15, 0.65, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 #: Width of a line [m].
@@ -39,8 +41,22 @@ def line(space: str, positions: np.ndarray, colour: Sequence[float]) -> Marker:
     return result
 
 
+def tube(space: str, positions: np.ndarray, covariances: np.ndarray) -> list[Marker]:
+    """
+    Ellipsoids in which 95 % of positions lie.
+
+    :param covariances: shape ``(T, 3, 3)`` [m²]
+    """
+    result = []
+    for number, (position, covariance) in enumerate(zip(positions, covariances)):
+        values, axes = np.linalg.eigh(covariance)
+        root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+        result.append(ellipsoid(space, position, root, LIKELY, TUBE, number))
+    return result
+
+
 def ellipsoid(space: str, position: np.ndarray, matrix: np.ndarray, scale: float,
-              colour: Sequence[float]) -> Marker:
+              colour: Sequence[float], number: int = 0) -> Marker:
     """
     Ellipsoid of a symmetric positive definite matrix.
 
@@ -50,7 +66,7 @@ def ellipsoid(space: str, position: np.ndarray, matrix: np.ndarray, scale: float
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     orientation = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
     size = 2.0 * scale * np.maximum(values, 0.0)
-    return _marker(space, 0, Marker.SPHERE, colour, np.concatenate([position, orientation]),
+    return _marker(space, number, Marker.SPHERE, colour, np.concatenate([position, orientation]),
                    np.maximum(size, 1e-4))
 
 

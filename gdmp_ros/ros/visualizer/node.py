@@ -5,7 +5,7 @@ from collections import deque
 import time
 from typing import Any
 
-from gdmp_msgs.msg import RobotState, ServerState
+from gdmp_msgs.msg import RobotState, ServerState, Tube
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
@@ -63,7 +63,7 @@ class Visualizer(ManagedNode):
         self._arm = Arm(p.model, p.tool_site)
         self._shapes = shapes(self._arm)
         self._past: deque[tuple[float, np.ndarray]] = deque()
-        self._predicted = np.empty((0, 3))
+        self._predicted, self._tube = np.empty((0, 3)), np.empty((0, 4, 3))
         self._shown: set[tuple[str, int]] = set()
         self._goal: np.ndarray | None = None
         self._robot: RobotState | None = None
@@ -73,6 +73,7 @@ class Visualizer(ManagedNode):
         self._hand_out = self.add_publisher(PoseStamped, f'{p.arm}/hand_pose', 1)
         self.add_subscription(ServerState, f'{p.server}/state', self.take_server)
         self.add_subscription(Path, f'{p.server}/plan', self.take_plan)
+        self.add_subscription(Tube, f'{p.server}/tube', self.take_tube)
         # At 1 kHz only the newest is used.
         self._robots = self.add_subscription(RobotState, f'{p.arm}/state', None)
         kinds = {title: (Trigger, f'{p.server}/{title}') for title in ('start', 'stop')}
@@ -117,6 +118,15 @@ class Visualizer(ManagedNode):
         poses = np.array([pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
         self._predicted = poses[np.isfinite(poses).all(axis=1), :3]
 
+    def take_tube(self, message: Tube) -> None:
+        """Show from now on how takes vary around the predicted path."""
+        if not self._of_this_frame(message.header.frame_id):
+            return
+        rows = [np.vstack([pose_numbers(one.pose)[:3],
+                           np.reshape(one.covariance, (6, 6))[:3, :3]]) for one in message.poses]
+        tube = np.array(rows).reshape(-1, 4, 3)
+        self._tube = tube[np.isfinite(tube).all(axis=(1, 2))]
+
     def _poll(self) -> None:
         """Use the newest state of the arm."""
         message = take_latest(self._robots)
@@ -156,6 +166,7 @@ class Visualizer(ManagedNode):
         now = time.monotonic()
         if now - self._received['server'] > SILENT_S:
             self._goal, self._predicted = None, np.empty((0, 3))
+            self._tube = np.empty((0, 4, 3))
         if now - self._received['arm'] > SILENT_S:
             self._robot = None
         oldest = time.monotonic() - self.parameters.path_s
@@ -181,6 +192,7 @@ class Visualizer(ManagedNode):
         result = [markers.line(name, positions, colour) for name, positions, colour in (
             ('past path', past, markers.PAST),
             ('predicted path', self._predicted, markers.PREDICTED)) if len(positions) > 1]
+        result += markers.tube('likely positions of takes', self._tube[:, 0], self._tube[:, 1:])
         if self._goal is not None:
             result += markers.frame('goal', self._goal, 0.08)
         robot = self._robot

@@ -9,7 +9,7 @@ from gdmp_ros.experiments.reliability import soak
 
 def window(**changes):
     """Extreme values of ten seconds."""
-    return {'states': 10_000, 'torque': [20.0] * 4 + [2.0] * 3, 'rate': 1.0, 'speed': 0.25,
+    return {'states': 10_000, 'torque': [20.0] * 4 + [2.0] * 3, 'rate': 0.95, 'speed': 0.25,
             'joint_speed': 1.5, 'tank': 4.5, 'lower': [-0.2, -0.8, -0.2, -2.5, -0.2, 1.5, 0.6],
             'upper': [0.2, 0.2, 0.2, -2.0, 0.2, 2.2, 1.0], **changes}
 

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.control.controller import Tick
 from gdmp_ros.control.impedance import damping_design
 from gdmp_ros.control.settings import (
     ControllerSettings,
-    GuardSettings,
     LimitSettings,
     TankSettings,
 )
 from gdmp_ros.control.stability import growth_margin
 from gdmp_ros.control.target import resting_target, STIFFNESS
+from gdmp_ros.control.tick import Tick
 from gdmp_ros.experiments.reliability.outcome import Outcome
 from gdmp_ros.experiments.reliability.trial import Trial
 from gdmp_ros.sim.arm import Arm
@@ -62,11 +61,12 @@ def simulate(passive: bool, seconds: float = SECONDS) -> History:
     """Follow a reference just above the table with the adversarial stiffness."""
     arm = Arm(hard_table(TABLE_BELOW))
     loop = ClosedLoop(arm, ControllerSettings(
-        guard=GuardSettings(jump_stiffness=10.0), limits=LimitSettings(stiffness_rate=200.0),
-        tank=TankSettings(TANK_J, TANK_J, passive=passive)))
+        limits=LimitSettings(stiffness_rate=200.0),
+        tank=TankSettings(TANK_J, TANK_J, 0.0, passive=passive)))
     start = arm.measure().pose.copy()
     target = resting_target(start, damping_ratio=DAMPING)
     target[2] -= REFERENCE_BELOW
+    loop.controller.guard.arm()
     rows, last = [], None
     for k in range(round(seconds / _PERIOD)):
         wanted = adversary(last, target)

@@ -1,0 +1,64 @@
+"""Friction of the joints: what is compensated, and what is there for certain."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.settings import FrictionSettings
+from gdmp_ros.errors import ParameterError
+
+
+class Credit(NamedTuple):
+    """
+    Friction that is there for certain, viscous [Nm s/rad] and dry [Nm], shape (n,) each.
+
+    :ivar none: whether there is none
+    """
+
+    viscous: np.ndarray
+    dry: np.ndarray
+    none: bool = False
+
+    def power(self, velocity: np.ndarray) -> float:
+        """What it dissipates [W]."""
+        if self.none:
+            return 0.0
+        return float(self.viscous @ velocity ** 2 + self.dry @ np.abs(velocity))
+
+
+def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarray, Credit]:
+    """
+    Friction that is compensated, viscous and dry, shape (2, n), and that credited.
+
+    :param model: viscous friction of the model's joints [Nm s/rad], shape (n,)
+    :raises ParameterError: unless there is one number for all joints, or one for each
+    """
+    count = len(model)
+
+    def of_joints(name: str) -> np.ndarray:
+        given = np.array(getattr(settings, name), dtype=float)
+        if given.shape not in ((1,), (count,)):
+            raise ParameterError(f'friction, {name}: {given.size} numbers, expected 1 or {count}, '
+                                 'one for each joint')
+        return np.asarray(np.broadcast_to(given, count).copy())
+    credited = np.array([of_joints('credit_viscous'), of_joints('credit_dry')])
+    viscous = model if settings.viscous == (0.0,) else of_joints('viscous')
+    return (np.array([viscous, of_joints('dry')]),
+            Credit(credited[0], credited[1], not credited.any()))
+
+
+def without_friction(measured: Measurement, dry: np.ndarray | None, smoothing: float
+                     ) -> np.ndarray:
+    """
+    External joint torque without the dry friction that is known [Nm], shape (n,).
+
+    At rest friction and what holds against it cannot be told apart.
+
+    :param dry: that is known [Nm], shape (n,); None if none is
+    :param smoothing: speed at which three quarters of the dry friction act [rad/s]
+    """
+    if dry is None:
+        return measured.external
+    return np.asarray(measured.external + dry * np.tanh(measured.velocity / smoothing))

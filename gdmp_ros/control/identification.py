@@ -1,0 +1,170 @@
+"""
+Friction of the joints, from slow motions of one joint after another in both directions.
+
+At a constant speed the torque beyond gravity is friction. At the same positions in both directions
+an error of the gravity model is the same, and cancels in half the difference.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.errors import DataError
+
+#: Speeds at which each joint moves [rad/s], and how far to each side [rad].
+SPEEDS, REACH = (0.05, 0.1, 0.2), 0.15
+#: Distance that is kept from a joint limit [rad].
+MARGIN = 0.05
+#: Acceleration at the turns [rad/s²].
+ACCELERATION = 1.0
+#: Time after a turn that does not count, and time at rest before the first motion [s].
+SETTLE_S, REST_S = 0.2, 0.5
+#: Bandwidth of the joint control [1/s].
+BANDWIDTH = 20.0
+#: A joint that is further than this from where it is to be does not move freely [rad].
+LARGEST_ERROR = 0.2
+
+
+class JointFriction(NamedTuple):
+    """
+    Friction of each joint.
+
+    :ivar viscous: [Nm s/rad], shape ``(n,)``
+    :ivar dry: [Nm]
+    """
+
+    viscous: np.ndarray
+    dry: np.ndarray
+
+
+class _Leg(NamedTuple):
+    """
+    A motion of one joint between two positions, with ramps at both ends.
+
+    :ivar counts: whether it is one of those that are compared
+    """
+
+    joint: int
+    first: float
+    last: float
+    speed: float
+    begin: float
+    counts: bool
+
+    @property
+    def seconds(self) -> float:
+        return abs(self.last - self.first) / self.speed + self.speed / ACCELERATION
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Position and velocity a time after its beginning."""
+        ramp, sign = self.speed / ACCELERATION, math.copysign(1.0, self.last - self.first)
+        rest = self.seconds - ramp
+        if time < ramp:
+            passed, speed = 0.5 * ACCELERATION * time ** 2, ACCELERATION * time
+        elif time < rest:
+            passed, speed = self.speed * (time - 0.5 * ramp), self.speed
+        else:
+            left = max(self.seconds - time, 0.0)
+            passed = abs(self.last - self.first) - 0.5 * ACCELERATION * left ** 2
+            speed = ACCELERATION * left
+        return self.first + sign * passed, sign * speed
+
+
+class FrictionIdentification:
+    """A plan of motions, and what they show; one instance for each identification."""
+
+    def __init__(self, joints: JointLimits, start: np.ndarray, speeds: Sequence[float] = SPEEDS,
+                 reach: float = REACH):
+        """:param start: joint positions [rad]; every motion begins and ends there"""
+        self._start = np.array(start, dtype=float)
+        self._speeds = tuple(speeds)
+        self._legs: list[_Leg] = []
+        time = REST_S
+        for joint, middle in enumerate(self._start):
+            low = max(middle - reach, joints.lower[joint] + MARGIN)
+            high = min(middle + reach, joints.upper[joint] - MARGIN)
+            for speed in self._speeds:
+                for first, last, counts in ((middle, high, False), (high, low, True),
+                                            (low, high, True), (high, middle, False)):
+                    if abs(last - first) < 1e-6:
+                        continue
+                    leg = _Leg(joint, first, last, speed, time, counts)
+                    self._legs.append(leg)
+                    time += leg.seconds
+        self.seconds = time
+        self.time = 0.0
+        self._present = 0
+        count = len(self._start)
+        # Sum of torques and number of them, by joint, speed and direction.
+        self._sums = np.zeros((2, count, len(self._speeds), 2))
+
+    @property
+    def done(self) -> bool:
+        """Whether all motions have been made."""
+        return self.time >= self.seconds
+
+    @property
+    def joint(self) -> int:
+        """The joint that moves, from 0."""
+        return self._legs[min(self._present, len(self._legs) - 1)].joint
+
+    def target(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions and velocities that are wanted now."""
+        position, velocity = self._start.copy(), np.zeros_like(self._start)
+        while (self._present + 1 < len(self._legs)
+               and self.time >= self._legs[self._present + 1].begin):
+            self._present += 1
+        leg = self._legs[self._present]
+        if self.time >= leg.begin:
+            position[leg.joint], velocity[leg.joint] = leg.at(self.time - leg.begin)
+        return position, velocity
+
+    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
+        """
+        Use a tick.
+
+        :param torque: that was sent [Nm]
+        :raises DataError: if the arm does not follow
+        """
+        wanted, _ = self.target()
+        error = np.abs(wanted - measured.position)
+        if not error.max() <= LARGEST_ERROR:
+            at = int(np.argmax(error))
+            raise DataError(f'joint {at + 1} is {error[at]:.2g} rad from where it is to be: '
+                            'something holds the arm, or its model is wrong')
+        leg = self._legs[self._present]
+        passed, skipped = self.time - leg.begin, leg.speed / ACCELERATION + SETTLE_S
+        if leg.counts and skipped <= passed < leg.seconds - skipped:
+            which = (leg.joint, self._speeds.index(leg.speed), int(leg.last > leg.first))
+            self._sums[0][which] += torque[leg.joint] - measured.bias[leg.joint]
+            self._sums[1][which] += 1.0
+        self.time += dt
+
+    def result(self) -> JointFriction:
+        """
+        Friction of all joints.
+
+        :raises DataError: if a joint has no room to move
+        """
+        totals, counts = self._sums
+        if not (counts > 0.0).all():
+            at = int(np.argmin((counts > 0.0).all(axis=(1, 2))))
+            raise DataError(f'joint {at + 1} has no room to move: begin further from its limits')
+        mean = totals / counts
+        friction = 0.5 * (mean[:, :, 1] - mean[:, :, 0])
+        speeds = np.array(self._speeds)
+        found = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
+                          for row in friction])
+        return JointFriction(found[:, 0], found[:, 1])
+
+
+def joint_torque(measured: Measurement, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Torque that lets the joints follow positions and velocities [Nm]."""
+    wanted = (BANDWIDTH ** 2 * (position - measured.position)
+              + 2.0 * BANDWIDTH * (velocity - measured.velocity))
+    return np.asarray(measured.bias + measured.inertia @ wanted)

@@ -1,0 +1,176 @@
+"""Whether the numbers of a reference can be followed at all, by any controller."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    POSE,
+    STIFFNESS,
+    TWIST,
+    WRENCH_GAIN,
+)
+from gdmp_ros.kernels import kernel
+
+#: Largest deviation of a message's quaternion from unit norm; it is normalized then.
+QUATERNION_TOLERANCE = 1e-3
+#: Largest difference between symmetric entries of a stiffness, relative to its largest entry.
+SYMMETRY_TOLERANCE = 1e-6
+#: Smallest pivot of a positive definite stiffness, relative to its largest entry.
+SMALLEST_PIVOT = 1e-9
+#: Largest number of a reference; products of such numbers stay finite.
+LARGEST_NUMBER = 1e6
+LARGEST_DAMPING_RATIO = 2.0
+#: Beyond it a force that is fed back oscillates at a stiff surface [1/s].
+LARGEST_WRENCH_GAIN = 20.0
+#: Largest velocity of a reference, before any limit of the arm [m/s, rad/s].
+LARGEST_TWIST = 10.0
+_MODES = frozenset(int(mode) for mode in StreamMode)
+#: A stream may skip this many sequence numbers.
+LARGEST_GAP = 10_000
+
+
+@dataclass(frozen=True)
+class Origin:
+    """
+    Where a reference comes from.
+
+    :ivar age: present time minus its stamp [s]
+    :ivar sequence: number in its stream; 0 if it has none
+    :ivar mode: a `StreamMode`
+    """
+
+    frame: str
+    age: float = 0.0
+    sequence: int = 0
+    mode: int = StreamMode.STREAMING
+
+
+def continues(sequence: int, last: int) -> bool:
+    """Whether a sequence number continues a stream; 0 says nothing."""
+    return not last or 0 < sequence - last <= LARGEST_GAP
+
+
+class NewestReference:
+    """
+    The newest reference that came, followed or not: it tells where a motion begins.
+
+    :ivar held: pose of the newest reference if it was at rest
+    """
+
+    def __init__(self) -> None:
+        self.mode: int = StreamMode.ENDED
+        self.sequence, self.age = 0, math.inf
+        self.held: np.ndarray | None = None
+
+    def add(self, target: np.ndarray, origin: Origin, longest_gap: float
+            ) -> tuple[bool, np.ndarray | None, float]:
+        """
+        Remember a reference.
+
+        :returns: whether a motion begins with it; where the same stream rested before, if it did,
+            and how long ago: the first references of a motion may be lost
+        """
+        same = self.age <= longest_gap and continues(origin.sequence, self.sequence)
+        begins = (origin.mode == StreamMode.STREAMING
+                  and not (same and self.mode == StreamMode.STREAMING))
+        rested = (begins, self.held if same else None, self.age)
+        self.mode, self.sequence, self.age = origin.mode, origin.sequence, 0.0
+        self.held = target[POSE:POSE + 7].copy() if origin.mode == StreamMode.HOLDING else None
+        return rested
+
+
+def refusal(target: np.ndarray, origin: Origin, settings: GuardSettings) -> str | None:
+    """
+    Why a reference must not be followed; None if it may.
+
+    :param target: `TARGET_SIZE` numbers (`gdmp_ros.control.target`)
+    """
+    if origin.frame != settings.frame:
+        return f'frame is {origin.frame!r}, expected {settings.frame!r}'
+    if abs(origin.age) > settings.stamp_tolerance:
+        side = 'past' if origin.age > 0.0 else 'future'
+        return (f'stamp is {abs(origin.age):.3g} s in the {side}, expected within '
+                f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, or simulated '
+                'and wall time are mixed')
+    if origin.mode not in _MODES:
+        return f'mode is {origin.mode}, expected 0 to {max(StreamMode)}'
+    return _why_invalid(target) if _is_invalid(target) else None
+
+
+@kernel
+def _is_invalid(target):
+    """Whether a number is not finite or too large, or a part is not on its manifold."""
+    for i in range(target.size):
+        # False for NaN too.
+        if not abs(target[i]) <= LARGEST_NUMBER:
+            return True
+    if not 0.0 <= target[DAMPING_RATIO] <= LARGEST_DAMPING_RATIO:
+        return True
+    for i in range(TWIST, ACCELERATION):
+        if abs(target[i]) > LARGEST_TWIST:
+            return True
+    for i in range(WRENCH_GAIN, WRENCH_GAIN + 6):
+        if not 0.0 <= target[i] <= LARGEST_WRENCH_GAIN:
+            return True
+    norm = 0.0
+    for i in range(POSE + 3, POSE + 7):
+        norm += target[i] * target[i]
+    if abs(math.sqrt(norm) - 1.0) > QUATERNION_TOLERANCE:
+        return True
+    return not _is_positive_definite(target[STIFFNESS:STIFFNESS + 36])
+
+
+@kernel
+def _is_positive_definite(stiffness):
+    """Whether 36 numbers are symmetric, and all pivots of the elimination are positive."""
+    largest = 0.0
+    for i in range(36):
+        largest = max(largest, abs(stiffness[i]))
+    for i in range(6):
+        for j in range(i):
+            if abs(stiffness[6 * i + j] - stiffness[6 * j + i]) > SYMMETRY_TOLERANCE * largest:
+                return False
+    left = stiffness.copy()
+    for k in range(6):
+        if not left[7 * k] > SMALLEST_PIVOT * largest:
+            return False
+        for i in range(k + 1, 6):
+            factor = left[6 * i + k] / left[7 * k]
+            for j in range(k + 1, 6):
+                left[6 * i + j] -= factor * left[6 * k + j]
+    return True
+
+
+def _why_invalid(target: np.ndarray) -> str:
+    """Say what makes a target invalid."""
+    if not np.isfinite(target).all():
+        return 'a number is NaN or infinite'
+    largest = float(np.abs(target).max())
+    if largest > LARGEST_NUMBER:
+        return f'a number is {largest:.3g}, expected at most {LARGEST_NUMBER:g}'
+    fastest = float(np.abs(target[TWIST:ACCELERATION]).max())
+    if fastest > LARGEST_TWIST:
+        return f'the twist is {fastest:.3g} m/s or rad/s, expected at most {LARGEST_TWIST:g}'
+    norm = float(np.linalg.norm(target[POSE + 3:POSE + 7]))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        return f'quaternion norm is {norm:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}'
+    if not 0.0 <= target[DAMPING_RATIO] <= LARGEST_DAMPING_RATIO:
+        return (f'damping ratio is {target[DAMPING_RATIO]:.3g}, '
+                f'expected 0 to {LARGEST_DAMPING_RATIO:g}')
+    for gain in target[WRENCH_GAIN:WRENCH_GAIN + 6]:
+        if not 0.0 <= gain <= LARGEST_WRENCH_GAIN:
+            return f'a wrench gain is {gain:.3g}, expected 0 to {LARGEST_WRENCH_GAIN:g} 1/s'
+    stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+    difference = np.abs(stiffness - stiffness.T).max()
+    if difference > SYMMETRY_TOLERANCE * np.abs(stiffness).max():
+        return f'stiffness is not symmetric: entries differ by {difference:.3g}'
+    scale = max(float(np.abs(stiffness).max()), 1e-300)
+    least = scale * np.linalg.eigvalsh(stiffness / scale)[0]
+    return f'stiffness is not positive definite: smallest eigenvalue is {least:.4g}'

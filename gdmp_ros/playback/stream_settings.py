@@ -1,0 +1,38 @@
+"""Settings of a streamer."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.util.settings import setting
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """Where motions may start, and where goals may be."""
+
+    start_from: str = setting(
+        'measured', "where motions start: at the measured pose, or at the skill's own start",
+        choices=('measured', 'skill'))
+    measured_pose_age: float = setting(
+        0.5, 'oldest measured pose from which a motion may start', 's', 0.01, 10.0)
+    stream_speed: float = setting(
+        1.5, 'largest speed of the references; 0: no bound', 'm/s', 0.0, 10.0)
+    stream_acceleration: float = setting(
+        10.0, 'largest acceleration of the references; 0: no bound', 'm/s^2', 0.0, 100.0)
+    stream_angular_speed: float = setting(
+        2.0, 'largest angular speed of the references; 0: no bound', 'rad/s', 0.0, 20.0)
+    stream_angular_acceleration: float = setting(
+        20.0, 'largest angular acceleration of the references; 0: no bound', 'rad/s^2', 0.0,
+        200.0)
+    workspace_min: tuple[float, float, float] = setting(
+        (-0.2, -0.8, 0.02), 'lowest goal position accepted', 'm', -10.0, 10.0)
+    workspace_max: tuple[float, float, float] = setting(
+        (0.8, 0.8, 1.1), 'highest goal position accepted', 'm', -10.0, 10.0)
+
+    def __post_init__(self) -> None:
+        """:raises ParameterError: if the workspace is empty"""
+        for axis, low, high in zip('xyz', self.workspace_min, self.workspace_max):
+            if low >= high:
+                raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
+                                     f'workspace_max {axis}, {high:g} m')

@@ -1,0 +1,82 @@
+"""Client of an arm that measures the friction of its joints."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool
+
+from gdmp_ros.control.identification import FrictionIdentification
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.client import Client, DISCOVERY_S, START_UP_S
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.terminal import progress
+
+#: Longest time for the motions; a simulation may run slower than real time [s].
+LONGEST_S = 1800.0
+
+
+def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
+    """
+    Let an arm measure its friction, and write parameters.
+
+    :param arm: name of its node
+    :param use: set them in the node too
+    :returns: numbers of each joint, by name
+    :raises GdmpError: if the arm refuses, or the motions are ended
+    """
+    client = Client('friction_client')
+    try:
+        found = _measure(client, arm)
+        name = arm.rpartition('/')[2]
+        lines = '\n'.join(f'    friction_{key}: {values}' for key, values in found.items())
+        write_text(output, f'/**/{name}:\n  ros__parameters:\n{lines}\n')
+        if use:
+            _set(client, arm, found)
+    finally:
+        client.close()
+    return found
+
+
+def _measure(client: Client, arm: str) -> dict[str, list[float]]:
+    service = client.node.create_client(SetBool, f'{arm}/identify_friction')
+    client.wait(f'the service {arm}/identify_friction', service.service_is_ready, START_UP_S)
+    client.spend(DISCOVERY_S)
+    reply = service.call_async(SetBool.Request(data=True))
+    model = Arm()
+    expected = round(FrictionIdentification(model.limits, model.measure().position).seconds)
+    begun = shown = time.monotonic()
+    try:
+        with progress('moving each joint slowly', expected) as step:
+            while not reply.done():
+                client.spend(0.2)
+                if time.monotonic() - shown >= 1.0 and shown - begun < expected:
+                    shown += 1.0
+                    step()
+                if time.monotonic() - begun > LONGEST_S:
+                    raise GdmpError(f'waited {LONGEST_S:g} s for the motions, without success')
+    except BaseException:
+        service.call_async(SetBool.Request(data=False))
+        client.spend(0.5)
+        raise
+    result = reply.result()
+    if not result.success:
+        raise GdmpError(f'{arm}: {result.message}')
+    found: dict[str, list[float]] = json.loads(result.message)
+    return found
+
+
+def _set(client: Client, arm: str, found: dict[str, list[float]]) -> None:
+    changes: list[ParameterMessage] = [
+        Parameter(f'friction_{key}', value=values).to_parameter_msg()
+        for key, values in found.items()]
+    reply: Any = client.call(SetParametersAtomically, f'{arm}/set_parameters_atomically',
+                             parameters=changes)
+    if not reply.result.successful:
+        raise GdmpError(f'{arm}: {reply.result.reason}')

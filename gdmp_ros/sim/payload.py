@@ -1,0 +1,91 @@
+"""A body that an arm carries at its tool."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.sim.tool import Mount
+from gdmp_ros.util.settings import setting
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Mass, centre and inertia, in the frame of the tool site."""
+
+    mass: float = setting(0.0, 'mass that the arm carries at its tool', 'kg', 0.0, 20.0)
+    center: tuple[float, float, float] = setting(
+        (0.0, 0.0, 0.0), 'its centre of mass in the frame of tool_site', 'm', -1.0, 1.0)
+    inertia: tuple[float, float, float, float, float, float] = setting(
+        (0.0,) * 6, 'its inertia about the centre, xx yy zz xy xz yz, along the axes of tool_site',
+        'kg m^2', -10.0, 10.0)
+
+    def __post_init__(self) -> None:
+        """:raises ParameterError: if no body has this mass and inertia"""
+        numbers = np.array([self.mass, *self.center, *self.inertia])
+        if not np.isfinite(numbers).all() or self.mass < 0.0:
+            raise ParameterError(f'payload: mass {self.mass!r} kg, centre {self.center}, inertia '
+                                 f'{self.inertia}: expected finite numbers and a mass >= 0')
+        moments = np.linalg.eigvalsh(self.matrix)
+        # The sum of two principal moments is at least the third.
+        if moments[0] < -1e-9 or moments[2] > moments[0] + moments[1] + 1e-9:
+            raise ParameterError(f'payload: inertia has the principal moments {moments}, which no '
+                                 'body has')
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Inertia about the centre, 3×3 [kg m²]."""
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def moments(self) -> np.ndarray:
+        """Mass, mass times centre, inertia about the tool: 10 numbers that add up and blend."""
+        c = np.array(self.center)
+        about = self.matrix + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return np.concatenate([[self.mass], self.mass * c, about[np.triu_indices(3)]])
+
+
+class Load:
+    """Puts bodies at the tool of a model."""
+
+    def __init__(self, model: mujoco.MjModel, body: int, mount: Mount):
+        """:param body: that carries the tool site"""
+        self._model, self._body, self._data = model, body, mujoco.MjData(model)
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+        axes = turn.reshape(3, 3)
+        self._mass, self._center = float(model.body_mass[body]), model.body_ipos[body].copy()
+        self._inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        self._mount = mount
+
+    def put(self, moments: np.ndarray) -> None:
+        """
+        Let the model carry a body.
+
+        :param moments: from `Payload.moments`
+        """
+        model, body, mass = self._model, self._body, moments[0]
+        about = np.zeros((3, 3))
+        about[np.triu_indices(3)] = moments[4:]
+        about += np.triu(about, 1).T
+        c = moments[1:4] / mass if mass > 0.0 else np.zeros(3)
+        axes = self._mount.axes
+        own = axes @ (about - mass * _spread(c)) @ axes.T
+        place = self._mount.position + axes @ c
+        total = self._mass + mass
+        center = (self._mass * self._center + mass * place) / total
+        inertia = (self._inertia + self._mass * _spread(self._center - center)
+                   + own + mass * _spread(place - center))
+        values, own = np.linalg.eigh(inertia)
+        own[:, 2] *= np.sign(np.linalg.det(own))
+        mujoco.mju_mat2Quat(model.body_iquat[body], own.reshape(-1))
+        model.body_inertia[body], model.body_ipos[body] = values, center
+        model.body_mass[body] = total
+        mujoco.mj_setConst(model, self._data)
+
+
+def _spread(away: np.ndarray) -> np.ndarray:
+    """Inertia of a unit mass at a distance."""
+    return np.asarray(away @ away * np.eye(3) - np.outer(away, away))

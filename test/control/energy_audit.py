@@ -1,0 +1,58 @@
+"""
+Independent bookkeeping of energy; it shares no code with the controller.
+
+The motors' work is that of the torque that acted. What of it is neither potential energy of
+gravity nor energy of the spring must have come from the tank.
+"""
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def potential(pose, target, clips=(0.1, 0.5), largest=(60.0, 15.0)):
+    """Energy of the spring: quadratic, and beyond its bound linear in the elastic norm."""
+    stiffness = target[19:55].reshape(6, 6)
+    turn = (Rotation.from_quat(np.roll(target[3:7], -1))
+            * Rotation.from_quat(np.roll(pose[3:7], -1)).inv())
+    shift, rotation = target[:3] - pose[:3], turn.as_rotvec()
+    corner = stiffness[3:, 3:]
+    coupling = np.linalg.solve(corner, stiffness[3:, :3])
+    upper = stiffness[:3, :3] - stiffness[:3, 3:] @ coupling
+    rest = rotation + coupling @ shift
+    total = 0.0
+    for matrix, error, clip, force in ((upper, shift, clips[0], largest[0]),
+                                       (corner, rest, clips[1], largest[1])):
+        root = np.sqrt(np.linalg.eigvalsh(matrix)[-1])
+        bound, square = min(clip * root, force / root), error @ matrix @ error
+        total += (0.5 * square if square <= bound ** 2
+                  else bound * np.sqrt(square) - 0.5 * bound ** 2)
+    return total
+
+
+class Audit:
+    """The content of the tank from what was seen of the robot."""
+
+    def __init__(self, loop):
+        self.loop, self.content = loop, [loop.controller.tank.energy]
+        self._first, self._work = None, 0.0
+
+    def tick(self):
+        """Let the loop tick, and account for the tick before."""
+        arm, loop = self.loop.arm, self.loop
+        pose, velocity = self._pose(), arm.data.qvel.copy()
+        mujoco.mj_energyPos(arm.model, arm.data)
+        gravity = float(arm.data.energy[0])
+        result = loop.tick()
+        level = gravity - potential(pose, loop.controller.reference)
+        if self._first is None:
+            self._first = level
+        self.content.append(self.content[0] - self._work + level - self._first)
+        applied = arm.data.actuator_force.copy()
+        self._work += 0.5 * arm.period * float(applied @ (velocity + arm.data.qvel))
+        return result
+
+    def _pose(self):
+        site, pose = self.loop.arm.data.site('tcp'), np.zeros(7)
+        pose[:3] = site.xpos
+        mujoco.mju_mat2Quat(pose[3:], site.xmat)
+        return pose

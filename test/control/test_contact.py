@@ -1,0 +1,91 @@
+"""A wrench that is wished is kept in contact; a wrench against the motion stops it."""
+import numpy as np
+import pytest
+
+from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.control.settings import ContactSettings, TankSettings
+from gdmp_ros.control.target import HOLD_STIFFNESS, resting_target, WRENCH, WRENCH_GAIN
+from gdmp_ros.sim.scenes import hard_table
+from test.control.plants import CLEAN, on_every_plant, on_plants
+
+DT = 1e-3
+
+
+def press(gain, height, force=10.0, seconds=3.0, plant=CLEAN, **settings):
+    """Press on a table that is ``height`` higher than thought; forces on the tool, and ticks."""
+    scene = hard_table(0.03 - height)
+    scene.geom('table').solref = [0.005, 1.0]
+    loop = plant.loop(scene, **settings)
+    start = loop.arm.measure().pose.copy()
+    ticks = []
+    for k in range(round(seconds / DT)):
+        target = resting_target(start, HOLD_STIFFNESS)
+        target[2] -= 0.03 * min(k / 1000, 1.0)
+        target[WRENCH + 2] = -force * min(max(k - 1000, 0) / 500, 1.0)
+        target[WRENCH_GAIN + 2] = gain if k > 1000 else 0.0
+        assert loop.follow(target), loop.controller.guard.last_refusal
+        tick = loop.tick()
+        ticks.append(tick._replace(measurement=tick.measurement._replace(
+            pose=tick.measurement.pose.copy())))
+    return np.array([tick.wrench[2] for tick in ticks]), ticks
+
+
+@on_every_plant
+@pytest.mark.parametrize('height', [-0.005, 0.0, 0.02])
+def test_a_force_is_kept_although_the_height_of_the_table_is_not_known(height, plant):
+    kept, ticks = press(5.0, height, plant=plant)
+    plain, _ = press(0.0, height, plant=plant)
+    assert abs(kept[-500:].mean() - 10.0) < 0.3 and np.abs(np.diff(kept[-500:])).max() < (
+        0.5 if plant is CLEAN else 3.0)  # noise of the velocities, by way of the friction
+    # Without feedback the spring adds what it is compressed by.
+    assert abs(plain[-500:].mean() - 10.0) > 1.0
+    assert min(tick.tank for tick in ticks) > -0.01
+
+
+@on_every_plant
+def test_the_correction_is_bounded_where_there_is_nothing_to_press_on(plant):
+    _, ticks = press(20.0, -0.5, seconds=4.0, plant=plant, contact=ContactSettings(
+        force_feedback_max=(5.0, 1.0)))
+    # 10 N wished and 5 N of correction, against the spring; the reference has moved 30 mm.
+    sunk = ticks[0].measurement.pose[2] - ticks[-1].measurement.pose[2]
+    assert sunk == pytest.approx(0.03 + 15.0 / 400.0, abs=1e-3 + plant.slack())
+
+
+@on_plants('clean', 'real')
+def test_a_force_is_paid_by_the_tank(plant):
+    """Without refill, a force that does work ends with the energy."""
+    _, ticks = press(0.0, -0.5, force=40.0, seconds=6.0, plant=plant,
+                     tank=TankSettings(energy=0.3, refill=0.0))
+    assert min(tick.tank for tick in ticks) > -0.01
+
+
+def move_against(force, reaction, along=False, plant=CLEAN):
+    """Move sideways; a force acts from the middle on, against the motion or along with it."""
+    loop = plant.loop(contact=ContactSettings(collision_force=15.0, collision_reaction=reaction))
+    start, modes = loop.arm.measure().pose.copy(), []
+    for k in range(3000):
+        target = resting_target(start, HOLD_STIFFNESS)
+        target[1] += 0.05 * max(k - 200, 0) * DT
+        target[8] = 0.05 if k > 200 else 0.0
+        loop.follow(target)
+        if k > 1500:
+            loop.arm.push(np.array([0, force if along else -force, 0, 0, 0, 0.0]))
+        loop.tick()
+        modes.append(loop.controller.guard.mode)
+    return modes, loop
+
+
+@on_every_plant
+@pytest.mark.parametrize('reaction, mode', [('stop', ArmMode.HOLD),
+                                            ('comply', ArmMode.COMPLIANT)])
+def test_a_force_against_the_motion_stops_it(reaction, mode, plant):
+    modes, loop = move_against(25.0, reaction, plant=plant)
+    assert set(modes[10:1500]) == {ArmMode.FOLLOW} and set(modes[1540:]) == {mode}
+    assert 'N against the motion' in loop.controller.guard.reason
+
+
+@on_every_plant
+@pytest.mark.parametrize('force, along', [(10.0, False), (25.0, True)])
+def test_a_small_force_or_one_along_the_motion_does_not(force, along, plant):
+    modes, _ = move_against(force, 'stop', along, plant)
+    assert set(modes[10:]) == {ArmMode.FOLLOW}
