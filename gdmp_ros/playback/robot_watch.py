@@ -107,7 +107,8 @@ class RobotWatch:
             return
         self.seen = True
         self._recent.append((now, pose))
-        while self._recent[0][0] < now - REST_S - 1e-9:
+        # The oldest one is REST_S old or older, whatever the time between two of them.
+        while len(self._recent) > 1 and self._recent[1][0] <= now - REST_S + 1e-9:
             self._recent.popleft()
         lag = self.lag = distance(pose, reference)
         self.largest_lag = Distance(*map(max, self.largest_lag, lag))
@@ -123,6 +124,6 @@ class RobotWatch:
     def rests(self) -> bool:
         """Whether the robot has been still for `REST_S`."""
         recent = tuple(self._recent)
-        return (len(recent) > 1 and recent[-1][0] - recent[0][0] >= 0.8 * REST_S
+        return (len(recent) > 1 and recent[-1][0] - recent[0][0] >= REST_S - 1e-9
                 and all(distance(pose, recent[-1][1]).within(STILL_M, STILL_RAD)
                         for _, pose in recent))
