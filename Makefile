@@ -27,8 +27,12 @@ setup:
 demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo
 
+# Tests of nodes are judged by what happened in time: one after another.
+NODES = test/ros test/franka test/experiments/reliability
+
 test: setup lint
-	@$(PY) -m pytest -m 'not long'
+	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile $(addprefix --ignore=,$(NODES))
+	@$(PY) -m pytest -m 'not long' $(NODES)
 
 test-long: setup
 	@$(PY) -m pytest -m long
@@ -58,4 +62,4 @@ docs: setup
 	@echo out/site/index.html
 
 clean:
-	rm -rf $(VENV) out build install log
+	rm -rf $(VENV) .venv-franka-sim out build install log

@@ -1,7 +1,8 @@
 """
 Set up a virtual environment that runs everything: ``make setup`` calls this.
 
-Installs the pinned packages of ``requirements.lock``, builds ``gdmp_msgs`` from ``msg_defs/`` into
+Installs the pinned packages of ``requirements.lock``, and a server of the protocol of a Franka
+beside them, builds ``gdmp_msgs`` from ``msg_defs/`` into
 the environment, installs ``gdmp_ros`` editable and compiles its kernels. If a Jazzy installation
 is sourced, its rclpy is used instead of the wheels. Without changes it does nothing, quickly;
 after a change of the messages it builds only these.
@@ -23,6 +24,8 @@ SUPPORTED = ((3, 11), (3, 12), (3, 13))
 PYTHON = os.path.realpath(sys._base_executable)
 #: Lines of the lock file that a sourced ROS installation replaces.
 ROS_PREFIXES = ('ros-',)
+#: Newest Python for which there is a server of the protocol of a Franka.
+PROTOCOL_SERVER_PYTHON = (3, 12)
 #: Time between two lines of progress [s].
 EVERY_S = 2.0
 
@@ -60,8 +63,8 @@ def check_machine():
 def fingerprint(prefixes):
     """Hash of everything that the environment is made from, except for the messages."""
     digest = hashlib.sha256(f'{sys.version}{PYTHON}{prefixes}{ROOT}'.encode())
-    add_files(digest, [*(ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg')),
-                       Path(__file__)])
+    add_files(digest, [*(ROOT / name for name in ('requirements.lock', 'setup.py', 'setup.cfg',
+                                                '.ci/franka-sim.lock')), Path(__file__)])
     return digest.hexdigest()
 
 
@@ -237,7 +240,24 @@ def install_project(venv, python, prefixes, log):
          '--no-build-isolation', '--use-pep517', '-e', ROOT], log)
     if prefixes:
         write_wrappers(venv, prefixes)
+    install_protocol_server(venv, log)
     run('compiling the kernels (half a minute)', [venv / 'bin' / 'gdmp', 'warm-up'], log)
+
+
+def install_protocol_server(venv, log):
+    """
+    Install the server of the protocol of a Franka, for tests and the demonstration.
+
+    It needs older packages than we do, so it gets an environment of its own.
+    """
+    if sys.version_info[:2] > PROTOCOL_SERVER_PYTHON:
+        return
+    folder = venv.parent / '.venv-franka-sim'
+    shutil.rmtree(folder, ignore_errors=True)
+    run('creating the environment of the protocol server', [PYTHON, '-m', 'venv', folder], log)
+    run('installing the protocol server',
+        [folder / 'bin' / 'python', '-I', '-m', 'pip', 'install', '--disable-pip-version-check',
+         '-r', ROOT / '.ci' / 'franka-sim.lock'], log)
 
 
 def main():

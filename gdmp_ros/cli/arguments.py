@@ -4,9 +4,13 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from gdmp_ros.choices import STORAGES
+from gdmp_ros.choices import ARMS, STORAGES
 from gdmp_ros.errors import ParameterError
+
+if TYPE_CHECKING:
+    from gdmp_ros.ros.arm_choice import ArmChoice
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +56,36 @@ def add_parallel(parser: argparse.ArgumentParser) -> None:
                         help='work on a Dask cluster instead')
     parser.add_argument('--resume', type=Path, metavar='FILE',
                         help='keep finished parts in this file and continue from it')
+
+
+def add_arm(parser: argparse.ArgumentParser) -> None:
+    """Declare which arm is started; see `arm_choice`."""
+    parser.add_argument('--arm', choices=ARMS, default='sim',
+                        help='sim: simulated Panda; franka: a Franka Research 3 '
+                             '(default %(default)s)')
+    add_franka(parser)
+    parser.add_argument('--friction', type=Path, metavar='YAML',
+                        help='friction of the arm, from gdmp identify-friction')
+
+
+def add_franka(parser: argparse.ArgumentParser) -> None:
+    """Declare where a Franka is."""
+    parser.add_argument('--host', default='', help='address of the Franka')
+    parser.add_argument('--protocol-server', action='store_true',
+                        help='instead of a robot, start a server that speaks its protocol, with a '
+                             'simulated arm behind it')
+
+
+def arm_choice(options: argparse.Namespace) -> ArmChoice:
+    """
+    The arm that the arguments ask for.
+
+    :raises GdmpError: if something is missing or contradicts something else
+    """
+    from gdmp_ros.ros.arm_choice import ArmChoice
+    choice = ArmChoice(options.arm, options.host, options.protocol_server, options.friction)
+    choice.check()
+    return choice
 
 
 def check_number(name: str, value: float, low: float = -math.inf, high: float = math.inf,

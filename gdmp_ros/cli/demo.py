@@ -1,17 +1,23 @@
 """Everything end to end on a simulated Panda: bags, learning, streaming, a goal switch, a report.
 
-Runs the trajectory server and the simulation as processes in their own DDS domain, executes the
+Runs the trajectory server and the arm as processes in their own DDS domain, executes the
 skill, switches the goal (pose and stiffness) during the motion, records references and robot state
 in an MCAP bag, and writes report.json and pictures.
 
-example:
+With --arm franka the same on a Franka Research 3, which first moves to its home posture: there
+must be room for it. It was tried over the protocol of the robot, not on hardware.
+
+examples:
   gdmp demo --out out/demo
+  gdmp demo --arm franka --protocol-server --out out/franka
+  gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.arguments import add_arm, arm_choice
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -21,10 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder for report, bag and pictures (default %(default)s)')
     parser.add_argument('--class', dest='name', default='GShape', metavar='CLASS',
                         help='LASA class to demonstrate (default %(default)s)')
+    add_arm(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; 0 if everything holds."""
     with optional_import(ROS):
         from gdmp_ros.experiments.demo.run import run_demo
-    return run_demo(options.out, options.name)
+        arm = arm_choice(options)
+    return run_demo(options.out, options.name, arm)

@@ -4,10 +4,13 @@ Each joint of the running arm moves slowly by 0.15 rad to both sides, at three s
 be room for it, and nothing may stream references. It takes about two and a half minutes. Ctrl-C
 ends it; the arm then holds.
 
+With --arm franka and --host the verb starts the node itself, and moves to the home posture first.
+
 examples:
   gdmp identify-friction -o friction.yaml
   panda_sim --ros-args --params-file friction.yaml
   gdmp identify-friction --arm left/panda_sim -o left.yaml
+  gdmp identify-friction --arm franka --host 172.16.0.2 -o friction.yaml
 """
 from __future__ import annotations
 
@@ -15,17 +18,19 @@ import argparse
 import os
 from pathlib import Path
 
-from gdmp_ros.errors import DataError
+from gdmp_ros.cli.arguments import add_franka, arm_choice
+from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 from gdmp_ros.util.terminal import table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='YAML',
+    parser.add_argument('-o', '--output', '--out', type=Path, required=True, metavar='YAML',
                         help='parameters to write')
     parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='with its namespace (default %(default)s)')
+                        help='with its namespace, or franka (default %(default)s)')
+    add_franka(parser)
     parser.add_argument('--set', action='store_true', help='set them in the running node, too')
 
 
@@ -35,11 +40,17 @@ def run(options: argparse.Namespace) -> None:
     if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise DataError(f'{options.output}: cannot be written: {folder} is no folder that may be '
                         'written to')
-    from gdmp_ros.util.dds_network import default_environment
-    os.environ.update(default_environment())
     with optional_import(ROS):
-        from gdmp_ros.ros.clients.friction_client import identify
-    found = identify(options.arm, options.output, options.set)
+        from gdmp_ros.ros.clients.friction_client import identify, identify_alone
+    if options.arm == 'franka':
+        options.friction = None
+        found = identify_alone(arm_choice(options), options.output)
+    elif options.host or options.protocol_server:
+        raise ParameterError('--host and --protocol-server need --arm franka')
+    else:
+        from gdmp_ros.util.dds_network import default_environment
+        os.environ.update(default_environment())
+        found = identify(options.arm, options.output, options.set)
     table('friction', ['joint', 'viscous [Nm s/rad]', 'dry [Nm]'],
           [[number, f'{viscous:.3f}', f'{dry:.3f}']
            for number, (viscous, dry) in enumerate(zip(found['viscous'], found['dry']), 1)])

@@ -38,6 +38,7 @@ GROUPS = {
         'report': 'make an HTML page about a bag',
         'film': 'make a film of a run, or of a skill',
         'describe': 'write the URDF of an arm',
+        'home': 'move the joints of an arm to a posture',
         'identify-friction': "measure the friction of an arm's joints",
         'doctor': 'check this machine and say what to change',
         'warm-up': 'compile the kernels now, not at the first start',

@@ -70,7 +70,8 @@ def compile_control() -> None:
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.closed_loop import ClosedLoop
-    ClosedLoop(Arm()).warm_up()
+    arm = Arm()
+    ClosedLoop(arm).warm_up(arm.measure(), arm.period)
 
 
 #: Parts of the work, of similar duration.

@@ -139,7 +139,7 @@ class ImpedanceController:
         return self._without_reference(measured, measured.bias, dt, ArmMode.GUIDED)
 
     def move_joints(self, measured: Measurement, position: np.ndarray, velocity: np.ndarray,
-                    dt: float) -> Tick:
+                    dt: float, mode: ArmMode) -> Tick:
         """
         Compute the torque for the next ``dt`` seconds of an arm that follows joint positions.
 
@@ -147,7 +147,7 @@ class ImpedanceController:
         is held where it is.
         """
         return self._without_reference(measured, joint_torque(measured, position, velocity), dt,
-                                       ArmMode.IDENTIFY)
+                                       mode)
 
     def move_tool(self, before: np.ndarray, after: np.ndarray) -> None:
         """

@@ -36,8 +36,8 @@ class ReferenceGuard:
     Accepted references are followed, and extrapolated between two of them. When they end, the
     motion slows down and the pose is held. A stream that is followed must not jump.
 
-    :ivar mode: ``HOLD``, ``FOLLOW``, ``GUIDED``, ``IDENTIFY`` (see `hold`), ``COMPLIANT``
-        (`comply`) or ``FAULT`` (`fault`)
+    :ivar mode: ``HOLD``, ``FOLLOW``, ``GUIDED``, ``IDENTIFY``, ``MOVE`` (see `hold`),
+        ``COMPLIANT`` (`comply`) or ``FAULT`` (`fault`)
     :ivar reason: of a stop, of a compliant arm or of a fault; empty if there is none
     """
 
@@ -161,7 +161,7 @@ class ReferenceGuard:
         :returns: `TARGET_SIZE` numbers, the same array every time
         """
         self.measure(dt, pose, twist)
-        if self.mode in (ArmMode.GUIDED, ArmMode.IDENTIFY):
+        if self.mode in (ArmMode.GUIDED, ArmMode.IDENTIFY, ArmMode.MOVE):
             self.mode = ArmMode.HOLD
         if self.following and self._age > self.settings.timeout + 1e-9:
             self._begin_stop()
@@ -189,6 +189,8 @@ class ReferenceGuard:
             return 'the arm is guided by hand (~/teach)'
         if self.mode is ArmMode.IDENTIFY:
             return 'the friction of the joints is being identified (~/identify_friction)'
+        if self.mode is ArmMode.MOVE:
+            return 'the joints move to a posture (~/move_joints)'
         if self.following or self._resumes(origin):
             gap = 0.0 if self.following else self._age
             reason = self._out_of_sequence(origin) or self._jump(self._target, target, gap)

@@ -13,7 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
+from gdmp_ros.control.joint_motion import check_follows
 from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError
 
 #: Speeds at which each joint moves [rad/s], and how far to each side [rad].
@@ -26,8 +28,6 @@ ACCELERATION = 1.0
 SETTLE_S, REST_S = 0.2, 0.5
 #: Bandwidth of the joint control [1/s].
 BANDWIDTH = 20.0
-#: A joint that is further than this from where it is to be does not move freely [rad].
-LARGEST_ERROR = 0.2
 
 
 class JointFriction(NamedTuple):
@@ -78,6 +78,8 @@ class _Leg(NamedTuple):
 class FrictionIdentification:
     """A plan of motions, and what they show; one instance for each identification."""
 
+    mode = ArmMode.IDENTIFY
+
     def __init__(self, joints: JointLimits, start: np.ndarray, speeds: Sequence[float] = SPEEDS,
                  reach: float = REACH):
         """:param start: joint positions [rad]; every motion begins and ends there"""
@@ -109,9 +111,10 @@ class FrictionIdentification:
         return self.time >= self.seconds
 
     @property
-    def joint(self) -> int:
-        """The joint that moves, from 0."""
-        return self._legs[min(self._present, len(self._legs) - 1)].joint
+    def what(self) -> str:
+        """What is being done, for people."""
+        leg = self._legs[min(self._present, len(self._legs) - 1)]
+        return f'identifying the friction of joint {leg.joint + 1}'
 
     def target(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions and velocities that are wanted now."""
@@ -131,12 +134,7 @@ class FrictionIdentification:
         :param torque: that was sent [Nm]
         :raises DataError: if the arm does not follow
         """
-        wanted, _ = self.target()
-        error = np.abs(wanted - measured.position)
-        if not error.max() <= LARGEST_ERROR:
-            at = int(np.argmax(error))
-            raise DataError(f'joint {at + 1} is {error[at]:.2g} rad from where it is to be: '
-                            'something holds the arm, or its model is wrong')
+        check_follows(self.target()[0], measured)
         leg = self._legs[self._present]
         passed, skipped = self.time - leg.begin, leg.speed / ACCELERATION + SETTLE_S
         if leg.counts and skipped <= passed < leg.seconds - skipped:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -41,12 +42,15 @@ class JointLimits:
     Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm].
 
     :ivar speed: [rad/s]; None if it is not known
+    :ivar cycle: the robot compares a torque with the one before as if they were no further apart
+        than this, even if cycles were lost [s]
     """
 
     lower: np.ndarray
     upper: np.ndarray
     torque: np.ndarray
     speed: np.ndarray | None = None
+    cycle: float = math.inf
 
     def check(self, position: np.ndarray) -> None:
         """:raises ParameterError: if this is not a position of the joints within the limits"""

@@ -22,3 +22,4 @@ class ArmMode(IntEnum):
     COMPLIANT = 4
     IDENTIFY = 5
     FAULT = 6
+    MOVE = 7

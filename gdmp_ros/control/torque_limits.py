@@ -120,7 +120,8 @@ class TorqueLimiter:
         """
         joints, result = self._joints, torque.copy()
         limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
-                     self._torque, self._fastest, dt, self._limits, result, violation)
+                     self._torque, self._fastest, min(dt, joints.cycle), self._limits, result,
+                     violation)
         return result if is_finite(result) else self.last
 
     def sent(self, torque: np.ndarray) -> None:

@@ -5,7 +5,7 @@ import argparse
 from collections.abc import Callable
 
 from gdmp_ros.ros.adapter.node import Adapter
-from gdmp_ros.ros.arm.node import PandaSim
+from gdmp_ros.ros.arm.panda_sim import PandaSim
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.recorder.node import TakeRecorder
 from gdmp_ros.ros.running import own_arguments, run

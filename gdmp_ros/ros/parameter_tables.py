@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from gdmp_ros.ros.adapter import node as adapter
-from gdmp_ros.ros.arm import parameters as sim_parameters
+from gdmp_ros.ros.arm import parameters as arm_parameters
 from gdmp_ros.ros.parameters import CHANGES, Spec
 from gdmp_ros.ros.recorder import node as take_recorder
 from gdmp_ros.ros.server import parameters as server_parameters
@@ -20,7 +20,8 @@ from gdmp_ros.util.atomic_write import write_text
 
 NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'trajectory_server': ('Trajectory server', server_parameters.SPECS),
-    'panda_sim': ('Simulated Panda', sim_parameters.SPECS),
+    'panda_sim': ('Simulated Panda', arm_parameters.SIMULATION),
+    'franka_arm': ('Franka Research 3', arm_parameters.FRANKA),
     'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
     'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),

@@ -7,16 +7,18 @@ from pathlib import Path
 from typing import Any, Self
 
 from gdmp_ros.data import runs
-from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
+from gdmp_ros.data.runs import REFERENCE_TOPIC
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, SIMULATED
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.util.processes import ChildProcesses
 
-ARM, SERVER, RECORDER, TAKE_RECORDER = ('panda_sim', 'trajectory_server', 'recorder',
+ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorder',
                                         'take_recorder')
 #: Modules of the nodes.
-MODULES = {ARM: 'gdmp_ros.ros.arm.node', SERVER: 'gdmp_ros.ros.server.node',
+MODULES = {ARM: 'gdmp_ros.ros.arm.panda_sim', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
+           SERVER: 'gdmp_ros.ros.server.node',
            TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
 
 
@@ -29,16 +31,19 @@ class NodeTestbed:
     :ivar may_end: names of processes that may end
     """
 
-    def __init__(self, folder: Path, environment: Mapping[str, str]):
+    def __init__(self, folder: Path, environment: Mapping[str, str],
+                 arm: ArmChoice | None = None):
         """
         Begin without nodes.
+
+        :param arm: by default the simulated one
 
         :param folder: for logs and recordings
         :param environment: of a `gdmp_ros.util.dds_network.Domain`
         """
         # This process joins the domain too.
         os.environ.update(environment)
-        self.folder = folder
+        self.folder, self.arm = folder, arm or ArmChoice()
         self.environment = dict(environment)
         self.children = ChildProcesses(environment, folder / 'logs')
         # The recorder ends when the disk is full.
@@ -61,18 +66,20 @@ class NodeTestbed:
     def start_arm(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
                   **parameters: object) -> None:
         """
-        Start the simulated arm.
+        Start the arm.
 
         :param prefix: command that executes the rest of the line, such as ``nsenter``
         :param extra: arguments after ``--ros-args``
         """
-        self.children.start_node(ARM, MODULES[ARM], parameters, extra, prefix)
+        name = self.arm.node
+        self.children.start_node(name, MODULES[name], {**self.arm.parameters(), **parameters},
+                                 [*self.arm.arguments(), *extra], prefix)
 
     def start_server(self, name: str = SERVER, extra: Sequence[str] = (),
                      environment: Mapping[str, str] | None = None,
                      prefix: Sequence[str] = (), **parameters: object) -> None:
         """Start a trajectory server that is connected to the arm."""
-        connected = {'measured_pose_topic': f'/{ARM}/measured_pose', **parameters}
+        connected = {**self.arm.server_parameters(), **parameters}
         self.children.start_node(name, MODULES[SERVER], connected, extra, prefix, environment)
 
     def record(self, bag: Path | None = None, arguments: Sequence[str] = (),
@@ -85,7 +92,7 @@ class NodeTestbed:
         """
         self.children.start(RECORDER, 'gdmp_ros.ros.recorder.record', [
             str(bag or self.folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
-            f'{STATE_TOPIC}=gdmp_msgs/msg/RobotState', *arguments], prefix)
+            f'/{self.arm.node}/state=gdmp_msgs/msg/RobotState', *arguments], prefix)
         self.wait_log(RECORDER, 'recording\n', START_UP_S)
 
     def start(self, arm: Mapping[str, Any] | None = None, server: Mapping[str, Any] | None = None,
@@ -93,10 +100,11 @@ class NodeTestbed:
         """
         Start everything and wait until the server holds the pose of the arm.
 
-        :param arm: parameters of the arm
+        :param arm: parameters of the arm, unless it runs already
         :param server: parameters of the server
         """
-        self.start_arm(**(arm or {}))
+        if self.arm.node not in self.children.processes:
+            self.start_arm(**(arm or {}))
         self.start_server(**(server or {}))
         self.wait_holding()
         if record:

@@ -11,12 +11,12 @@ from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
 from gdmp_ros.sim.known_model import KnownModel
-from gdmp_ros.sim.model_sources import load, make_torque_controlled
+from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import Actuation, change, PlantSettings
 from gdmp_ros.sim.tool import Mount, ToolTransform
 
-PANDA = Path(__file__).parent / 'models' / 'panda.xml'
+PANDA = BUILT_IN['panda']
 #: Speed limit of the joints of a model without one [rad/s].
 JOINT_SPEED = 2.175
 #: Warnings after which MuJoCo resets its state or ignores the torques.
@@ -26,7 +26,11 @@ _BROKEN = [int(kind) for kind in (
 
 
 class Arm:
-    """One arm; `step` advances it by one period under joint torques."""
+    """
+    One arm; `step` advances it by one period under joint torques.
+
+    :ivar known: the model with which it is controlled
+    """
 
     def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
                  hand: bool = True, plant: PlantSettings | None = None):
@@ -55,19 +59,16 @@ class Arm:
         self._body = int(self.model.site_bodyid[self._site])
         self._mount = Mount(self.model, self._site)
         self.data = mujoco.MjData(self.model)
-        self._known = KnownModel(known, self.data if plant is None else mujoco.MjData(known),
+        self.known = KnownModel(known, self.data if plant is None else mujoco.MjData(known),
                                  site, plant is None)
+        self._elsewhere: mujoco.MjData | None = None
         self._actuation = Actuation(self._plant.delay, self.period)
-        n = known.nv
         self.names = [known.joint(i).name for i in range(known.njnt)]
         lower, upper = np.where(known.jnt_limited[:, None].astype(bool),
                                 known.jnt_range, [-np.inf, np.inf]).T
         self.limits = JointLimits(lower, upper, known.actuator_ctrlrange[:, 1].copy(),
                                   _joint_speeds(known))
         self.friction = known.dof_damping.copy()
-        self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
-        self._rate = np.zeros((2, 3, n))
-        self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
         self.reset()
 
     @property
@@ -85,14 +86,27 @@ class Arm:
         """Simulated time [s]."""
         return float(self.data.time)
 
+    @property
+    def home(self) -> np.ndarray:
+        """Joint positions of the model's first keyframe, or 0 [rad]."""
+        known = self.known.model
+        return np.array(known.key_qpos[0] if known.nkey else known.qpos0)
+
+    def pose_at(self, position: np.ndarray) -> np.ndarray:
+        """Pose of the tool (x, y, z, qw, qx, qy, qz) at joint positions [rad]; nothing moves."""
+        known, pose = self.known, np.empty(7)
+        if self._elsewhere is None:
+            self._elsewhere = mujoco.MjData(known.model)
+        self._elsewhere.qpos[:] = position
+        mujoco.mj_kinematics(known.model, self._elsewhere)
+        pose[:3] = self._elsewhere.site_xpos[known.site]
+        mujoco.mju_mat2Quat(pose[3:], self._elsewhere.site_xmat[known.site])
+        return pose
+
     def reset(self, position: np.ndarray | None = None) -> None:
         """Put the arm at rest at ``position`` [rad], by default at the model's first keyframe."""
         mujoco.mj_resetData(self.model, self.data)
-        known = self._known.model
-        if position is not None:
-            self.data.qpos[:] = position
-        elif known.nkey:
-            self.data.qpos[:] = known.key_qpos[0]
+        self.data.qpos[:] = self.home if position is None else position
         mujoco.mj_forward(self.model, self.data)
         self._actuation.reset(self.data.qfrc_bias)
         self._random = np.random.default_rng(0)
@@ -103,37 +117,26 @@ class Arm:
 
         The model changes within `PAYLOAD_S`, so that the torque has no step.
         """
-        self._known.announce(payload)
+        self.known.announce(payload)
 
     def put_tool(self, tool: ToolTransform) -> None:
         """Control another point of the body that carries the tool site, from now on."""
-        self._known.put_tool(tool)
+        self.known.put_tool(tool)
         self._mount.put(self.model, tool)
         mujoco.mj_kinematics(self.model, self.data)
 
     def measure(self) -> Measurement:
         """Read the present state; the arrays are valid until the next call."""
-        known, plant, true = self._known, self._plant, self.data
+        known, plant, true = self.known, self._plant, self.data
         position, velocity = true.qpos.copy(), true.qvel.copy()
         if not known.shared:
             noise = self._random.standard_normal((2, self.model.nv))
             position += plant.position_noise * noise[0]
             velocity += plant.velocity_noise * noise[1]
         known.look(position, velocity, self.period)
-        model, data, site = known.model, known.data, known.site
-        mujoco.mj_jacSite(model, data, self._linear, self._angular, site)
-        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[site], known.body)
-        mujoco.mj_fullM(model, data, self._inertia)
-        mujoco.mj_energyPos(model, data)
-        self._pose[:3] = data.site_xpos[site]
-        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[site])
         # Everything that is not passive, bias or motor torque is external.
         external = true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
-        return Measurement(position, velocity, self._pose,
-                           np.concatenate([self._linear, self._angular]), self._inertia,
-                           data.qfrc_bias.copy(), true.qfrc_constraint + external,
-                           self._rate.reshape(6, -1) @ velocity,
-                           float(data.energy[0]) + known.level)
+        return known.measurement(position, velocity, true.qfrc_constraint + external)
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """

@@ -6,6 +6,7 @@ import copy
 import mujoco
 import numpy as np
 
+from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.sim.payload import Load, Payload
 from gdmp_ros.sim.tool import Mount, ToolTransform
 
@@ -33,6 +34,10 @@ class KnownModel:
         self._carried = self._carried_before = Payload().moments()
         self._ramp = 1.0
         self._announced: tuple[Payload, mujoco.MjModel, mujoco.MjData, Load] | None = None
+        n = model.nv
+        self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
+        self._rate = np.zeros((2, 3, n))
+        self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
 
     def announce(self, payload: Payload) -> None:
         """Carry a payload from now on, within `PAYLOAD_S`; any thread may call it."""
@@ -70,6 +75,27 @@ class KnownModel:
             mujoco.mj_energyPos(self.model, self.data)
             # The potential energy has no step either: it is known up to a constant.
             self.level += before - self.data.energy[0]
+
+    def measurement(self, position: np.ndarray, velocity: np.ndarray, external: np.ndarray
+                    ) -> Measurement:
+        """
+        Everything the controller needs in the state of the last `look`.
+
+        The arrays are valid until the next call.
+
+        :param external: torque of contacts and external forces [Nm]
+        """
+        model, data, site = self.model, self.data, self.site
+        mujoco.mj_jacSite(model, data, self._linear, self._angular, site)
+        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[site], self.body)
+        mujoco.mj_fullM(model, data, self._inertia)
+        mujoco.mj_energyPos(model, data)
+        self._pose[:3] = data.site_xpos[site]
+        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[site])
+        return Measurement(position, velocity, self._pose,
+                           np.concatenate([self._linear, self._angular]), self._inertia,
+                           data.qfrc_bias.copy(), external, self._rate.reshape(6, -1) @ velocity,
+                           float(data.energy[0]) + self.level)
 
     def _be(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.data.qpos[:] = position

@@ -27,6 +27,8 @@ class Tool(NamedTuple):
     position: tuple[float, float, float]
 
 
+#: Models of this package.
+BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in ('panda', 'fr3')}
 #: Tools of models that have no site ``tcp``, by the folder of their file.
 TOOLS = {'franka_emika_panda': Tool('hand', (0.0, 0.0, 0.1034)),
          'franka_fr3': Tool('fr3_link7', (0.0, 0.0, 0.107)),
@@ -37,14 +39,14 @@ def load(name: str) -> mujoco.MjSpec:
     """
     Load a model.
 
-    :param name: MJCF file; ``menagerie:NAME`` or ``menagerie:NAME/ENTRY``, such as
-        ``menagerie:franka_fr3``; ``robot_descriptions:NAME``, such as
+    :param name: MJCF file; ``panda`` or ``fr3``, which are built in; ``menagerie:NAME`` or
+        ``menagerie:NAME/ENTRY``, such as ``menagerie:ur5e``; ``robot_descriptions:NAME``, such as
         ``robot_descriptions:panda_mj_description``. The latter two are downloaded once
     :raises DataError: if there is no such model, or it cannot be downloaded
     """
     source, colon, rest = name.partition(':')
     fetch = {'menagerie': _menagerie, 'robot_descriptions': _robot_descriptions}.get(source)
-    path = Path(fetch(rest)) if colon and fetch else Path(name)
+    path = Path(fetch(rest)) if colon and fetch else BUILT_IN.get(name, Path(name))
     if not path.is_file():
         raise DataError(f'{name}: there is no such file')
     spec = mujoco.MjSpec.from_file(str(path))

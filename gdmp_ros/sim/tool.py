@@ -36,6 +36,22 @@ class ToolTransform:
                                  '1')
 
 
+def pose_of(transform: np.ndarray) -> np.ndarray:
+    """Pose (x, y, z, qw, qx, qy, qz) of a 4×4 transform."""
+    pose = np.empty(7)
+    pose[:3] = transform[:3, 3]
+    mujoco.mju_mat2Quat(pose[3:], transform[:3, :3].ravel())
+    return pose
+
+
+def tool_at(pose: np.ndarray, tool: ToolTransform) -> np.ndarray:
+    """Pose of a tool whose site is at ``pose``."""
+    result = np.empty(7)
+    mujoco.mju_mulPose(result[:3], result[3:], pose[:3], pose[3:], np.array(tool.position, float),
+                       np.array(tool.rotation, float))
+    return result
+
+
 class Mount:
     """The tool site of a model, as the model has it."""
 

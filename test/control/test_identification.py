@@ -16,12 +16,12 @@ def identified(plant):
     loop = ClosedLoop(Arm(plant=plant), ControllerSettings(guard=GuardSettings()))
     start = loop.arm.data.qpos.copy()
     # Fewer and faster motions than on a robot: the arm is simulated.
-    loop.identification = FrictionIdentification(loop.arm.limits, start, (0.1, 0.2), 0.1)
+    loop.joint_motion = FrictionIdentification(loop.arm.limits, start, (0.1, 0.2), 0.1)
     largest = 0.0
-    while not loop.identification.done:
+    while not loop.joint_motion.done:
         loop.tick()
         largest = max(largest, np.abs(loop.arm.data.qpos - start).max())
-    return loop, loop.identification.result(), largest
+    return loop, loop.joint_motion.result(), largest
 
 
 @pytest.mark.parametrize('plant, dry', [
@@ -44,12 +44,12 @@ def test_friction_is_found_although_the_model_is_wrong(plant, dry):
 
 def test_an_arm_that_is_held_is_not_forced():
     loop = ClosedLoop(Arm())
-    loop.identification = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.4)
+    loop.joint_motion = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.4)
     loop.hand = Hand(loop.arm.measure().pose.copy(), HandSettings(5000.0, 200.0, 2000.0, 50.0,
                                                                   100.0))
-    with pytest.raises(DataError, match='something holds the arm'):
-        while not loop.identification.done:
-            loop.tick()
+    while loop.joint_motion is not None and not loop.joint_motion.done:
+        loop.tick()
+    assert 'something holds the arm' in loop.joint_motion_problem
 
 
 def test_a_joint_without_room_is_named():
@@ -59,7 +59,7 @@ def test_a_joint_without_room_is_named():
     plan = FrictionIdentification(arm.limits, start, (0.2,), 0.1)
     loop = ClosedLoop(arm)
     loop.reset(start)
-    loop.identification = plan
+    loop.joint_motion = plan
     while not plan.done:
         loop.tick()
     with pytest.raises(DataError, match='joint 4 has no room'):
@@ -68,8 +68,8 @@ def test_a_joint_without_room_is_named():
 
 def test_after_the_motions_references_are_followed_again():
     loop = ClosedLoop(Arm())
-    loop.identification = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.05)
-    while not loop.identification.done:
+    loop.joint_motion = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.05)
+    while not loop.joint_motion.done:
         loop.tick()
     for _ in range(500):
         loop.tick()

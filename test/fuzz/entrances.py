@@ -170,7 +170,7 @@ def node(name: str) -> Any:
     import rclpy
 
     from gdmp_ros.ros.adapter.node import Adapter
-    from gdmp_ros.ros.arm.node import PandaSim
+    from gdmp_ros.ros.arm.panda_sim import PandaSim
     from gdmp_ros.ros.server.node import TrajectoryServer
     from gdmp_ros.ros.visualizer.node import Visualizer
     if not rclpy.ok():
@@ -522,9 +522,9 @@ def service_set_payload() -> Entrance:
     return _message(SetPayload.Request, valid, 'sim', use)
 
 
-def _parameters(name: str, module: str) -> Entrance:
-    import importlib
-    specs = importlib.import_module(f'gdmp_ros.ros.{module}').SPECS
+def _parameters(name: str, of_node: str) -> Entrance:
+    from gdmp_ros.ros.parameter_tables import NODES
+    specs = NODES[of_node][1]
     names = [spec.name for spec in specs]
 
     def value(choose: random.Random) -> Any:
@@ -564,12 +564,12 @@ def _parameters(name: str, module: str) -> Entrance:
 
 def parameters_of_the_server() -> Entrance:
     """Parameters of ``trajectory_server``."""
-    return _parameters('server', 'server.parameters')
+    return _parameters('server', 'trajectory_server')
 
 
 def parameters_of_the_simulation() -> Entrance:
     """Parameters of ``panda_sim``."""
-    return _parameters('sim', 'arm.parameters')
+    return _parameters('sim', 'panda_sim')
 
 
 ENTRANCES: dict[str, Callable[[], Entrance]] = {

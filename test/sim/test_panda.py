@@ -97,7 +97,7 @@ def test_the_arm_holds_still_without_references():
 
 def test_a_stream_that_begins_right_after_the_warm_up_is_followed():
     loop = ClosedLoop(Arm())
-    loop.warm_up()
+    loop.warm_up(loop.arm.measure(), loop.arm.period)
     guard, target = loop.controller.guard, resting_target(loop.arm.measure().pose)
     for sequence in range(1, 4):
         assert guard.offer(target, Origin(guard.settings.frame, sequence=sequence))

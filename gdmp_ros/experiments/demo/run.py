@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 
 from gdmp_ros import __version__
+from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import lasa, recordings, run_analysis, runs
 from gdmp_ros.data.bags import NS
@@ -24,8 +25,9 @@ from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
-from gdmp_ros.ros.testbed import ARM, NodeTestbed, SERVER
-from gdmp_ros.sim.arm import Arm
+from gdmp_ros.ros.arm_choice import ArmChoice
+from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.testbed import NodeTestbed, SERVER
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.signals import interrupt_on_sigterm
@@ -71,7 +73,7 @@ class Timeline:
     cpu: dict[str, float]
 
 
-def run_demo(folder: Path, name: str) -> int:
+def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     """
     Run everything.
 
@@ -80,6 +82,7 @@ def run_demo(folder: Path, name: str) -> int:
     :raises GdmpError: if a process ended early or something did not happen in time
     """
     interrupt_on_sigterm()
+    arm.check()
     _clear(folder)
     print(f'demonstrations: LASA {name}, recorded as rosbag2', flush=True)
     bags = _record(folder, name)
@@ -88,11 +91,12 @@ def run_demo(folder: Path, name: str) -> int:
     error = float(reproduction_error(skill, recording.demonstration)[0])
     skill.save(folder / 'skill.json')
     switch = _switch(skill)
-    with Domain() as domain, NodeTestbed(folder, domain.environment()) as bed:
+    with (Domain() as domain, arm.robot(folder / 'logs'),
+          NodeTestbed(folder, domain.environment(), arm) as bed):
         timeline = _stream(bed, bags[0], switch)
         print('reading the recorded bag', flush=True)
         run = bed.recorded()
-    document = _report(folder, run, timeline, switch)
+    document = _report(folder, run, timeline, switch, arm)
     document['learning'] = {'mean_relative_error': error, 'demonstration': bags[0].name}
     write_json(folder / 'report.json', document)
     print('drawing', flush=True)
@@ -134,7 +138,11 @@ def _switch(skill: Skill) -> Switch:
 
 def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
     """Start all processes, execute the skill and switch its goal."""
-    print('starting simulation, server and recorder', flush=True)
+    print('starting arm, server and recorder', flush=True)
+    if bed.arm.kind == 'franka':
+        bed.start_arm(lateness_file=str(bed.folder / 'sim.npy'))
+        print('moving to the home posture', flush=True)
+        move_joints(bed.client, bed.arm.node)
     bed.start(arm={'lateness_file': str(bed.folder / 'sim.npy')},
               server={'demonstrations': [str(bag)],
                       'lateness_file': str(bed.folder / 'server.npy')})
@@ -144,7 +152,7 @@ def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
     bed.wait_log('bare_publish', 'publishing', 30.0)
     bed.spend(1.0)
     timeline = _execute(bed, switch)
-    for name in ('bare', SERVER, ARM):  # they write their lateness at the end
+    for name in ('bare', SERVER, bed.arm.node):  # they write their lateness at the end
         bed.children.stop(name)
     return timeline
 
@@ -171,7 +179,7 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
 
 
 def _cpu_seconds(bed: NodeTestbed) -> dict[str, float]:
-    processes = {'server': SERVER, 'sim': ARM, 'bare': 'bare_publish'}
+    processes = {'server': SERVER, 'sim': bed.arm.node, 'bare': 'bare_publish'}
     return {name: sum(psutil.Process(bed.children.processes[process].pid).cpu_times()[:2])
             for name, process in processes.items()}
 
@@ -182,7 +190,8 @@ def _window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
     return np.asarray(ticks[inside])
 
 
-def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch) -> dict[str, Any]:
+def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm: ArmChoice
+            ) -> dict[str, Any]:
     began = int(run.reference_stamps[int(np.argmax(run.moving))])
     goal = run_analysis.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
@@ -194,7 +203,7 @@ def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch) -> 
                         'final_rotation_error_rad': goal.rotation,
                         'final_stiffness_distance': goal.stiffness, 'step_m': switch.step_m,
                         'step_rad': switch.step_rad, 'step_stiffness': switch.step_stiffness},
-        'limits': _limits(run),
+        'arm': arm.node, 'limits': _limits(run, arm.limits),
         'environment': {'gdmp_ros': __version__, 'python': platform.python_version(),
                         'kernel': platform.release(), 'cpus': os.cpu_count(),
                         'numpy': np.__version__},
@@ -223,8 +232,8 @@ def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, flo
             'stiffness_rel_error': run_analysis.stiffness_error(run, tracked)}
 
 
-def _limits(run: runs.Run) -> dict[str, bool]:
-    figures = run_analysis.limit_figures(run, Arm().limits)
+def _limits(run: runs.Run, joints: JointLimits) -> dict[str, bool]:
+    figures = run_analysis.limit_figures(run, joints)
     return {'torque_ok': figures.torque <= 1.0,
             'torque_rate_ok': figures.torque_rate <= 1e-3 * LimitSettings().torque_slew + 1e-9,
             'joint_ok': figures.joint_distance >= 0.0}
@@ -232,7 +241,7 @@ def _limits(run: runs.Run) -> dict[str, bool]:
 
 def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, Any]) -> None:
     lateness = {'trajectory_server': _window(folder, 'server', timeline)[:, 1] * 1e-3,
-                'panda_sim': _window(folder, 'sim', timeline)[:, 1] * 1e-3,
+                document['arm']: _window(folder, 'sim', timeline)[:, 1] * 1e-3,
                 'bare sleeping loop': _window(folder, 'bare', timeline)[:, 1] * 1e-3}
     pictures.draw(run, folder, document['goal_switch']['at_s'], timeline.finished, lateness)
     missing = render_to(folder / 'arm.png', run.joints[-1], run.poses[::100, :3])

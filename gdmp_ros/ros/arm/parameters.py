@@ -1,6 +1,7 @@
-"""Parameters of the simulated arm."""
+"""Parameters of arms, and of the simulated one."""
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from gdmp_ros.control.settings import (
@@ -12,6 +13,7 @@ from gdmp_ros.control.settings import (
     LimitSettings,
     TankSettings,
 )
+from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
 from gdmp_ros.sim.hand import HandSettings
 from gdmp_ros.sim.payload import Payload
@@ -29,16 +31,11 @@ _PLANT = {'dry_friction': 'plant_dry_friction', 'armature': 'plant_armature',
 _PAYLOAD = {'mass': 'payload_mass', 'center': 'payload_center', 'inertia': 'payload_inertia'}
 _TOOL = {'position': 'tool_position', 'rotation': 'tool_rotation'}
 _HAND = {'stiffness': 'hand_stiffness', 'force': 'hand_force'}
-SPECS = (
+#: Parameters of every arm.
+ARM = (
     Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('model', '', 'another arm: MJCF file, menagerie:NAME or robot_descriptions:NAME; empty: '
-         'the built-in Panda'),
-    Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base; references in others are refused"),
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
-    Spec('pace', 'wall', 'wall: simulated time passes like wall time; fast: as fast as possible, '
-         'with /clock', choices=('wall', 'fast')),
-    Spec('headless', True, 'without a viewer window'),
     Spec('viewer_rate_hz', 100, 'rate of joint states, measured pose and stiffness for viewers',
          'Hz', 1, 100),
     *specs_of(GuardSettings, names=_GUARD),
@@ -52,11 +49,26 @@ SPECS = (
     *specs_of(ImpedanceGains, fixed=('position_clip', 'rotation_clip', 'wrench_max')),
     *specs_of(Payload, names=_PAYLOAD),
     *specs_of(ToolTransform, names=_TOOL),
-    *specs_of(HandSettings, names=_HAND),
-    *specs_of(PlantSettings, 'configure', names=_PLANT),
-    Spec('realtime_priority', 0, 'SCHED_FIFO priority of the simulation thread; -1: 40 if the '
+    Spec('realtime_priority', 0, 'SCHED_FIFO priority of the control thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
+)
+SIMULATION = (
+    *ARM,
+    Spec('model', '', 'another arm: fr3, MJCF file, menagerie:NAME or robot_descriptions:NAME; '
+         'empty: the built-in Panda'),
+    Spec('tool_site', 'tcp', 'site of the model that is controlled'),
+    Spec('pace', 'wall', 'wall: simulated time passes like wall time; fast: as fast as possible, '
+         'with /clock', choices=('wall', 'fast')),
+    Spec('headless', True, 'without a viewer window'),
+    *specs_of(HandSettings, names=_HAND),
+    *specs_of(PlantSettings, 'configure', names=_PLANT),
+)
+FRANKA = (
+    *(replace(one, default=-1) if one.name == 'realtime_priority' else one for one in ARM),
+    *specs_of(FrankaSettings, 'configure'),
+    Spec('publish_clock', False, "publish the robot's time on /clock, for a robot that is slower "
+         'than real time: a server of its protocol on a small machine', changes='configure'),
 )
 #: Parameters that are gone, or have another unit.
 RETIRED = {'jump_stiffness': ('stiffness_rate', 'jump_stiffness is gone: a stiffness that changes '

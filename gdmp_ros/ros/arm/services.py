@@ -1,64 +1,70 @@
-"""Services of the simulated arm."""
+"""Services of an arm."""
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 import json
 
-from gdmp_msgs.srv import SetPayload, SetTool, StepSimulation
+from gdmp_msgs.srv import MoveJoints, SetPayload, SetTool
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
+from gdmp_ros.control.identification import FrictionIdentification
+from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.arm.simulation import Simulation
+from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers
 from gdmp_ros.sim.known_model import PAYLOAD_S
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
 
-#: Time for steps of a paused simulation, beyond their own duration [s].
-STEP_TIMEOUT_S = 5.0
+#: Speed of a joint that moves to a posture, unless another is given [rad/s].
+MOVING_SPEED = 0.5
 #: Largest payload [kg].
 LARGEST_PAYLOAD = 20.0
 
 
-class Services:
-    """What a user or another node may ask of the arm, besides following references."""
+class ArmServices:
+    """
+    What a user or another node may ask of an arm, besides following references.
 
-    def __init__(self, node: ManagedNode, simulation: Simulation, is_active: Callable[[], bool],
-                 moved: Callable[[], None]):
+    :ivar guiding: what to do after hand guiding has begun
+    """
+
+    guiding = 'only gravity is compensated: guide the arm by hand'
+
+    def __init__(self, node: ManagedNode, commands: ArmCommands, is_active: Callable[[], bool],
+                 moved: Callable[[], None], home: np.ndarray):
         """
         Add the services.
 
-        :param is_active: whether the simulation runs
+        :param home: posture to move to without another one [rad]
+        :param is_active: whether the loop of the arm runs
         :param moved: called after the tool has changed
         """
-        self._node, self.simulation, self._is_active = node, simulation, is_active
-        self._moved = moved
-        for name, action in (('arm', self._arm), ('stop', self._stop), ('comply', self._comply),
-                             ('recover', self._recover)):
+        self._node, self._commands, self._is_active = node, commands, is_active
+        self._control, self._moved, self._home = commands.control, moved, home
+        for name, action in (('arm', self._arm), ('stop', self._stop), ('comply', self._comply)):
             node.add_service(Trigger, name, partial(self.on_command, action))
-        node.add_service(SetBool, 'set_pause', self.on_pause)
         node.add_service(SetBool, 'teach', self.on_teach)
-        node.add_service(Trigger, 'reset_world', self.on_reset)
         node.add_service(Trigger, 'refill_tank', self.on_refill)
         node.add_service(SetPayload, 'set_payload', self.on_payload)
         # They await: in the default group they would block the other services.
+        node.add_service(Trigger, 'recover', self.on_recover, ReentrantCallbackGroup())
         node.add_service(SetTool, 'set_tool', self.on_tool, ReentrantCallbackGroup())
-        node.add_service(StepSimulation, 'step_simulation', self.on_step,
-                         ReentrantCallbackGroup())
+        node.add_service(MoveJoints, 'move_joints', self.on_move, ReentrantCallbackGroup())
         node.add_service(SetBool, 'identify_friction', self.on_identify,
                          ReentrantCallbackGroup())
 
     def on_command(self, action: Callable[[ReferenceGuard], str], request: Trigger.Request,
                    reply: Trigger.Response) -> Trigger.Response:
-        """``~/arm``, ``~/stop``, ``~/comply`` and ``~/recover``."""
+        """``~/arm``, ``~/stop`` and ``~/comply``."""
         try:
-            reply.message = action(self.simulation.loop.controller.guard)
+            reply.message = action(self._control.controller.guard)
             reply.success = True
         except ParameterError as error:
             reply.message = str(error)
@@ -66,47 +72,29 @@ class Services:
 
     def _arm(self, guard: ReferenceGuard) -> str:
         _check_fault(guard)
-        if self.simulation.loop.hand_guided:
+        if self._control.hand_guided:
             raise ParameterError('the arm is guided by hand: end it first (~/teach)')
-        self.simulation.requests.append(guard.arm)
+        self._commands.requests.append(guard.arm)
         return (f'the arm follows the motion that is streamed, or begins within {ARMED_S:g} s, '
                 'from wherever it is')
 
     def _stop(self, guard: ReferenceGuard) -> str:
-        self.simulation.requests.append(guard.stop)
+        self._commands.requests.append(guard.stop)
         return 'the arm stops and holds'
 
     def _comply(self, guard: ReferenceGuard) -> str:
         _check_fault(guard)
-        self.simulation.requests.append(partial(guard.comply, '~/comply was called'))
+        self._commands.requests.append(partial(guard.comply, '~/comply was called'))
         return 'the arm stops and gives way, until ~/stop or ~/arm'
 
-    def _recover(self, guard: ReferenceGuard) -> str:
-        if guard.mode is not ArmMode.FAULT:
-            raise ParameterError('the arm is not in a fault')
-        self.simulation.requests.append(guard.recover)
-        return 'the arm holds; a motion must begin near it, or call ~/arm'
-
-    def on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
-        self.simulation.pause(request.data)
-        reply.success = True
-        reply.message = 'paused' if request.data else 'running'
-        return reply
-
     def on_teach(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
-        self.simulation.request_hand_guiding(request.data)
+        self._commands.request_hand_guiding(request.data)
         reply.success = True
-        reply.message = ('only gravity is compensated: guide the arm by ~/hand_pose or with the '
-                         'mouse' if request.data else 'the arm holds its pose')
-        return reply
-
-    def on_reset(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
-        self.simulation.request_reset()
-        reply.success, reply.message = True, 'the arm is reset to its first keyframe'
+        reply.message = self.guiding if request.data else 'the arm holds its pose'
         return reply
 
     def on_refill(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
-        controller = self.simulation.loop.controller
+        controller = self._control.controller
         controller.refill_tank()
         reply.success = True
         reply.message = f'the energy tank is filled to {controller.settings.tank.energy:g} J'
@@ -118,11 +106,24 @@ class Services:
             if not request.mass <= LARGEST_PAYLOAD:
                 raise ParameterError(f'mass is {request.mass!r} kg, expected 0 to '
                                      f'{LARGEST_PAYLOAD:g}')
-            self.simulation.loop.arm.announce(Payload(
+            self._commands.announce(Payload(
                 request.mass, tuple(request.center), tuple(request.inertia)))
             reply.success = True
             reply.message = f'the arm carries {request.mass:g} kg, {PAYLOAD_S:g} s from now on'
         except ParameterError as error:
+            reply.message = str(error)
+        return reply
+
+    async def on_recover(self, request: Trigger.Request, reply: Trigger.Response
+                         ) -> Trigger.Response:
+        """Answers when the fault has ended."""
+        try:
+            if self._control.controller.guard.mode is not ArmMode.FAULT:
+                raise ParameterError('the arm is not in a fault')
+            await self._carried_out(self._commands.request_recovery())
+            reply.success = True
+            reply.message = 'the arm holds; a motion must begin near it, or call ~/arm'
+        except GdmpError as error:
             reply.message = str(error)
         return reply
 
@@ -132,61 +133,76 @@ class Services:
         try:
             pose = pose_numbers(request.pose)
             tool = ToolTransform(tuple(pose[:3]), tuple(pose[3:]))
-            if not self._is_active():
-                raise ParameterError('the node is not active')
-            done = self.simulation.request_tool(tool)
-            await self._node.wait_until(lambda: bool(done) or not self._is_active())
-            reply.message = done[0] if done else 'the node was deactivated'
-            reply.success = done == ['']
-        except ParameterError as error:
-            reply.message = str(error)
-        if reply.success:
+            await self._carried_out(self._commands.request_tool(tool))
             self._moved()
+            reply.success = True
             reply.message = f'the tool is at {np.round(pose[:3], 4)} m of its site'
+        except GdmpError as error:
+            reply.message = str(error)
         return reply
+
+    async def on_move(self, request: MoveJoints.Request, reply: MoveJoints.Response
+                      ) -> MoveJoints.Response:
+        """Answers when the joints have arrived."""
+        commands = self._commands
+        goal = np.array(request.position) if len(request.position) else self._home
+        try:
+            self._control.joints.check(goal)
+            commands.request_joint_motion(lambda: PostureMotion(
+                self._control.joints, commands.position(), goal, request.speed or MOVING_SPEED))
+            await self._moved_joints()
+            reply.success, reply.message = True, 'the arm has arrived'
+        except GdmpError as error:
+            reply.message = str(error)
+        return reply
+
+    async def _moved_joints(self) -> JointMotion:
+        """
+        Wait for the end of motions of the joints.
+
+        :raises ParameterError: if they ended early
+        """
+        commands, control = self._commands, self._control
+        await self._node.wait_until(lambda: not (self._is_active() and commands.moves_joints))
+        motion = control.joint_motion
+        if motion is None or not motion.done:
+            raise ParameterError(control.joint_motion_problem or 'it was ended')
+        return motion
+
+    async def _carried_out(self, done: list[str]) -> None:
+        """
+        Wait until a request has been carried out.
+
+        :param done: see `ArmCommands.request_tool`
+        :raises ParameterError: if it was refused, or the node is not active
+        """
+        await self._node.wait_until(lambda: bool(done) or not self._is_active(), 0.01)
+        reason = done[0] if done else 'the node is not active'
+        if reason:
+            raise ParameterError(reason)
 
     async def on_identify(self, request: SetBool.Request, reply: SetBool.Response
                            ) -> SetBool.Response:
         """Answers when the motions have ended, with the friction as JSON."""
-        simulation = self.simulation
+        commands = self._commands
         try:
             if not self._is_active():
                 raise ParameterError('the node is not active')
-            simulation.request_identification(request.data)
             if not request.data:
+                commands.request_end_of_joint_motion()
                 reply.success, reply.message = True, 'the arm holds'
                 return reply
-            await self._node.wait_until(lambda: not self._is_active() or not simulation.identifies)
-            identification = simulation.loop.identification
-            if identification is None or not identification.done:
-                raise ParameterError(simulation.identification_problem or 'it was ended')
-            found = identification.result()
+            commands.request_joint_motion(
+                lambda: FrictionIdentification(self._control.joints, commands.position()))
+            motion = await self._moved_joints()
+            if not isinstance(motion, FrictionIdentification):
+                raise ParameterError('it was ended')
+            found = motion.result()
             reply.message = json.dumps({name: [round(float(one), 4) for one in values]
                                         for name, values in found._asdict().items()})
             reply.success = True
         except GdmpError as error:
             reply.message = str(error)
-        return reply
-
-    async def on_step(self, request: StepSimulation.Request,
-                       reply: StepSimulation.Response) -> StepSimulation.Response:
-        simulation = self.simulation
-        try:
-            if not self._is_active():
-                raise ParameterError('the node is not active')
-            simulation.request_steps(request.steps)
-            seconds = request.steps * simulation.loop.arm.period + STEP_TIMEOUT_S
-            await self._node.wait_until(lambda: simulation.steps_left == 0, 0.005, seconds)
-            if simulation.steps_left:
-                raise ParameterError(f'{simulation.steps_left} of {request.steps} steps were not '
-                                     'made in time')
-            if simulation.steps_dropped:
-                raise ParameterError(f'{simulation.steps_dropped} of {request.steps} steps were '
-                                     'not made: ~/set_pause was called')
-            reply.success = True
-        except ParameterError as error:
-            reply.message = str(error)
-        reply.time = simulation.loop.arm.time
         return reply
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
@@ -13,9 +14,13 @@ from std_srvs.srv import SetBool
 
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.client import Client, DISCOVERY_S, START_UP_S
+from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.testbed import NodeTestbed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.terminal import progress
 
 #: Longest time for the motions; a simulation may run slower than real time [s].
@@ -34,14 +39,34 @@ def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
     client = Client('friction_client')
     try:
         found = _measure(client, arm)
-        name = arm.rpartition('/')[2]
-        lines = '\n'.join(f'    friction_{key}: {values}' for key, values in found.items())
-        write_text(output, f'/**/{name}:\n  ros__parameters:\n{lines}\n')
+        _write(output, arm, found)
         if use:
             _set(client, arm, found)
     finally:
         client.close()
     return found
+
+
+def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
+    """
+    Start an arm, move it to its home posture, and let it measure its friction.
+
+    :returns: numbers of each joint, by name
+    :raises GdmpError: if the arm refuses, or the motions are ended
+    """
+    with (TemporaryDirectory() as name, Domain() as domain, arm.robot(Path(name)),
+          NodeTestbed(Path(name), domain.environment(), arm) as bed):
+        bed.start_arm()
+        move_joints(bed.client, arm.node)
+        found = _measure(bed.client, arm.node)
+    _write(output, arm.node, found)
+    return found
+
+
+def _write(output: Path, arm: str, found: dict[str, list[float]]) -> None:
+    name = arm.rpartition('/')[2]
+    lines = '\n'.join(f'    friction_{key}: {values}' for key, values in found.items())
+    write_text(output, f'/**/{name}:\n  ros__parameters:\n{lines}\n')
 
 
 def _measure(client: Client, arm: str) -> dict[str, list[float]]:

@@ -1,0 +1,43 @@
+"""Move the joints of a running arm to its home posture, or to another one.
+
+All joints move together, from rest to rest, in a straight line of joint space. Obstacles are not
+known: there must be room. Nothing may stream references meanwhile.
+
+examples:
+  gdmp home
+  gdmp home --arm franka_arm --speed 0.2
+  gdmp home 0 -0.785 0 -2.356 0 1.571 0.785
+"""
+from __future__ import annotations
+
+import argparse
+import os
+
+from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.util.optional_imports import optional_import, ROS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('position', type=float, nargs='*', metavar='RAD',
+                        help='posture, one number for each joint (default: home)')
+    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
+                        help='with its namespace (default %(default)s)')
+    parser.add_argument('--speed', type=float, default=0.5, metavar='RAD/S',
+                        help='largest speed of a joint [rad/s] (default %(default)g)')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Move."""
+    check_number('--speed', options.speed, above=0.0)
+    from gdmp_ros.util.dds_network import default_environment
+    os.environ.update(default_environment())
+    with optional_import(ROS):
+        from gdmp_ros.ros.clients.client import Client
+        from gdmp_ros.ros.clients.joints_client import move_joints
+    client = Client('joints_client')
+    try:
+        move_joints(client, options.arm, options.position, options.speed)
+    finally:
+        client.close()
+    print(f'{options.arm} has arrived')

@@ -1,0 +1,1 @@
+"""A Franka robot over its network protocol, through libfranka. No ROS."""

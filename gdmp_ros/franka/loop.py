@@ -1,0 +1,179 @@
+"""Control of a Franka, one cycle at a time."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.kinematics import add_lever, constant_velocity_acceleration
+from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.settings import ControllerSettings
+from gdmp_ros.control.tick import Tick
+from gdmp_ros.franka.robot import FrankaRobot, Reading, RobotStopped
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.tool import tool_at, ToolTransform
+
+#: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
+CYCLE_S = 0.001
+#: Cycles in which the torque decreases to zero at the end.
+END_CYCLES = 50
+_END_EFFECTOR = ToolTransform()
+
+
+class FrankaLoop(ArmControl):
+    """
+    A Franka and its impedance controller; one thread uses it.
+
+    Jacobian and dynamics are those of the robot's own model, with the end effector and the load
+    that the robot knows. Gravity is not in it: the robot compensates that itself. Poses are
+    computed from the joints: a server of the protocol reports those of the last link.
+
+    :ivar robot: access to the robot
+    :ivar measured: the last measurement
+    :ivar stopped: why the robot is not controlled; empty while it is
+    :ivar lost: cycles without a state of the robot, since the start
+    """
+
+    def __init__(self, robot: FrankaRobot, rotor_inertia: float,
+                 settings: ControllerSettings | None = None):
+        """
+        Prepare, and compile the control law; the robot does not move.
+
+        :param robot: connected
+        :param rotor_inertia: of each joint, added to the robot's model [kg m²]
+        """
+        self._flange = Arm('fr3', 'flange', hand=False)
+        joints = replace(self._flange.limits, cycle=CYCLE_S)
+        super().__init__(joints, np.zeros(len(joints.torque)), settings)
+        self.robot = robot
+        self.stopped, self.lost = 'the control has not begun', 0
+        self._rotors = rotor_inertia * np.eye(len(joints.torque))
+        self._tool, self._dt = _END_EFFECTOR, CYCLE_S
+        self._sent = np.zeros_like(joints.torque)
+        self._reading = robot.read()
+        self._end_effector = robot.end_effector
+        self.measured = self._measurement()
+        self.hold(self.measured)
+        add_lever(self.measured.jacobian, np.zeros(3))
+        self.warm_up(self.measured, CYCLE_S)
+
+    @property
+    def misplaced(self) -> float:
+        """Distance between the tool that the robot reports and that of the model [m]."""
+        own = tool_at(self._flange.pose_at(self._reading.position), self._end_effector)
+        return float(np.linalg.norm(own[:3] - self.robot.position))
+
+    def begin(self) -> None:
+        """
+        Begin to control: hold the robot where it is, without a torque at first.
+
+        :raises RobotStopped: if the robot refuses
+        """
+        self.robot.begin()
+        self.stopped = ''
+        measured = self.wait()
+        if measured is None:
+            raise RobotStopped(self.stopped, False)
+        self.hold(measured)
+        self.answer(measured)
+
+    def wait(self) -> Measurement | None:
+        """Wait for the next state; None if the robot does not answer, or has just stopped."""
+        if not self.robot.connected:
+            return None
+        try:
+            self._reading = self.robot.read()
+        except RobotStopped as error:
+            self.stop(str(error))
+            return None
+        self._dt = self._reading.elapsed if self._reading.elapsed > 0.0 else CYCLE_S
+        self.lost += max(round(self._dt / CYCLE_S) - 1, 0)
+        self.measured = self._measurement()
+        return self.measured
+
+    def answer(self, measured: Measurement) -> Tick:
+        """Compute the torque for a state, and send it; nothing is sent to a robot that stopped."""
+        if self.stopped:
+            return self.stand(measured, self._dt)
+        tick = self.compute(measured, self._dt)
+        try:
+            self.robot.write(tick.torque)
+            self._sent = tick.torque
+        except RobotStopped as error:
+            self.stop(str(error))
+        return tick
+
+    def end(self) -> None:
+        """End the control within `END_CYCLES`; the robot then holds its position by itself."""
+        if self.stopped:
+            return
+        try:
+            for left in range(END_CYCLES - 1, -1, -1):
+                self.robot.read()
+                self.robot.write(left / END_CYCLES * self._sent, last=left == 0)
+            self.stopped = 'the control was ended'
+        except RobotStopped as error:
+            self.stop(str(error))
+
+    def recover(self) -> None:
+        """
+        End a fault: the robot is held where it is, and follows nothing.
+
+        :raises RobotStopped: if the robot does not recover
+        """
+        if not self.stopped:
+            self.controller.guard.recover()
+            return
+        try:
+            self.robot.recover()
+            self.begin()
+        except RobotStopped as error:
+            self.stop(str(error))
+            raise
+
+    def put_tool(self, tool: ToolTransform) -> None:
+        """
+        Control another point, given in the end effector's frame; the arm goes on holding.
+
+        :raises ParameterError: while references are followed
+        """
+        self.check_tool()
+        before = self.measured.pose
+        self._tool = _END_EFFECTOR if tool == _END_EFFECTOR else tool
+        self.measured = self._measurement()
+        self.controller.move_tool(before, self.measured.pose)
+
+    def carry(self, payload: Payload) -> None:
+        """
+        Tell the robot what it carries; the robot holds by itself meanwhile.
+
+        :param payload: in the frame of the flange
+        :raises RobotStopped: if the robot does not answer
+        """
+        controlled = not self.stopped
+        self.end()
+        self.robot.carry(payload)
+        if controlled:
+            self.begin()
+
+    def _measurement(self) -> Measurement:
+        reading: Reading = self._reading
+        jacobian = np.ascontiguousarray(reading.jacobian)
+        pose = tool_at(self._flange.pose_at(reading.position), self._end_effector)
+        acceleration = np.empty(6)
+        if self._tool is not _END_EFFECTOR:
+            at = pose
+            pose = tool_at(at, self._tool)
+            add_lever(jacobian, pose[:3] - at[:3])
+        constant_velocity_acceleration(jacobian, reading.velocity, acceleration)
+        return Measurement(reading.position, reading.velocity, pose, jacobian,
+                           reading.inertia + self._rotors, reading.coriolis, reading.external,
+                           acceleration, 0.0)
+
+    def stop(self, reason: str) -> None:
+        """Note that the robot is not controlled any more, and why."""
+        self.stopped, self.hand_guided = reason, False
+        self.end_joint_motion(reason)
+        self.controller.guard.fault(reason)

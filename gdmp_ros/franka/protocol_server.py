@@ -1,0 +1,111 @@
+"""
+A server that speaks the network protocol of a Franka Research 3, with a simulated arm behind it.
+
+It is the package franka-sim, which needs an environment of its own: ``.venv-franka-sim`` beside
+the environment of this package (``make setup`` makes it), or the interpreter that
+``GDMP_FRANKA_SIM`` names. It serves one robot, on the ports of the protocol.
+"""
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+from pathlib import Path
+import socket
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree
+
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.util.atomic_write import write_text
+
+VERSION = '1.1.7'
+PORT, GRIPPER_PORT = 1337, 1338
+#: Dry friction of the joints in public models of the robot [Nm].
+DRY_FRICTION = 1.137
+_MODEL = Path(__file__).parent.parent / 'sim' / 'models' / 'fr3.xml'
+
+
+def interpreter() -> Path:
+    """
+    Interpreter of the environment of the server.
+
+    :raises DataError: if there is none
+    """
+    given = os.environ.get('GDMP_FRANKA_SIM')
+    path = Path(given) if given else Path(sys.prefix).parent / '.venv-franka-sim/bin/python'
+    if not path.is_file():
+        raise DataError(
+            f'{path} is missing: python3 -m venv {path.parent.parent} && '
+            f'{path.parent}/pip install franka-sim=={VERSION}, or name the interpreter of such an '
+            'environment in GDMP_FRANKA_SIM')
+    return path
+
+
+def command(dry_friction: float, enforce: bool, object_width: float | None, gripper: bool
+            ) -> tuple[list[str], dict[str, str]]:
+    """
+    Command line of the server, and what it needs in its environment.
+
+    :param dry_friction: of each joint [Nm]
+    :param enforce: stop motions that break the limits, or lose too many cycles, as the robot does
+    :param object_width: of a virtual object between the fingers [m]
+    :raises DataError: if the server is not installed
+    """
+    words = [str(interpreter()), '-m', 'franka_sim.run_server']
+    if enforce:
+        words += ['--enforce-comm-constraints', '--enforce-motion-limits']
+    if not gripper:
+        words.append('--no-gripper')
+    elif object_width is not None:
+        words += ['--gripper-object-width', str(object_width)]
+    return words, {'FR3_MJCF': str(_plant(dry_friction))}
+
+
+def _plant(dry_friction: float) -> Path:
+    """File of the model with dry friction; its name tells its content."""
+    tree = ElementTree.parse(_MODEL)
+    joint = tree.find('default/joint')
+    if joint is None:
+        raise DataError(f'{_MODEL}: no default of the joints')
+    joint.set('frictionloss', str(dry_friction))
+    text = ElementTree.tostring(tree.getroot(), encoding='unicode')
+    name = hashlib.sha256(text.encode()).hexdigest()[:12]
+    path = Path(tempfile.gettempdir()) / f'gdmp_fr3_{name}.xml'
+    if not path.exists():
+        write_text(path, text)
+    return path
+
+
+def check_port() -> None:
+    """:raises GdmpError: if another server runs"""
+    with socket.socket() as probe:
+        probe.settimeout(0.5)
+        if probe.connect_ex(('127.0.0.1', PORT)) == 0:
+            raise GdmpError(f'port {PORT} is in use: another server of the protocol runs')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Become the server."""
+    parser = argparse.ArgumentParser(prog='python -m gdmp_ros.franka.protocol_server',
+                                     description=__doc__)
+    parser.add_argument('--dry-friction', type=float, default=DRY_FRICTION, metavar='NM',
+                        help='of each joint (default %(default)s)')
+    parser.add_argument('--tolerant', action='store_true',
+                        help='do not stop motions that break limits')
+    parser.add_argument('--gripper', action='store_true', help='serve a gripper too')
+    parser.add_argument('--object-width', type=float, metavar='M',
+                        help='virtual object between the fingers')
+    options = parser.parse_args(arguments)
+    try:
+        check_port()
+        words, environment = command(options.dry_friction, not options.tolerant,
+                                     options.object_width, options.gripper)
+    except GdmpError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    return os.execve(words[0], words, {**os.environ, **environment})
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

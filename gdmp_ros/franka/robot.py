@@ -1,0 +1,224 @@
+"""Access to a Franka robot: measure, command, recover."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import importlib.metadata
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.franka.settings import FrankaSettings, JOINTS
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.tool import pose_of, ToolTransform
+from gdmp_ros.util.optional_imports import extra, optional_import
+
+with optional_import(extra('franka')):
+    import pylibfranka as libfranka
+
+#: The binding knows no common base of these.
+_STOPPED = (libfranka.ControlException, libfranka.CommandException,
+            libfranka.InvalidOperationException, libfranka.FrankaException)
+#: Version of the library.
+LIBFRANKA = importlib.metadata.version('pylibfranka')
+
+
+class RobotStopped(GdmpError):
+    """
+    The robot has ended the control: a reflex, the user stop, or the network.
+
+    :ivar connected: whether the robot still answers
+    """
+
+    def __init__(self, message: str, connected: bool):
+        super().__init__(message)
+        self.connected = connected
+
+
+class Reading(NamedTuple):
+    """
+    State of the robot at one cycle, and its own model in that state.
+
+    :ivar position: of the joints [rad]
+    :ivar velocity: [rad/s]
+    :ivar external: torque that the robot attributes to the environment [Nm]
+    :ivar jacobian: of the end effector, linear over angular, shape ``(6, 7)``
+    :ivar inertia: in joint space, with end effector and load, without rotors [kg m²]
+    :ivar coriolis: Coriolis torque [Nm]
+    :ivar elapsed: time since the last cycle of this control, 0 at its first [s]
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    external: np.ndarray
+    jacobian: np.ndarray
+    inertia: np.ndarray
+    coriolis: np.ndarray
+    elapsed: float
+
+
+class FrankaRobot:
+    """
+    One robot; only one thread at a time may use it.
+
+    Torques are without gravity and the friction that the robot compensates itself.
+    """
+
+    def __init__(self, settings: FrankaSettings):
+        """
+        Connect, and tell the robot its thresholds.
+
+        :raises RobotStopped: if the robot does not answer
+        """
+        self._settings = settings
+        self._robot: Any = None
+        self._control: Any = None
+        self._state: Any = None
+        self._model: Any = None
+        self.connect()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the robot answers."""
+        return self._robot is not None
+
+    @property
+    def seconds(self) -> float:
+        """Time of the robot at the last state [s]."""
+        return float(self._state.time.to_sec())
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position of the end effector, as the robot says [m]."""
+        return np.array(self._state.O_T_EE[12:15])
+
+    @property
+    def end_effector(self) -> ToolTransform:
+        """Where the end effector is, in the frame of the flange."""
+        x, y, z, *turn = pose_of(np.array(self._state.F_T_EE).reshape(4, 4).T).tolist()
+        w, i, j, k = turn
+        return ToolTransform((x, y, z), (w, i, j, k))
+
+    @property
+    def success_rate(self) -> float:
+        """Share of the last hundred cycles whose command arrived in time."""
+        return float(self._state.control_command_success_rate)
+
+    def connect(self) -> None:
+        """
+        Connect again.
+
+        :raises RobotStopped: if the robot does not answer
+        """
+        settings = self._settings
+        if not settings.host:
+            raise ParameterError('host is empty, expected the address of the robot')
+        realtime = libfranka.RealtimeConfig
+        config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
+        self._robot = self._control = None
+        with _explained(settings.host):
+            self._robot = libfranka.Robot(settings.host, config)
+            torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
+            self._robot.set_collision_behavior(torques, torques, wrench, wrench)
+            self._model = self._robot.load_model()
+            self._state = self._robot.read_once()
+
+    def carry(self, payload: Payload) -> None:
+        """
+        Tell the robot what it carries, without the end effector; only while it is not controlled.
+
+        :param payload: in the frame of the flange
+        :raises RobotStopped: if the robot does not answer
+        """
+        with _explained(self._settings.host):
+            self._robot.set_load(payload.mass, list(payload.center),
+                                 payload.matrix.ravel().tolist())
+
+    def begin(self) -> None:
+        """
+        Begin torque control.
+
+        :raises RobotStopped: if the robot refuses
+        """
+        with _explained(self._settings.host):
+            self._control = self._robot.start_torque_control()
+
+    def read(self) -> Reading:
+        """
+        Wait for the next state.
+
+        :raises RobotStopped: if the robot has ended the control
+        """
+        elapsed = 0.0
+        with _explained(self._settings.host, self._end):
+            if self._control is None:
+                self._state = self._robot.read_once()
+            else:
+                self._state, duration = self._control.readOnce()
+                elapsed = duration.to_sec()
+        state, model = self._state, self._model
+        # libfranka stores matrices column by column.
+        return Reading(
+            np.array(state.q), np.array(state.dq), np.array(state.tau_ext_hat_filtered),
+            np.array(model.zero_jacobian(state)).reshape(JOINTS, 6).T,
+            np.array(model.mass(state)).reshape(JOINTS, JOINTS), np.array(model.coriolis(state)),
+            elapsed)
+
+    def write(self, torque: np.ndarray, last: bool = False) -> None:
+        """
+        Answer the last state.
+
+        :param torque: [Nm]
+        :param last: end the control; the robot then holds its position by itself
+        :raises RobotStopped: if the robot has ended the control
+        """
+        if self._control is None:
+            raise RobotStopped(f'{self._settings.host}: the robot is not controlled', True)
+        command = libfranka.Torques(torque.tolist())
+        command.motion_finished = last
+        with _explained(self._settings.host, self._end):
+            self._control.writeOnce(command)
+        if last:
+            self._control = None
+
+    def recover(self) -> None:
+        """
+        End a reflex, connect again where that is necessary.
+
+        :raises RobotStopped: if the robot does not answer, or does not recover
+        """
+        if self._robot is None:
+            self.connect()
+        with _explained(self._settings.host, self._end):
+            self._robot.automatic_error_recovery()
+            self._state = self._robot.read_once()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._robot = self._control = None
+
+    def _end(self, connected: bool) -> None:
+        self._control = None
+        if not connected:
+            self._robot = None
+
+
+@contextmanager
+def _explained(host: str, end: Callable[[bool], None] = lambda _: None) -> Iterator[None]:
+    """Name what libfranka reports."""
+    try:
+        yield
+    except libfranka.NetworkException as error:
+        end(False)
+        raise RobotStopped(f'{host}: the robot does not answer: {_text(error)}', False) from None
+    except libfranka.RealtimeException as error:
+        end(True)
+        raise RobotStopped(f'{host}: no real-time priority: {_text(error)}', True) from None
+    except _STOPPED as error:
+        end(True)
+        raise RobotStopped(f'{host}: the robot has stopped: {_text(error)}', True) from None
+
+
+def _text(error: Exception) -> str:
+    return str(error).removeprefix('libfranka: ').strip()

@@ -1,0 +1,176 @@
+"""A Franka Research 3 that follows references under 1 kHz impedance control."""
+from __future__ import annotations
+
+from functools import partial
+import time
+from typing import Any
+
+from gdmp_msgs.msg import Reference
+import numpy as np
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.franka.loop import CYCLE_S, FrankaLoop
+from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
+from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.ros.arm.commands import ArmCommands, MAX_REFERENCES
+from gdmp_ros.ros.arm.node import ArmNode
+from gdmp_ros.ros.arm.parameters import FRANKA
+from gdmp_ros.ros.arm.services import ArmServices
+from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
+from gdmp_ros.ros.messages import NS, stamp_of
+from gdmp_ros.ros.parameters import settings_from
+from gdmp_ros.ros.running import run
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.urdf import urdf
+
+#: Time for other threads after a cycle [s]: libfranka keeps the interpreter while it waits.
+YIELD_S = 2e-4
+#: Distance between the tool of the model and that of the robot that is worth a warning [m].
+MISPLACED_M = 0.002
+#: Time between two looks at a robot that does not answer [s].
+SILENT_S = 0.05
+
+
+class FrankaArm(ArmNode):
+    """The managed node ``franka_arm``."""
+
+    _loop: FrankaLoop | None = None
+
+    def __init__(self) -> None:
+        super().__init__('franka_arm', FRANKA)
+
+    def configure(self) -> None:
+        p = self.parameters
+        robot = FrankaRobot(settings_from(p, FrankaSettings))
+        self._model = Arm('fr3')
+        settings = self.settings()
+        if self.given_payload is not None:
+            robot.carry(self.given_payload)
+        loop = self._loop = FrankaLoop(robot, p.rotor_inertia, settings)
+        if loop.misplaced > MISPLACED_M:
+            self.get_logger().warning(
+                f'the tool of the model is {loop.misplaced:.3f} m from where the robot says: is '
+                'it a Franka Research 3? The pose of the model is used')
+        if self.given_tool is not None:
+            loop.put_tool(self.given_tool)
+        self.commands = FrankaCommands(
+            loop, self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES))
+        self._clock_out = None
+        if p.publish_clock:
+            self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+        self.arm_services = ArmServices(self, self.commands, self.is_active, self.describe,
+                                        self._model.home)
+        self.prepare(self._model.names, CYCLE_S)
+        if not p.enforce_realtime:
+            self.get_logger().warning(
+                'enforce_realtime is off: without a PREEMPT_RT kernel and SCHED_FIFO the robot '
+                'may stop after lost cycles')
+
+    def activate(self) -> None:
+        self.lateness, self._work = LatenessRecorder(round(CYCLE_S * NS)), LatenessRecorder(NS)
+        self._stamp_ns = self._last_state_ns = 0
+        self.start(RealtimeThread(self._control, self.parameters.realtime_priority))
+
+    def cleanup(self) -> None:
+        super().cleanup()
+        if self._loop is not None:
+            self._loop.robot.close()
+            self._loop = None
+
+    def _control(self) -> None:
+        loop, commands = self._loop, self.commands
+        if loop is None:
+            return
+        commands.requests.append(partial(_begin, loop))
+        while self.active:
+            commands.carry_out()
+            measured = loop.wait()
+            if measured is None:
+                time.sleep(SILENT_S)
+                continue
+            begun, arrived = time.thread_time_ns(), time.monotonic_ns()
+            stamp = self._stamp(loop)
+            commands.take_references(stamp)
+            tick = loop.answer(measured)
+            self.state_out.publish(tick, stamp, commands.sequence)
+            if self._clock_out is not None:
+                self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
+            robot_ns = round(loop.robot.seconds * NS)
+            self.lateness.add(robot_ns, robot_ns + time.monotonic_ns() - arrived)
+            self._work.add(begun, time.thread_time_ns())
+            time.sleep(YIELD_S)
+        loop.end()
+
+    def _stamp(self, loop: FrankaLoop) -> int:
+        """Time of the present state [ns]: of the robot if it makes the clock, else wall time."""
+        if self._clock_out is None:
+            return time.time_ns()
+        state_ns = round(loop.robot.seconds * NS)
+        passed = state_ns - self._last_state_ns
+        self._last_state_ns = state_ns
+        # The time of a robot that was started again begins anew.
+        self._stamp_ns += passed if 0 < passed < NS else round(CYCLE_S * NS)
+        return self._stamp_ns
+
+    # Reports
+
+    def diagnosed(self) -> dict[str, Any]:
+        loop = self._loop
+        if loop is None:
+            return {}
+        work = self._work.punctuality(1000)
+        return {'commands in time': f'{loop.robot.success_rate:.3f}', 'cycles lost': loop.lost,
+                'CPU time of a cycle, 50 % and 99 % [us]': f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
+
+    def urdf(self) -> str:
+        return urdf(self._model, self.parameters.frame_id, self.parameters.joint_speed)
+
+
+def _begin(loop: FrankaLoop) -> None:
+    try:
+        loop.begin()
+    except RobotStopped as error:
+        loop.stop(str(error))
+
+
+class FrankaCommands(ArmCommands):
+    """What other nodes want of a Franka."""
+
+    def __init__(self, loop: FrankaLoop, references: Any):
+        super().__init__(loop, references)
+        self._loop = loop
+
+    def position(self) -> np.ndarray:
+        return self._loop.measured.position
+
+    def put_tool(self, tool: ToolTransform) -> None:
+        self._loop.put_tool(tool)
+
+    def announce(self, payload: Payload) -> None:
+        if self.control.controller.guard.following:
+            raise ParameterError('the arm follows references: stop their publisher, or call '
+                                 '~/stop, first')
+        self.requests.append(partial(self._carry, payload))
+
+    def _carry(self, payload: Payload) -> None:
+        try:
+            self._loop.carry(payload)
+        except RobotStopped as error:
+            self._loop.stop(str(error))
+
+    def recover(self) -> None:
+        self._loop.recover()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``franka_arm``."""
+    return run([FrankaArm], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,141 @@
+"""A Panda in MuJoCo instead of the robot: follows references under 1 kHz impedance control."""
+from __future__ import annotations
+
+import time
+
+from gdmp_msgs.msg import Reference
+from geometry_msgs.msg import PoseStamped
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.ros.arm.commands import MAX_REFERENCES
+from gdmp_ros.ros.arm.node import ArmNode
+from gdmp_ros.ros.arm.parameters import hand_settings, plant_settings, SIMULATION
+from gdmp_ros.ros.arm.simulation import Simulation
+from gdmp_ros.ros.arm.simulation_services import SimulationServices
+from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
+from gdmp_ros.ros.messages import NS, stamp_of
+from gdmp_ros.ros.running import run
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.urdf import urdf
+from gdmp_ros.sim.viewer import Viewer
+
+#: Largest number of missed periods that are made up in one tick.
+MAX_CATCH_UP = 10
+#: The viewer is updated once in this many ticks.
+VIEWER_EVERY = 16
+
+
+class PandaSim(ArmNode):
+    """The managed node ``panda_sim``."""
+
+    simulation: Simulation
+    _viewer: Viewer | None = None
+
+    def __init__(self) -> None:
+        super().__init__('panda_sim', SIMULATION)
+        self._ticks = 0
+
+    def configure(self) -> None:
+        p = self.parameters
+        loop = ClosedLoop(Arm(p.model, p.tool_site, plant=plant_settings(p)), self.settings())
+        if self.given_payload is not None:
+            loop.arm.announce(self.given_payload)
+        if self.given_tool is not None:
+            loop.put_tool(self.given_tool)
+        # Compile the control law, or load it from the cache.
+        loop.warm_up(loop.arm.measure(), loop.arm.period)
+        self.commands = self.simulation = Simulation(
+            loop, p.frame_id,
+            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
+            self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
+        if p.pace == 'fast':
+            self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+        self.arm_services = SimulationServices(self, self.simulation, self.is_active,
+                                               self.describe)
+        self.prepare(loop.arm.names, loop.arm.period)
+
+    def activate(self) -> None:
+        arm = self.simulation.loop.arm
+        if not self.parameters.headless:
+            self._viewer = Viewer(arm)
+        self._period_ns = round(arm.period * NS)
+        self.lateness = LatenessRecorder(self._period_ns)
+        self._last = 0
+        loop = self._wall_loop if self.parameters.pace == 'wall' else self._fast_loop
+        self.start(RealtimeThread(loop, self.parameters.realtime_priority))
+
+    def deactivate(self) -> None:
+        super().deactivate()
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def use_parameters(self) -> None:
+        super().use_parameters()
+        self.simulation.hand_settings = hand_settings(self.parameters)
+
+    # The loop
+
+    def _wall_loop(self) -> None:
+        run_periodic(self._wall_tick, self._period_ns, MonotonicClock(), lambda: not self.active)
+
+    def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
+        self.lateness.add(deadline_ns, now_ns)
+        # After an overrun, make up the missed periods: simulated time must keep up with wall time.
+        periods = (deadline_ns - self._last) // self._period_ns if self._last else 1
+        self._last = deadline_ns
+        stamp = time.time_ns() - (time.monotonic_ns() - deadline_ns)
+        for late in range(min(periods, MAX_CATCH_UP) - 1, -1, -1):
+            self._advance(stamp - late * self._period_ns)
+        self._sync_viewer()
+
+    def _fast_loop(self) -> None:
+        arm = self.simulation.loop.arm
+        while self.active:
+            if not self._advance(round(arm.time * NS)):
+                time.sleep(0.001)
+                continue
+            self._clock_out.publish(ClockMessage(clock=stamp_of(round(arm.time * NS))))
+            now = time.monotonic_ns()
+            self.lateness.add(now, now)
+            self._sync_viewer()
+
+    def _sync_viewer(self) -> None:
+        if self._viewer is not None and self._ticks % VIEWER_EVERY == 0:
+            self._viewer.sync()
+
+    def _advance(self, stamp_ns: int) -> bool:
+        """Make a tick and publish it; False while paused."""
+        tick = self.simulation.advance(stamp_ns)
+        if tick is not None:
+            self._ticks += 1
+            self.state_out.publish(tick, stamp_ns, self.simulation.sequence)
+        return tick is not None
+
+    # Reports
+
+    def activity(self) -> str:
+        simulation = self.simulation
+        if simulation.hand_problem:
+            self.get_logger().warning(simulation.hand_problem, throttle_duration_sec=1.0)
+            simulation.hand_problem = ''
+        if simulation.paused:
+            return 'paused'
+        guided = simulation.loop.hand_guided and simulation.loop.hand is not None
+        return super().activity() or ('guided by hand' if guided else '')
+
+    def urdf(self) -> str:
+        p = self.parameters
+        return urdf(self.simulation.loop.arm, p.frame_id, p.joint_speed)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``panda_sim``."""
+    return run([PandaSim], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,102 @@
+"""Which arm a command starts, and how."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+import os
+from pathlib import Path
+from typing import Any
+
+from gdmp_ros.control.measurement import JointLimits
+from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.franka.protocol_server import check_port, interpreter
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.util.processes import ChildProcesses
+
+SIMULATED, FRANKA = 'panda_sim', 'franka_arm'
+#: Where the Franka hand has its tool, in the frame of the flange: the server of the protocol has
+#: no hand.
+HAND = {'tool_position': (0.0, 0.0, 0.1034),
+        'tool_rotation': (0.9238795325112867, 0.0, 0.0, -0.3826834323650898)}
+
+
+@dataclass(frozen=True)
+class ArmChoice:
+    """
+    An arm to start.
+
+    :ivar kind: ``sim`` or ``franka``
+    :ivar host: address of a Franka
+    :ivar protocol_server: start a server of the protocol, instead of a robot
+    :ivar friction: parameter file with its friction
+    """
+
+    kind: str = 'sim'
+    host: str = ''
+    protocol_server: bool = False
+    friction: Path | None = None
+
+    @property
+    def node(self) -> str:
+        """Name of its node."""
+        return FRANKA if self.kind == 'franka' else SIMULATED
+
+    @property
+    def limits(self) -> JointLimits:
+        """Limits of its joints."""
+        return Arm('fr3' if self.kind == 'franka' else '').limits
+
+    def check(self) -> None:
+        """
+        Check everything before work is done.
+
+        :raises GdmpError: if something is missing or contradicts something else
+        """
+        if self.friction is not None and not self.friction.is_file():
+            raise DataError(f'{self.friction}: there is no such file; gdmp identify-friction '
+                            'writes one')
+        if self.kind != 'franka':
+            if self.host or self.protocol_server:
+                raise ParameterError('--host and --protocol-server need --arm franka')
+            return
+        from gdmp_ros.franka.robot import LIBFRANKA
+        print(f'libfranka {LIBFRANKA}', flush=True)
+        if self.protocol_server:
+            if self.host:
+                raise ParameterError('--protocol-server is the robot itself: leave --host out')
+            interpreter()
+            check_port()
+        elif not self.host:
+            raise ParameterError('--arm franka needs --host, the address of the robot, or '
+                                 '--protocol-server')
+
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of its node."""
+        if self.kind != 'franka':
+            return {}
+        if self.protocol_server:
+            return {'host': '127.0.0.1', 'publish_clock': True, **HAND}
+        return {'host': self.host}
+
+    def arguments(self) -> list[str]:
+        """More ROS arguments of its node."""
+        return ['--params-file', str(self.friction)] if self.friction is not None else []
+
+    def server_parameters(self) -> dict[str, Any]:
+        """Parameters of a trajectory server for it."""
+        return {'measured_pose_topic': f'/{self.node}/measured_pose',
+                'arm_status_topic': f'/{self.node}/status',
+                **({'use_sim_time': True} if self.protocol_server else {})}
+
+    @contextmanager
+    def robot(self, folder: Path) -> Iterator[None]:
+        """
+        The robot itself, as long as the context lasts; the server of the protocol if wanted.
+
+        :param folder: for its log
+        """
+        with ChildProcesses(os.environ, folder) as children:
+            if self.protocol_server:
+                children.start('protocol_server', 'gdmp_ros.franka.protocol_server')
+            yield

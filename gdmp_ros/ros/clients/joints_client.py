@@ -1,0 +1,46 @@
+"""Client of an arm that moves its joints to a posture."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+import time
+from typing import Any
+
+from gdmp_msgs.srv import MoveJoints
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.client import Client, DISCOVERY_S, START_UP_S
+
+#: Longest time for a motion; a simulation may run slower than real time [s].
+LONGEST_S = 300.0
+#: Time between two lines of progress [s].
+SHOW_S = 2.0
+
+
+def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed: float = 0.0
+                ) -> None:
+    """
+    Move the joints of an arm to a posture, and wait until they are there.
+
+    :param arm: name of its node
+    :param position: [rad]; empty: its home posture
+    :param speed: largest speed of a joint [rad/s]; 0: the default of the arm
+    :raises GdmpError: if the arm refuses, or does not arrive
+    """
+    name = f'{arm}/move_joints'
+    service: Any = client.node.create_client(MoveJoints, name)
+    client.wait(f'the service {name}', service.service_is_ready, START_UP_S)
+    client.spend(DISCOVERY_S)
+    reply = service.call_async(MoveJoints.Request(position=[*map(float, position)], speed=speed))
+    begun = shown = time.monotonic()
+    while not reply.done():
+        client.spend(0.1)
+        now = time.monotonic()
+        if now - begun > LONGEST_S:
+            raise GdmpError(f'waited {LONGEST_S:g} s for the motion, without success')
+        if now - shown > SHOW_S:
+            shown = now
+            print(f'{arm}: moving, {now - begun:.0f} s', file=sys.stderr, flush=True)
+    result = reply.result()
+    if not result.success:
+        raise GdmpError(f'{arm}: {result.message}')

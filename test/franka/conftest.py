@@ -1,0 +1,39 @@
+"""A server of the robot's protocol, and a loop that controls the arm behind it."""
+import os
+
+import pytest
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.franka import protocol_server
+from gdmp_ros.franka.loop import FrankaLoop
+from gdmp_ros.franka.robot import FrankaRobot
+from gdmp_ros.franka.settings import FrankaSettings
+from test.franka.server import Server
+
+try:
+    protocol_server.interpreter()
+    MISSING = ''
+except DataError as error:
+    MISSING = str(error)
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if MISSING and item.path.parent.name == 'franka':
+            item.add_marker(pytest.mark.skip(reason=MISSING))
+
+
+@pytest.fixture
+def server(tmp_path):
+    with Server(tmp_path / 'logs', os.environ) as made:
+        yield made
+
+
+@pytest.fixture
+def loop(server):
+    """A loop that has not begun."""
+    robot = FrankaRobot(FrankaSettings(host='127.0.0.1'))
+    made = FrankaLoop(robot, 0.1)
+    yield made
+    made.end()
+    robot.close()

@@ -1,0 +1,138 @@
+"""Control of a Franka over its own protocol: libfranka, and a server that enforces the limits."""
+import numpy as np
+import pytest
+
+from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.control.target import resting_target, TWIST
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
+from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.tool import ToolTransform
+
+
+def cycles(loop, count, each=lambda k: None):
+    """Control for a number of cycles; returns the ticks."""
+    made = []
+    for k in range(count):
+        measured = loop.wait()
+        assert measured is not None, loop.stopped
+        each(k)
+        made.append(loop.answer(measured))
+        assert not loop.stopped, loop.stopped
+    return made
+
+
+def test_the_robots_model_is_that_of_our_fr3(loop):
+    measured = loop.measured
+    arm = Arm('fr3', 'flange', hand=False)
+    arm.reset(measured.position)
+    own = arm.measure()
+    np.testing.assert_allclose(measured.jacobian, own.jacobian, atol=1e-6)
+    np.testing.assert_allclose(measured.pose[:3], own.pose[:3], atol=1e-6)
+    rotors = 0.1 * np.eye(7) - np.diag(arm.model.dof_armature)
+    np.testing.assert_allclose(measured.inertia, own.inertia + rotors, atol=1e-5)
+
+
+def test_it_begins_and_ends_without_a_jump_of_the_torque(loop):
+    loop.begin()
+    ticks = cycles(loop, 300)
+    assert np.abs(ticks[0].torque).max() < 0.05
+    largest = max(np.abs(one.torque - other.torque).max()
+                  for one, other in zip(ticks[1:], ticks[:-1], strict=True))
+    assert largest <= 0.951
+    loop.end()
+    assert loop.stopped == 'the control was ended'
+    assert loop.controller.guard.mode is ArmMode.HOLD
+
+
+def test_it_moves_to_a_posture_and_then_follows_a_motion(loop):
+    loop.begin()
+    cycles(loop, 50)
+    goal = Arm('fr3').home
+    loop.joint_motion = PostureMotion(loop.joints, loop.measured.position, goal, 0.8)
+    while loop.moves_joints:
+        cycles(loop, 1)
+    assert not loop.joint_motion_problem
+    cycles(loop, 2)
+    # Dry friction of 1.1 Nm that nobody announced.
+    assert np.abs(loop.measured.position - goal).max() < 0.05
+    target = resting_target(loop.measured.pose)
+    begun = target[:3].copy()
+
+    def move(k):
+        target[1] = begun[1] + 0.05 * 0.5 * (1.0 - np.cos(np.pi * min(k / 1500.0, 1.0)))
+        target[TWIST + 1] = 0.05 * 0.5 * np.pi / 1.5 * np.sin(np.pi * k / 1500.0) * (k < 1500)
+        assert loop.follow(target), loop.controller.guard.last_refusal
+    cycles(loop, 2000, move)
+    assert abs(loop.measured.pose[1] - begun[1] - 0.05) < 0.02
+    assert loop.robot.success_rate > 0.5
+
+
+def test_a_tool_is_put_to_another_place_without_a_step(loop):
+    loop.begin()
+    before = cycles(loop, 200)[-1]
+    pose = loop.measured.pose
+    loop.put_tool(ToolTransform((0.0, 0.0, 0.1)))
+    after = cycles(loop, 50)
+    assert np.linalg.norm(loop.measured.pose[:3] - pose[:3]) == pytest.approx(0.1, abs=1e-3)
+    assert np.abs(after[0].torque - before.torque).max() < 0.05
+
+
+def test_a_server_that_is_killed_is_a_fault_and_recovers_on_request(loop, server):
+    loop.begin()
+    cycles(loop, 200)
+    server.kill()
+    while not loop.stopped:
+        measured = loop.wait()
+        if measured is not None:
+            loop.answer(measured)
+    assert 'does not answer' in loop.stopped
+    assert loop.controller.guard.mode is ArmMode.FAULT
+    assert loop.wait() is None
+    with pytest.raises(RobotStopped, match='does not answer'):
+        loop.recover()
+    server.start()
+    assert loop.wait() is None  # nothing happens by itself
+    loop.recover()
+    assert loop.controller.guard.mode is ArmMode.HOLD
+    cycles(loop, 200)
+
+
+def test_a_command_that_breaks_a_limit_is_a_reflex_and_recovers_on_request(loop):
+    loop.begin()
+    cycles(loop, 100)
+    loop.wait()
+    with pytest.raises(RobotStopped, match='controller_torque_discontinuity'):
+        for _ in range(5):  # our limits are passed by
+            loop.robot.write(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]))
+            loop.robot.read()
+    loop.answer(loop.wait())
+    assert loop.stopped
+    assert loop.controller.guard.mode is ArmMode.FAULT
+    for _ in range(100):
+        measured = loop.wait()
+        assert np.abs(loop.answer(measured).torque).max() == 0.0
+    loop.recover()
+    cycles(loop, 100)
+
+
+def test_the_torque_rate_counts_from_command_to_command(loop):
+    """After lost cycles the robot compares with the last command, as if none had been lost."""
+    control = ArmControl(loop.joints, np.zeros(7))
+    measured = loop.measured
+    control.hold(measured)
+    tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015,
+                                          ArmMode.MOVE)
+    assert np.abs(tick.torque).max() == pytest.approx(0.95, abs=1e-6)
+
+
+def test_what_cannot_be_reached_is_named():
+    with pytest.raises(ParameterError, match='host is empty'):
+        FrankaRobot(FrankaSettings())
+    with pytest.raises(RobotStopped, match='127.0.0.9: the robot does not answer'):
+        FrankaRobot(FrankaSettings(host='127.0.0.9'))
+    with pytest.raises(ParameterError, match='reflex_torque has 3 numbers, expected 1 or 7'):
+        FrankaSettings(host='x', reflex_torque=(1.0, 2.0, 3.0))
