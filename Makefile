@@ -27,15 +27,17 @@ setup:
 demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo
 
-# Tests of nodes are judged by what happened in time: one after another.
+# Tests of nodes are judged by what happened in time: one after another, and a second time if the
+# machine may have paused; the summary names them.
 NODES = test/ros test/franka test/experiments/reliability
+ONCE_MORE = --reruns 1 --reruns-delay 2
 
 test: setup lint
 	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile $(addprefix --ignore=,$(NODES))
-	@$(PY) -m pytest -m 'not long' $(NODES)
+	@$(PY) -m pytest -m 'not long' $(ONCE_MORE) $(NODES)
 
 test-long: setup
-	@$(PY) -m pytest -m long
+	@$(PY) -m pytest -m long $(ONCE_MORE)
 
 lint: setup
 	@$(PY) -m ruff check .

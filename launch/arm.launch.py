@@ -1,7 +1,8 @@
 """
-One robot: trajectory server, simulated arm, what shows them.
+One robot: trajectory server, simulated arm or Franka, what shows them.
 
     ros2 launch gdmp_ros arm.launch.py skill:=$PWD/skill.json use_rviz:=true
+    ros2 launch gdmp_ros arm.launch.py skill:=$PWD/skill.json arm:=franka host:=172.16.0.2
     ros2 launch gdmp_ros arm.launch.py namespace:=left base_frame:=left_link0
     ros2 launch gdmp_ros arm.launch.py composed:=true
 """
@@ -14,19 +15,24 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
+#: Nodes of the arms.
+ARMS = {'sim': 'panda_sim', 'franka': 'franka_arm'}
 #: Name, default, what it is.
 ARGUMENTS = (
     ('namespace', '', 'of all nodes'),
     ('skill', '', 'skill file to load'),
     ('headless', 'true', "without the simulation's window"),
     ('use_rviz', 'false', 'start RViz'),
-    ('use_sim', 'true', 'start the simulated arm; false: a robot publishes measured_pose_topic'),
-    ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can'),
+    ('arm', 'sim', 'sim: simulated arm; franka: a Franka Research 3'),
+    ('host', '', 'address of the Franka'),
+    ('use_sim', 'true', 'start the arm; false: a robot publishes measured_pose_topic'),
+    ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can, and a '
+     'Franka publishes the time of the robot'),
     ('composed', 'false', 'all nodes in one process'),
     ('visualize', 'true', 'start the visualizer: markers, handles'),
     ('model', '', 'another arm: MJCF file, menagerie:NAME, robot_descriptions:NAME'),
     ('base_frame', 'panda_link0', "frame of the robot's base"),
-    ('measured_pose_topic', 'panda_sim/measured_pose', 'where motions start'),
+    ('measured_pose_topic', '', 'where motions start; empty: that of the arm'),
     ('params_file', '', 'parameter file that comes last'),
 )
 
@@ -39,19 +45,30 @@ def start(context):
         if given[name].lower() not in ('true', 'false', '1', '0'):
             raise ValueError(f'{name} is {given[name]!r}, expected true or false')
         on[name] = given[name].lower() in ('true', '1')
+    if given['arm'] not in ARMS:
+        raise ValueError(f"arm is {given['arm']!r}, expected one of {', '.join(ARMS)}")
+    if (given['arm'] == 'franka' and on['use_sim']) != bool(given['host']):
+        raise ValueError('arm:=franka needs host, the address of the robot, and sim has none')
+    arm = ARMS[given['arm']]
     share = FindPackageShare('gdmp_ros').perform(context)
     frame = {'frame_id': given['base_frame'], 'use_sim_time': on['use_sim_time']}
     wanted = {}
     if on['use_sim']:
         # The one that makes the simulated time must not wait for it.
-        wanted['panda_sim'] = {**frame, 'use_sim_time': False, 'headless': on['headless'],
-                               'model': given['model'],
-                               'pace': 'fast' if on['use_sim_time'] else 'wall'}
-    wanted['trajectory_server'] = {**frame, 'skill': given['skill'],
-                                   'reach_model': given['model'],
-                                   'measured_pose_topic': given['measured_pose_topic']}
+        if given['arm'] == 'franka':
+            wanted['franka_arm'] = {**frame, 'use_sim_time': False, 'host': given['host'],
+                                    'publish_clock': on['use_sim_time']}
+        else:
+            wanted['panda_sim'] = {**frame, 'use_sim_time': False, 'headless': on['headless'],
+                                   'model': given['model'],
+                                   'pace': 'fast' if on['use_sim_time'] else 'wall'}
+    measured = given['measured_pose_topic'] or f'{arm}/measured_pose'
+    model = given['model'] or ('fr3' if given['arm'] == 'franka' else '')
+    wanted['trajectory_server'] = {**frame, 'skill': given['skill'], 'reach_model': model,
+                                   'measured_pose_topic': measured,
+                                   'arm_status_topic': f'{arm}/status'}
     if on['visualize'] or on['use_rviz']:
-        wanted['visualizer'] = {**frame, 'model': given['model']}
+        wanted['visualizer'] = {**frame, 'model': model, 'arm': arm}
     last = [given['params_file']] if given['params_file'] else []
 
     def config(name):

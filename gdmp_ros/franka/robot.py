@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import importlib.metadata
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +19,6 @@ with optional_import(extra('franka')):
 #: The binding knows no common base of these.
 _STOPPED = (libfranka.ControlException, libfranka.CommandException,
             libfranka.InvalidOperationException, libfranka.FrankaException)
-#: Version of the library.
-LIBFRANKA = importlib.metadata.version('pylibfranka')
 
 
 class RobotStopped(GdmpError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+import importlib.util
 import os
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.franka.protocol_server import check_port, interpreter
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.util.optional_imports import extra
 from gdmp_ros.util.processes import ChildProcesses
 
 SIMULATED, FRANKA = 'panda_sim', 'franka_arm'
@@ -60,8 +62,8 @@ class ArmChoice:
             if self.host or self.protocol_server:
                 raise ParameterError('--host and --protocol-server need --arm franka')
             return
-        from gdmp_ros.franka.robot import LIBFRANKA
-        print(f'libfranka {LIBFRANKA}', flush=True)
+        if importlib.util.find_spec('pylibfranka') is None:
+            raise DataError(f"pylibfranka is missing{extra('franka')}")
         if self.protocol_server:
             if self.host:
                 raise ParameterError('--protocol-server is the robot itself: leave --host out')

@@ -12,9 +12,16 @@ from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.ros.visualizer.node import Visualizer
 
+
+def _franka_arm() -> ManagedNode:
+    # libfranka is an extra.
+    from gdmp_ros.ros.arm.franka_arm import FrankaArm
+    return FrankaArm()
+
+
 NODES: dict[str, Callable[[], ManagedNode]] = {
     'trajectory_server': TrajectoryServer, 'panda_sim': PandaSim, 'visualizer': Visualizer,
-    'take_recorder': TakeRecorder, 'adapter': Adapter}
+    'franka_arm': _franka_arm, 'take_recorder': TakeRecorder, 'adapter': Adapter}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -75,6 +75,7 @@ def speeds(nodes):
                      for m in nodes.references]).reshape(-1, 3)
 
 
+@pytest.mark.long
 def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, execute):
     running.unconfigure()
     assert running.transition(SERVER, CONFIGURE, ACTIVATE)

@@ -98,6 +98,7 @@ def test_a_goal_out_of_reach_is_refused_before_anything_moves(running, position)
     assert step_of(running.references) == 0.0
 
 
+@pytest.mark.long
 def test_a_motion_goes_on_from_the_reference_when_the_robot_is_behind(nodes, skill):
     """A robot that stays 25 mm behind, and a second goal in the middle of the first motion."""
     nodes.start_server(measured_pose_topic='/robot')
@@ -266,6 +267,7 @@ def test_a_payload_is_told_by_service_and_by_parameters(nodes):
     assert not nodes.set_parameters(ARM, payload_inertia=[1.0, 0.1, 0.1, 0.0, 0.0, 0.0]).successful
 
 
+@pytest.mark.long
 def test_another_tool_goes_to_the_goals(nodes):
     """The same goal, with a tool that is 0.1 m longer and 0.03 m aside."""
     nodes.start()

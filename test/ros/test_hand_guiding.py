@@ -3,6 +3,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from gdmp_msgs.msg import RecorderState, RobotState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
+import pytest
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data import bags, takes
@@ -93,6 +94,7 @@ def test_a_guided_arm_refuses_references_and_releases_a_hand_that_is_silent(runn
     running.wait('the arm to follow', lambda: running.robot[-1].mode == RobotState.FOLLOW)
 
 
+@pytest.mark.long
 def test_a_session_at_the_terminal(nodes, tmp_path):
     """Start and stop a take, discard it, ask for help, discard again, end."""
     folder = tmp_path / 'takes'

@@ -137,6 +137,7 @@ def start_replayed_server(nodes):
     return Replay(nodes)
 
 
+@pytest.mark.long
 def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(nodes, skill, tmp_path):
     replay, bag = start_replayed_server(nodes), tmp_path / 'switch'
     goal = skill.goal[:7].copy()

@@ -176,6 +176,7 @@ def assert_gentle_start(states):
     assert speeds[moving:moving + 20].max() < 0.1 * speeds.max()
 
 
+@pytest.mark.long
 def test_the_arm_holds_when_the_server_is_killed_and_follows_the_next_server(nodes):
     nodes.start()
     nodes.client.execute()

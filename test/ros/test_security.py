@@ -83,6 +83,7 @@ print(seen())
 """
 
 
+@pytest.mark.long
 def test_only_this_machine_reaches_the_nodes_by_default(tmp_path):
     plain = {key: value for key, value in os.environ.items() if key not in (*REACH, *TRANSPORT)}
     chosen = [{}, {RANGE: 'LOCALHOST'}, reaching_other_machines({})]

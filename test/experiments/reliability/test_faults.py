@@ -19,9 +19,9 @@ def skill(tmp_path_factory):
     return short_skill(tmp_path_factory.mktemp('skill'))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', [
-    name if name == 'skill-file' else pytest.param(name, marks=pytest.mark.long)
-    for name in FAULTS if name != 'adversarial-stiffness'])  # tested below
+    name for name in FAULTS if name != 'adversarial-stiffness'])  # tested below
 def test_fault(name, skill, tmp_path):
     outcome = attempt(name, tmp_path / name, skill, True)
     if outcome.missing:

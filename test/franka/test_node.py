@@ -1,0 +1,84 @@
+"""The node ``franka_arm`` against a server of the robot's protocol, as processes."""
+import json
+
+from gdmp_msgs.msg import ArmStatus, RobotState
+from gdmp_msgs.srv import MoveJoints
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from gdmp_ros.experiments.demo.run import run_demo
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
+from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.testbed import NodeTestbed
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.util.dds_network import Domain
+
+CHOICE = ArmChoice('franka', protocol_server=True)
+HOLD, FAULT = RobotState.HOLD, RobotState.FAULT
+
+
+class _Bed(NodeTestbed):
+    """A testbed that keeps what the arm says."""
+
+    def __init__(self, folder, environment):
+        super().__init__(folder, environment, CHOICE)
+        self.states, self.status = [], None
+        self.client.node.create_subscription(RobotState, f'/{FRANKA}/state', self.states.append,
+                                             100)
+        self.client.node.create_subscription(ArmStatus, f'/{FRANKA}/status', self._on_status, 10)
+
+    def _on_status(self, message):
+        self.status = message
+
+    def wait_mode(self, mode):
+        self.wait(f'mode {mode}', lambda: self.status is not None and self.status.mode == mode,
+                  60.0)
+
+
+@pytest.fixture
+def bed(server, tmp_path):
+    with Domain() as domain, _Bed(tmp_path, domain.environment()) as made:
+        made.server = server
+        made.start_arm()
+        made.wait_mode(HOLD)
+        yield made
+
+
+def test_the_arm_moves_home_and_survives_the_end_of_the_robot(bed):
+    move_joints(bed.client, FRANKA)
+    bed.spend(0.2)
+    home = np.array(bed.states[-1].position)
+    assert np.abs(home - Arm('fr3').home).max() < 0.05
+    refused = bed.call(MoveJoints, f'{FRANKA}/move_joints', position=[9.0] * 7)
+    assert not refused.success and 'posture of joint 1 is 9 rad' in refused.message
+    bed.server.kill()
+    bed.wait_mode(FAULT)
+    assert 'does not answer' in bed.status.reason
+    refused = bed.call(Trigger, f'{FRANKA}/recover')
+    assert not refused.success and 'does not answer' in refused.message
+    bed.server.start()
+    bed.spend(0.5)
+    assert bed.status.mode == FAULT  # nothing begins by itself
+    assert bed.call(Trigger, f'{FRANKA}/recover').success
+    bed.wait_mode(HOLD)
+
+
+def test_an_arm_that_ends_leaves_a_robot_that_holds(bed):
+    bed.spend(0.5)
+    assert bed.children.stop(FRANKA) == 0
+    log = bed.server.log()
+    assert 'violat' not in log.lower().replace('violations', ''), log[-3000:]
+    bed.start_arm()
+    bed.status = None
+    bed.wait_mode(HOLD)
+
+
+@pytest.mark.long
+def test_the_letter_with_a_goal_switch(tmp_path):
+    """Without compensation of the dry friction that the robot has."""
+    assert run_demo(tmp_path / 'demo', 'GShape', CHOICE) == 0
+    report = json.loads((tmp_path / 'demo' / 'report.json').read_text())
+    assert report['arm'] == FRANKA
+    assert all(report['limits'].values()), report['limits']
+    assert report['tracking']['position_rmse_m'] < 0.05
