@@ -28,8 +28,11 @@ from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
 from gdmp_ros.sim.urdf import urdf
 
-#: Time for other threads after a cycle [s]: libfranka keeps the interpreter while it waits.
-YIELD_S = 2e-4
+#: Share of a cycle after which the loop waits for the next state. Before, other threads run:
+#: libfranka keeps the interpreter while it waits.
+YIELD_SHARE = 0.7
+#: A longer cycle is not expected again [ns].
+LONGEST_CYCLE_NS = 3_000_000
 #: Distance between the tool of the model and that of the robot that is worth a warning [m].
 MISPLACED_M = 0.002
 #: Time between two looks at a robot that does not answer [s].
@@ -73,7 +76,8 @@ class FrankaArm(ArmNode):
 
     def activate(self) -> None:
         self.lateness, self._work = LatenessRecorder(round(CYCLE_S * NS)), LatenessRecorder(NS)
-        self._stamp_ns = self._last_state_ns = 0
+        self._stamp_ns = self._last_state_ns = self._arrived = 0
+        self._cycle_ns = CYCLE_S * NS
         self.start(RealtimeThread(self._control, self.parameters.realtime_priority))
 
     def cleanup(self) -> None:
@@ -103,8 +107,17 @@ class FrankaArm(ArmNode):
             robot_ns = round(loop.robot.seconds * NS)
             self.lateness.add(robot_ns, robot_ns + time.monotonic_ns() - arrived)
             self._work.add(begun, time.thread_time_ns())
-            time.sleep(YIELD_S)
+            self._yield(arrived)
         loop.end()
+
+    def _yield(self, arrived: int) -> None:
+        """Let other threads run until shortly before the next state."""
+        cycle = min(arrived - self._arrived, LONGEST_CYCLE_NS)
+        self._arrived = arrived
+        self._cycle_ns += 0.05 * (cycle - self._cycle_ns)
+        rest = arrived + YIELD_SHARE * self._cycle_ns - time.monotonic_ns()
+        if rest > 0.0:
+            time.sleep(1e-9 * rest)
 
     def _stamp(self, loop: FrankaLoop) -> int:
         """Time of the present state [ns]: of the robot if it makes the clock, else wall time."""
