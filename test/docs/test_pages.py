@@ -9,6 +9,7 @@ or administrator rights). ``python`` is run. ``python file=`` and ``python patch
 of the package, in which ``python test`` is run.
 """
 import importlib
+import importlib.util
 import os
 from pathlib import Path
 import re
@@ -146,8 +147,17 @@ def test_long_commands_are_well_formed(page):
                 parse(words[1:])
             elif words[0] == 'make':
                 assert re.search(rf'^{words[1]}:', (ROOT / 'Makefile').read_text(), re.M)
-            else:
-                assert words[0] == 'export', words
+            elif words[:2] == ['python', '-m']:
+                assert importlib.util.find_spec(words[2]), words
+            elif words[0] != 'export':
+                check_node(words)
+
+
+def check_node(words):
+    """A node that is started without ROS's launch: it exists, with the parameters of ``-p``."""
+    (table,) = yaml.safe_load((ROOT / 'config' / f'{words[0]}.yaml').read_text()).values()
+    given = [words[k + 1].split(':=')[0] for k, word in enumerate(words) if word == '-p']
+    assert set(given) <= set(table['ros__parameters']), words
 
 
 def test_every_block_says_what_it_is_and_commands_stand_in_blocks():
