@@ -2,7 +2,7 @@
 Set up a virtual environment that runs everything: ``make setup`` calls this.
 
 Installs the pinned packages of ``requirements.lock``, and a server of the protocol of a Franka
-beside them, builds ``gdmp_msgs`` from ``msg_defs/`` into
+beside them, builds ``gdmp_msgs`` from ``msg_defs/`` (and ``tf2_msgs``, where ROS has none) into
 the environment, installs ``gdmp_ros`` editable and compiles its kernels. If a Jazzy installation
 is sourced, its rclpy is used instead of the wheels. Without changes it does nothing, quickly;
 after a change of the messages it builds only these.
@@ -71,7 +71,8 @@ def fingerprint(prefixes):
 def messages_fingerprint():
     """Hash of the message definitions."""
     digest = hashlib.sha256()
-    add_files(digest, sorted(path for path in (ROOT / 'msg_defs').rglob('*') if path.is_file()))
+    add_files(digest, sorted(path for folder in (ROOT / 'msg_defs', ROOT / '.ci' / 'tf2_msgs')
+                             for path in folder.rglob('*') if path.is_file()))
     return digest.hexdigest()
 
 
@@ -160,19 +161,29 @@ def correct_exports(venv, python):
 
 
 def build_messages(venv, python, prefixes, log):
-    """Build ``gdmp_msgs`` and install it into the environment."""
-    build = venv / 'build' / 'gdmp_msgs'
-    shutil.rmtree(build, ignore_errors=True)
+    """Build ``gdmp_msgs``, and ``tf2_msgs`` if ROS has none, and install them."""
     search = [str(venv), *(prefixes.split(os.pathsep) if prefixes else [])]
+    packages = {'gdmp_msgs': ROOT / 'msg_defs'}
+    # The environment may have ours already.
+    if not any(Path(prefix, 'share', 'tf2_msgs').is_dir() for prefix in search[1:]):
+        packages['tf2_msgs'] = ROOT / '.ci' / 'tf2_msgs'
+    for name, source in packages.items():
+        build_package(name, source, venv, python, search, log)
+
+
+def build_package(name, source, venv, python, search, log):
+    """Build a package of messages and install it into the environment."""
+    build = venv / 'build' / name
+    shutil.rmtree(build, ignore_errors=True)
     environment = dict(os.environ, AMENT_PREFIX_PATH=os.pathsep.join(search),
                        CMAKE_PREFIX_PATH=os.pathsep.join(search),
                        PATH=os.pathsep.join([str(venv / 'bin'), os.environ['PATH']]))
     cmake = venv / 'bin' / 'cmake'
-    run('configuring gdmp_msgs',
-        [cmake, '-G', 'Ninja', '-S', ROOT / 'msg_defs', '-B', build,
+    run(f'configuring {name}',
+        [cmake, '-G', 'Ninja', '-S', source, '-B', build,
          f'-DCMAKE_INSTALL_PREFIX={venv}', f'-DPython3_EXECUTABLE={python}',
          '-DCMAKE_BUILD_TYPE=Release', '-DBUILD_TESTING=OFF', '-Wno-dev'], log, env=environment)
-    run('building gdmp_msgs', [cmake, '--build', build, '--target', 'install'], log,
+    run(f'building {name}', [cmake, '--build', build, '--target', 'install'], log,
         env=environment)
 
 

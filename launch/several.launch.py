@@ -3,11 +3,19 @@ Several robots, each with its nodes in a namespace of its own, with its own base
 
     ros2 launch gdmp_ros several.launch.py robots:='left right' skill:=$PWD/skill.json
 """
+from pathlib import Path
+import runpy
+
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+
+#: Arguments of one robot that are the same for all of them.
+SHARED = [argument for argument in runpy.run_path(
+              str(Path(__file__).with_name('arm.launch.py')))['ARGUMENTS']
+          if argument[0] not in ('namespace', 'base_frame')]
 
 
 def start(context):
@@ -26,4 +34,6 @@ def generate_launch_description():
     return LaunchDescription([
         DeclareLaunchArgument('robots', default_value='left right',
                               description='namespaces, one for each robot'),
+        *(DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, default, text in SHARED),
         OpaqueFunction(function=start)])

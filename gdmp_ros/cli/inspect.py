@@ -2,6 +2,7 @@
 
 examples:
   gdmp inspect demos/GShape_1
+  gdmp inspect run --pose-topic /panda_sim/measured_pose
   gdmp inspect skill.json
 """
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gdmp_ros.cli.arguments import add_pose_topic
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('path', type=Path, metavar='BAG|SKILL')
+    add_pose_topic(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -30,18 +33,18 @@ def run(options: argparse.Namespace) -> None:
     if not path.exists():
         raise DataError(f'{path}: no such bag or skill file')
     if path.is_dir():
-        _print_bag(path)
+        _print_bag(path, options.pose_topic)
     else:
         _print_skill(path)
 
 
-def _print_bag(path: Path) -> None:
+def _print_bag(path: Path, pose_topic: str) -> None:
     import numpy as np
 
     from gdmp_ros.data import bags, recordings
     table(str(path), ['topic', 'type', 'messages'], bags.topics(path))
     try:
-        recording = recordings.read(path)
+        recording = recordings.read(path, pose_topic)
     except DataError as error:
         print(f'not a demonstration of a tool: {error}')
         return

@@ -10,6 +10,7 @@ examples:
   gdmp learn demos/GShape_* -o skill.json --tolerance 1e-3
   gdmp learn recorded.bag -o skill.json --end moving
   gdmp learn first.bag second.bag -o skill.json --weights 1 3
+  gdmp learn takes -o skill.json --joints
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
 from __future__ import annotations
@@ -40,6 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--wrench-topic', default='', metavar='TOPIC',
                         help='WrenchStamped that a sensor measured at the tool, in the frame of '
                         'the poses: the skill then exerts the opposite (default: no wrench)')
+    parser.add_argument('--joints', nargs='?', const='', default=None, metavar='TOPIC',
+                        dest='joint_topic',
+                        help='learn a skill of the joints, from this JointState topic, or from '
+                             'the only one')
     parser.add_argument('--stiffness', choices=STIFFNESSES, default='auto',
                         help='recorded; variance: high where the takes agree, low where they '
                         'vary; none; auto (default): recorded, else variance if there are two '
@@ -86,7 +91,8 @@ def run(options: argparse.Namespace) -> None:
     settings = LearningSettings(
         options.n_basis, options.connection, options.tolerance, options.smooth,
         options.regularization, options.alpha_g, options.stiffness, options.k_min, options.k_max,
-        options.pose_topic, options.stiffness_topic, options.wrench_topic, fit=options.fit,
+        options.pose_topic, options.stiffness_topic, options.wrench_topic,
+        options.joint_topic, fit=options.fit,
         end=options.end, weights=options.weights and tuple(options.weights))
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '

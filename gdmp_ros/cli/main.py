@@ -34,6 +34,7 @@ GROUPS = {
     },
     'robot': {
         'execute': 'execute the skill of a running server, switch its goal',
+        'replay': 'send recorded references to an arm again',
         'watch': 'watch server and arm in the terminal',
         'report': 'make an HTML page about a bag',
         'film': 'make a film of a run, or of a skill',

@@ -51,15 +51,15 @@ def compile_motion() -> None:
     from gdmp_ros.dmp.batch import Batch
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.playback.player import Player
-    from gdmp_ros.playback.prediction import predicted_poses
-    from gdmp_ros.playback.tool_skill import PlayerSettings
+    from gdmp_ros.playback.player_settings import PlayerSettings
+    from gdmp_ros.playback.prediction import prediction
     skill = learned('polish')
     rollout = Rollout(skill)
     rollout.advance(0.01)
     rollout.retarget(skill.goal)
     rollout.sample(np.array([0.02, 0.03]))
     Batch([rollout, Rollout(skill)]).advance(0.01)
-    predicted_poses(rollout, 2)
+    prediction(rollout, 2)
     player = Player(skill, PlayerSettings())
     player.start(skill.start[:7])
     player.tick(0.001)

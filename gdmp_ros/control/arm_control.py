@@ -5,10 +5,12 @@ import numpy as np
 
 from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.joint_motion import JointMotion
+from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import Origin
+from gdmp_ros.control.reference_kinds import Whereabouts
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
 from gdmp_ros.control.tick import Tick
@@ -46,13 +48,15 @@ class ArmControl:
         """
         Compute each kind of tick once, so that no kernel is compiled in a real-time loop; `hold`.
         """
-        guard, target = self.controller.guard, resting_target(measured.pose)
+        guard = self.controller.guard
         self.compute(measured, dt)
-        self.follow(target)
-        self.compute(measured, dt)
-        # Otherwise a stream that begins soon would be taken for the one of this tick.
-        guard.offer(target, Origin(guard.settings.frame, mode=StreamMode.ENDED))
-        self.compute(measured, dt)
+        for target in (resting_target(measured.pose),
+                       resting_joints(measured.position, np.full(len(measured.position), 100.0))):
+            self.follow(target)
+            self.compute(measured, dt)
+            # Otherwise a stream that begins soon would be taken for the one of this tick.
+            guard.offer(target, Origin(guard.settings.frame, mode=StreamMode.ENDED))
+            self.compute(measured, dt)
         self.controller.hand_guide(measured, dt)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt,
                                     ArmMode.MOVE)
@@ -63,10 +67,13 @@ class ArmControl:
         """
         Offer a reference of a motion to the guard; whether it is followed.
 
-        :param target: `gdmp_ros.control.target.TARGET_SIZE` numbers, or ``REQUIRED_SIZE``
+        :param target: `gdmp_ros.control.target.TARGET_SIZE` numbers, or ``REQUIRED_SIZE``; or
+            those of `gdmp_ros.control.joint_target`
         """
         guard = self.controller.guard
-        return guard.offer(whole_target(target), Origin(guard.settings.frame))
+        of_joints = np.shape(target) == (joint_target_size(len(self.joints.torque)),)
+        return guard.offer(target.copy() if of_joints else whole_target(target),
+                           Origin(guard.settings.frame))
 
     @property
     def moves_joints(self) -> bool:
@@ -87,7 +94,8 @@ class ArmControl:
     def stand(self, measured: Measurement, dt: float) -> Tick:
         """What happens in ``dt`` seconds in which something else holds the arm, as its brakes."""
         controller, twist = self.controller, measured.jacobian @ measured.velocity
-        controller.guard.measure(dt, measured.pose, twist)
+        controller.guard.measure(dt, Whereabouts(measured.pose, twist, measured.position,
+                                                 measured.velocity))
         return Tick(measured, twist, np.zeros(6), np.zeros(36), np.zeros(36),
                     np.zeros_like(measured.position), np.zeros(6), controller.guard.mode, 0.0,
                     controller.tank.energy, np.zeros(len(LIMITS)))

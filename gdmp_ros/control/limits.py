@@ -7,22 +7,29 @@ import numpy as np
 
 
 class Limit(NamedTuple):
-    """A limit: its name, and the unit of the amount by which the request exceeded it."""
+    """
+    A limit.
+
+    :ivar unit: of the amount by which the request exceeded it
+    :ivar smooths: whether it only smooths a reference, as at the beginning of a stream: counted,
+        but nothing to act on
+    """
 
     name: str
     unit: str
+    smooths: bool = False
 
 
 #: In the order of ``gdmp_msgs/RobotState.limited``; the indices below follow it.
 LIMITS = (
     Limit('torque', 'Nm'), Limit('torque_rate', 'Nm/s'), Limit('joint_position', 'rad'),
     Limit('joint_speed', 'rad/s'), Limit('speed', 'm/s'), Limit('angular_speed', 'rad/s'),
-    Limit('acceleration', 'm/s^2'), Limit('angular_acceleration', 'rad/s^2'),
+    Limit('acceleration', 'm/s^2', True), Limit('angular_acceleration', 'rad/s^2', True),
     Limit('workspace', 'm'), Limit('stiffness', 'log of the ratio'),
-    Limit('stiffness_rate', '1/s'), Limit('position_error', 'm'), Limit('rotation_error', 'rad'),
-    Limit('singularity', 'fraction of the speed'), Limit('energy', 'J'),
-    Limit('wrench', 'fraction of the wrench'), Limit('tool_speed', 'm/s'), Limit('jerk', 'm/s^3'),
-    Limit('angular_jerk', 'rad/s^3'))
+    Limit('stiffness_rate', '1/s', True), Limit('position_error', 'm'),
+    Limit('rotation_error', 'rad'), Limit('singularity', 'fraction of the speed'),
+    Limit('energy', 'J'), Limit('wrench', 'fraction of the wrench'), Limit('tool_speed', 'm/s'),
+    Limit('jerk', 'm/s^3', True), Limit('angular_jerk', 'rad/s^3', True))
 (TORQUE, TORQUE_RATE, JOINT_POSITION, JOINT_SPEED, SPEED, ANGULAR_SPEED, ACCELERATION_LIMIT,
  ANGULAR_ACCELERATION, WORKSPACE, STIFFNESS_BOUNDS, STIFFNESS_RATE, POSITION_ERROR, ROTATION_ERROR,
  SINGULARITY, ENERGY, WRENCH_LIMIT, TOOL_SPEED, JERK, ANGULAR_JERK) = range(len(LIMITS))
@@ -47,9 +54,10 @@ class LimitCounters:
         np.fmax(self._recent, violation, out=self._recent)
 
     def recent(self) -> str:
-        """Describe the limits that were active since the last call; empty if none was."""
+        """Describe the limits that were active since the last call, but for those that smooth."""
         words = [f'{limit.name} by {value:.3g} {limit.unit}'
-                 for limit, value in zip(LIMITS, self._recent) if value > 0.0]
+                 for limit, value in zip(LIMITS, self._recent)
+                 if value > 0.0 and not limit.smooths]
         np.maximum(self.largest, self._recent, out=self.largest)
         self._recent[:] = 0.0
         return ', '.join(words)

@@ -31,7 +31,7 @@ LARGEST_DAMPING_RATIO = 2.0
 LARGEST_WRENCH_GAIN = 20.0
 #: Largest velocity of a reference, before any limit of the arm [m/s, rad/s].
 LARGEST_TWIST = 10.0
-_MODES = frozenset(int(mode) for mode in StreamMode)
+_MODES, LAST_MODE = frozenset(int(mode) for mode in StreamMode), int(max(StreamMode))
 #: A stream may skip this many sequence numbers.
 LARGEST_GAP = 10_000
 
@@ -61,46 +61,55 @@ class NewestReference:
     """
     The newest reference that came, followed or not: it tells where a motion begins.
 
-    :ivar held: pose of the newest reference if it was at rest
+    :ivar held: where the newest reference was, if it was at rest
     """
 
     def __init__(self) -> None:
         self.mode: int = StreamMode.ENDED
         self.sequence, self.age = 0, math.inf
         self.held: np.ndarray | None = None
+        self._kind: object = None
 
-    def add(self, target: np.ndarray, origin: Origin, longest_gap: float
+    def add(self, kind: object, place: np.ndarray, origin: Origin, longest_gap: float
             ) -> tuple[bool, np.ndarray | None, float]:
         """
         Remember a reference.
 
+        :param kind: what it is of
+        :param place: where it is
         :returns: whether a motion begins with it; where the same stream rested before, if it did,
             and how long ago: the first references of a motion may be lost
         """
-        same = self.age <= longest_gap and continues(origin.sequence, self.sequence)
+        same = (self.age <= longest_gap and continues(origin.sequence, self.sequence)
+                and self._kind is kind)
         begins = (origin.mode == StreamMode.STREAMING
                   and not (same and self.mode == StreamMode.STREAMING))
         rested = (begins, self.held if same else None, self.age)
         self.mode, self.sequence, self.age = origin.mode, origin.sequence, 0.0
-        self.held = target[POSE:POSE + 7].copy() if origin.mode == StreamMode.HOLDING else None
+        self.held = place if origin.mode == StreamMode.HOLDING else None
+        self._kind = kind
         return rested
 
 
-def refusal(target: np.ndarray, origin: Origin, settings: GuardSettings) -> str | None:
-    """
-    Why a reference must not be followed; None if it may.
-
-    :param target: `TARGET_SIZE` numbers (`gdmp_ros.control.target`)
-    """
+def refusal(origin: Origin, settings: GuardSettings) -> str | None:
+    """Why a reference must not be followed because of where it comes from; None if it may."""
     if origin.frame != settings.frame:
         return f'frame is {origin.frame!r}, expected {settings.frame!r}'
     if abs(origin.age) > settings.stamp_tolerance:
-        side = 'past' if origin.age > 0.0 else 'future'
+        side, late = (('past', ', or a process stood still') if origin.age > 0.0 else
+                      ('future', ''))
         return (f'stamp is {abs(origin.age):.3g} s in the {side}, expected within '
-                f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, or simulated '
-                'and wall time are mixed')
-    if origin.mode not in _MODES:
-        return f'mode is {origin.mode}, expected 0 to {max(StreamMode)}'
+                f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, simulated '
+                f'and wall time are mixed{late}')
+    return None if origin.mode in _MODES else f'mode is {origin.mode}, expected 0 to {LAST_MODE}'
+
+
+def invalid_target(target: np.ndarray) -> str | None:
+    """
+    Why a pose reference cannot be followed; None if it can.
+
+    :param target: `TARGET_SIZE` numbers (`gdmp_ros.control.target`)
+    """
     return _why_invalid(target) if _is_invalid(target) else None
 
 

@@ -54,6 +54,9 @@ class GuardSettings:
         0.05, 'largest position step between references that are followed', 'm', 1e-4, 10.0)
     jump_rotation: float = setting(
         0.2, 'largest rotation step between references that are followed', 'rad', 1e-3, 4.0)
+    jump_joints: float = setting(
+        0.1, 'largest step of a joint between references of the joints that are followed', 'rad',
+        1e-3, 4.0)
     resume_time: float = setting(
         1.0, 'after a gap in the stream shorter than this the same stream is followed on', 's',
         0.0, 10.0)
@@ -61,6 +64,8 @@ class GuardSettings:
         0.02, 'largest distance from the robot at which the arm begins to follow a motion', 'm',
         0.0, 1.0)
     arming_rotation: float = setting(0.1, 'the same for the rotation', 'rad', 0.0, 3.0)
+    arming_joints: float = setting(
+        0.05, 'the same for each joint, for references of the joints', 'rad', 0.0, 3.0)
     arming_speed: float = setting(
         0.05, 'largest difference from the speed of the robot at which it begins', 'm/s', 0.0,
         1.0)
@@ -83,6 +88,9 @@ class LimitSettings:
     joint_speed: float = setting(
         2.61, 'largest speed of any joint; the model may have less for some, as the built-in '
         'Panda: 2.175 rad/s but for the wrist. Braking begins at 90 %', 'rad/s', 0.01, 20.0)
+    joint_acceleration: float = setting(
+        7.0, 'acceleration limit of each joint, for references of the joints', 'rad/s^2', 0.1,
+        100.0)
     joint_brake: float = setting(
         20.0, 'damping of a joint above 90 % of its speed limit', 'Nm s/rad', 0.0, 200.0)
     speed: float = setting(1.7, 'speed limit of the reference', 'm/s', 1e-3, 10.0)

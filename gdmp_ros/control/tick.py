@@ -24,6 +24,8 @@ class Tick(NamedTuple):
     :ivar spring: energy in the spring [J]
     :ivar tank: energy in the tank [J]
     :ivar violation: by how much each limit was exceeded, shape ``(len(LIMITS),)``
+    :ivar joints: reference of the joints (`gdmp_ros.control.joint_target`), valid until the next
+        tick; None while there is none
     """
 
     measurement: Measurement
@@ -37,3 +39,4 @@ class Tick(NamedTuple):
     spring: float
     tank: float
     violation: np.ndarray
+    joints: np.ndarray | None = None

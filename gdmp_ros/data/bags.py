@@ -30,6 +30,7 @@ ARRAY = 'std_msgs/msg/Float64MultiArray'
 REFERENCE = 'gdmp_msgs/msg/Reference'
 JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
+GRIPPER = 'gdmp_msgs/msg/GripperCommand'
 NS = 1_000_000_000
 
 
@@ -40,6 +41,7 @@ class Series(NamedTuple):
     :ivar stamps: header stamps, or bag times [ns] without them, int64, shape ``(T,)``
     :ivar values: shape ``(T, k)``; a pose is (x, y, z, qw, qx, qy, qz)
     :ivar frame: ``frame_id`` of the first message, empty if the type has none
+    :ivar names: of the values, if the messages have names: those of joints
     """
 
     bag: str
@@ -47,6 +49,7 @@ class Series(NamedTuple):
     stamps: np.ndarray
     values: np.ndarray
     frame: str
+    names: tuple[str, ...] = ()
 
     def where(self, sample: int) -> str:
         """Name a sample for a message to the user."""
@@ -113,9 +116,15 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
     decoder = _DECODERS[connections[0].msgtype]
     stamps: list[int] = []
     rows: list[list[float]] = []
-    frame = ''
+    frame, names = '', None
     for connection, bag_time, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
+        named = tuple(getattr(message, 'name', ()))
+        names = named if names is None else names
+        if named != names:
+            raise DataError(f'{bag}, topic {topic}, sample {len(rows)}: the names are '
+                            f'{", ".join(named)}, those before {", ".join(names)}: are there '
+                            'several publishers?')
         header = getattr(message, 'header', None)
         stamp = bag_time
         if header is not None:
@@ -130,7 +139,7 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
     if not rows:
         raise DataError(f'{bag}: topic {topic} has no messages')
     series = Series(bag, topic, np.array(stamps, dtype=np.int64), np.array(rows, dtype=float),
-                    frame)
+                    frame, names or ())
     _check_series(series)
     return series
 

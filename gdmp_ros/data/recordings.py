@@ -9,10 +9,13 @@ import shutil
 import numpy as np
 
 from gdmp_ros.data import bags
+from gdmp_ros.data.gripper_events import commands_in, during
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.errors import DataError, GdmpError, ManifoldError
 from gdmp_ros.learning.take_stiffness import stiffness_of_each
+from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
@@ -36,6 +39,8 @@ class Recording:
         if the bag has none
     :ivar wrench: that the tool exerted, in the frame of the poses, shape ``(T, 6)`` [N, Nm]; None
         if none was read
+    :ivar events: commands for a gripper
+    :ivar joints: names of the joints, of a demonstration of the joints (`read_joints`)
     """
 
     demonstration: Demonstration
@@ -43,6 +48,8 @@ class Recording:
     frame: str
     rotational_stiffness: np.ndarray | None
     wrench: np.ndarray | None = None
+    joints: tuple[str, ...] = ()
+    events: tuple[GripperEvent, ...] = ()
 
 
 def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
@@ -111,12 +118,43 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
             matrices, block = _matrices(series, series.values)
             matrices = _at_stamps(matrices, series, poses)
         felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
+        commands = commands_in(reader, str(bag))
     whole = _joined(poses, matrices)
     kept = _without_rest(whole, f'{poses.bag}, topic {poses.topic}')
     times = whole.times[kept]
     demonstration = Demonstration(times - times[0], whole.points[kept], whole.manifold)
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
-    return Recording(demonstration, str(bag), poses.frame, block, wrench)
+    stamps = poses.stamps[kept]
+    return Recording(demonstration, str(bag), poses.frame, block, wrench,
+                     events=during(commands, stamps[0], stamps[-1]))
+
+
+def read_joints(bag: str | Path, topic: str = '') -> Recording:
+    """
+    Read positions of joints; rest at both ends is cut off.
+
+    :param topic: of type JointState; by default the only such topic
+    :raises DataError: naming bag, topic, sample and reason
+    """
+    with bags.opened(bag) as reader:
+        topic = topic or _only(bag, bags.topics_in(reader), 'joint state', bags.JOINTS)
+        series = bags.series_in(reader, bag, topic, bags.JOINTS)
+        commands = commands_in(reader, str(bag))
+    if series.values.shape[1] == 0 or len(series.names) != series.values.shape[1]:
+        raise DataError(f'{bag}: topic {topic} has {series.values.shape[1]} positions for '
+                        f'{len(series.names)} names of joints')
+    manifold = Product(Euclidean(series.values.shape[1]), names=('joints',))
+    where = f'{series.bag}, topic {series.topic}'
+    try:
+        whole = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values,
+                              manifold)
+    except GdmpError as error:
+        raise DataError(f'{where}: {error}') from None
+    kept = _without_rest(whole, where)
+    times = whole.times[kept]
+    return Recording(Demonstration(times - times[0], whole.points[kept], manifold), str(bag),
+                     series.frame, None, joints=series.names,
+                     events=during(commands, series.stamps[kept][0], series.stamps[kept][-1]))
 
 
 def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: int,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gdmp_ros.data import recordings
+from gdmp_ros.data.gripper_events import common_events
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
@@ -19,6 +20,8 @@ class LearningSettings:
 
     :ivar stiffness: source of the stiffness, one of `gdmp_ros.choices.STIFFNESSES`
     :ivar wrench_topic: topic of a wrench that is played back too; empty for none
+    :ivar joint_topic: topic of a JointState of which a skill of the joints is learned; empty for
+        the only one; None for a skill of the tool
     :ivar frame: frame that the poses must have; empty for any
     :ivar weights: how much each demonstration counts; None for alike
     """
@@ -35,6 +38,7 @@ class LearningSettings:
     pose_topic: str = ''
     stiffness_topic: str = ''
     wrench_topic: str = ''
+    joint_topic: str | None = None
     frame: str = ''
     fit: str = 'output'
     end: str | None = None
@@ -63,21 +67,42 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     """
     shown = []
     for bag in bags:
-        shown.append(recordings.read(bag, settings.pose_topic, settings.stiffness_topic,
-                                     settings.wrench_topic))
+        shown.append(_read(bag, settings))
         step()
-    _check_frames(shown, settings.frame)
-    demonstrations, source = recordings.with_stiffness(shown, settings.stiffness, settings.k_min,
-                                                       settings.k_max)
-    demonstrations = recordings.with_wrench(shown, demonstrations)
+    if settings.joint_topic is not None:
+        demonstrations, source = _of_the_same_joints(shown), 'none'
+    else:
+        _check_frames(shown, settings.frame)
+        demonstrations, source = recordings.with_stiffness(shown, settings.stiffness,
+                                                           settings.k_min, settings.k_max)
+        demonstrations = recordings.with_wrench(shown, demonstrations)
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization, alpha_g=settings.alpha_g,
                         fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights,
                         provenance={'demonstrations': [str(bag) for bag in bags],
-                                    'frame': shown[0].frame, 'stiffness': source})
-    return LearnedSkill(skill, demonstrations, source)
+                                    'frame': shown[0].frame, 'stiffness': source,
+                                    **({'joints': list(shown[0].joints)} if shown[0].joints
+                                       else {})})
+    events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
+                           [one.events for one in shown])
+    return LearnedSkill(skill.with_events(events), demonstrations, source)
+
+
+def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:
+    if settings.joint_topic is not None:
+        return recordings.read_joints(bag, settings.joint_topic)
+    return recordings.read(bag, settings.pose_topic, settings.stiffness_topic,
+                           settings.wrench_topic)
+
+
+def _of_the_same_joints(shown: Sequence[recordings.Recording]) -> list[Demonstration]:
+    for one in shown:
+        if one.joints != shown[0].joints:
+            raise DataError(f'{one.bag}: the joints are {", ".join(one.joints)}, expected those '
+                            f'of {shown[0].bag}: {", ".join(shown[0].joints)}')
+    return [one.demonstration for one in shown]
 
 
 def _check_frames(shown: Sequence[recordings.Recording], expected: str) -> None:

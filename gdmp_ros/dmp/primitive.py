@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gdmp_ros.choices import CONNECTIONS
+from gdmp_ros.dmp.events import checked_events, GripperEvent
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import ParameterError
@@ -77,6 +78,7 @@ class Primitive:
     :ivar segments: parts of a motion that is split at the cut locus; empty otherwise
     :ivar via: progress of the via points that the motion has been made to pass, increasing
     :ivar variation: how the takes varied, if there were several
+    :ivar events: commands for a gripper on the way, in their order
     :ivar provenance: source of the skill, as text; no part of the computation
     """
 
@@ -93,6 +95,7 @@ class Primitive:
     segments: Segments = field(default_factory=Segments)
     via: tuple[float, ...] = ()
     variation: Variation | None = None
+    events: tuple[GripperEvent, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -101,6 +104,7 @@ class Primitive:
             array = np.ascontiguousarray(getattr(self, name), dtype=np.float64).copy()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, 'events', checked_events(self.events))
         if self.variation is not None:
             self.variation.check(self.n_basis, self.manifold.tangent_size)
 

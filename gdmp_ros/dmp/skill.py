@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
+from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.primitive import Gains, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
@@ -106,6 +107,14 @@ class Skill(Primitive):
         :raises ParameterError: see `gdmp_ros.dmp.via.through`
         """
         return Skill.of(through(self, points, factors))
+
+    def with_events(self, events: Sequence[GripperEvent]) -> Skill:
+        """
+        Return the same motion with other commands for a gripper.
+
+        :raises ParameterError: if a number is out of range, or they are not in order
+        """
+        return Skill.of(replace(self, events=tuple(events)))
 
     def rollout(self, **options: Any) -> Rollout:
         """Begin a motion: `gdmp_ros.dmp.Rollout` with this skill."""

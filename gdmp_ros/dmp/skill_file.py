@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
@@ -18,9 +19,10 @@ from gdmp_ros.manifolds.registry import KINDS
 from gdmp_ros.util.atomic_write import write_text
 
 FORMAT = 'gdmp skill'
-#: Version 2 has segments, version 3 the variation of the takes; older files can be read too.
-VERSION = 3
-READABLE = (1, 2, 3)
+#: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper;
+#: older files can be read too.
+VERSION = 4
+READABLE = (1, 2, 3, 4)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start',
@@ -44,6 +46,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
             'noise': skill.variation.noise.tolist(), 'timing': skill.variation.timing,
             'context_mean': skill.variation.context_mean.tolist(),
             'context_scale': skill.variation.context_scale.tolist()},
+        'gripper': [event._asdict() for event in skill.events],
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -101,7 +104,8 @@ def _parse(document: Any) -> Primitive:
                      duration=float(duration),
                      velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
                      weights=weights, steps=steps, segments=_segments(document, manifold),
-                     via=_via(document), variation=_variation(document), provenance=provenance)
+                     via=_via(document), variation=_variation(document), events=_events(document),
+                     provenance=provenance)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -131,6 +135,18 @@ def _via(document: dict[str, Any]) -> tuple[float, ...]:
     if not (np.diff(given, prepend=0.0, append=1.0) > 0.0).all():
         raise DataError(f'via: must increase between 0 and 1, got {given.tolist()}')
     return tuple(given.tolist())
+
+
+def _events(document: dict[str, Any]) -> tuple[GripperEvent, ...]:
+    given, names = document.get('gripper') or [], GripperEvent._fields
+    if not isinstance(given, list):
+        raise DataError(f'gripper: expected a list, got {given!r}')
+    for one in given:
+        if not isinstance(one, dict) or set(one) != set(names):
+            raise DataError(f'gripper: expected objects with {", ".join(names)}, got {one!r}')
+    rows = _numbers({'gripper': [[one[name] for name in names] for one in given]}, 'gripper',
+                    (None, len(names))) if given else ()
+    return tuple(GripperEvent(*row) for row in rows)
 
 
 def _variation(document: dict[str, Any]) -> Variation | None:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.governor import catch_up
+from gdmp_ros.control.governor import catch_up, CATCH_UP_S
 from gdmp_ros.control.target import (
     ACCELERATION,
     extrapolate_pose,
@@ -108,4 +108,60 @@ class StreamBounds:
             self._out[:], self._begun = target, True
         elif dt > 0.0:
             self.bounded += bool(_bound(target, self._out, self._limits, dt))
+        return self._out
+
+
+@kernel
+def _bound_joints(target, out, limits, n, dt):
+    """
+    Move bounded references of n joints towards a target by one tick; see `_bound`.
+
+    :param target: positions, velocities, stiffness, damping ratio, accelerations
+    :param limits: largest speed and acceleration [rad/s, rad/s²]
+    """
+    bounded = False
+    speed, acceleration = limits[0], limits[1]
+    for i in range(2 * n, out.size):
+        out[i] = target[i]
+    for i in range(n):
+        wanted, velocity = target[n + i], out[n + i]
+        change = wanted - velocity
+        jump = target[i] - out[i] - dt * (velocity + 0.5 * change)
+        if (abs(jump) <= acceleration * dt * dt and abs(wanted) <= _TOLERANCE * speed
+                and abs(change) <= _TOLERANCE * acceleration * dt):
+            out[i], out[n + i] = target[i], wanted
+            continue
+        bounded = True
+        lag = target[i] - out[i] - dt * velocity
+        closing = min(abs(lag) / CATCH_UP_S, CATCH_UP_SHARE * speed,
+                      math.sqrt(acceleration * abs(lag)))
+        wanted = min(max(wanted + math.copysign(closing, lag), -speed), speed)
+        out[n + i] += min(max(wanted - velocity, -acceleration * dt), acceleration * dt)
+        out[i] += dt * out[n + i]
+    return bounded
+
+
+class JointBounds:
+    """
+    The bounded stream of a skill of the joints.
+
+    :ivar bounded: ticks in which the bounds were active
+    """
+
+    def __init__(self, settings: StreamSettings, joints: int):
+        self._n, self._out = joints, np.empty(0)
+        self.bounded = 0
+        self.configure(settings)
+
+    def configure(self, settings: StreamSettings) -> None:
+        """Use other bounds from now on."""
+        self._limits = np.array([one or math.inf for one in (
+            settings.stream_angular_speed, settings.stream_angular_acceleration)])
+
+    def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
+        """Bound the reference of a tick; see `StreamBounds.apply`."""
+        if not len(self._out):
+            self._out = target.copy()
+        elif dt > 0.0:
+            self.bounded += bool(_bound_joints(target, self._out, self._limits, self._n, dt))
         return self._out

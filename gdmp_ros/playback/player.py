@@ -1,5 +1,5 @@
 """
-Plays a skill of pose and stiffness tick by tick, as references for an impedance controller.
+Plays a skill tick by tick, as references for an impedance controller.
 
 One thread calls `Player.tick`. Requests may come from any thread: they wait in one queue, and the
 next tick carries them out in the order in which they came.
@@ -12,6 +12,7 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.reference_source import ReferenceSource
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.requests import (
@@ -24,7 +25,8 @@ from gdmp_ros.playback.requests import (
     Status,
     UNCHANGED,
 )
-from gdmp_ros.playback.tool_skill import PlayerSettings, ToolSkill
+from gdmp_ros.playback.streamed import streamed
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 
 class Player:
@@ -39,9 +41,9 @@ class Player:
         Prepare to play a skill.
 
         :param refusals: counts requests that turn out to be impossible
-        :raises DataError: if the skill is not one of pose and stiffness
+        :raises DataError: if the skill is neither one of a pose nor of joints
         """
-        self.tool = ToolSkill(skill, settings)
+        self.tool = streamed(skill, settings)
         self.refusals = refusals or Refusals()
         self._source, self._started = ReferenceSource(self.tool, self.refusals.add), 0
         self._requests = Requests(self.refusals)
@@ -85,36 +87,61 @@ class Player:
         return self._source.rollout
 
     @property
+    def playing(self) -> StreamedSkill:
+        """Skill and settings of the present motion."""
+        return self._source.playing
+
+    @property
+    def joints(self) -> int:
+        """Number of the joints of which the references are; 0: they are of the tool."""
+        playing = self._source.playing
+        return playing.manifold.point_size if playing.of_joints else 0
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints of the next start's skill; empty if it does not tell them."""
+        return list(self.tool.skill.provenance.get('joints', ()))
+
+    @property
     def goal(self) -> np.ndarray:
-        """Pose goal (x, y, z, qw, qx, qy, qz) of the motion; of the skill before there is one."""
+        """Goal of the motion, of the skill before there is one: a pose or a posture."""
         goal = self._present_goal()
-        return np.array((self.tool.skill.goal if goal is None else goal)[:7])
+        if goal is None:
+            return self.tool.place_of(self.tool.skill.goal)
+        return self._source.playing.place_of(goal)
+
+    @property
+    def place(self) -> np.ndarray | None:
+        """Where the reference of the last tick is."""
+        target = self._source.target
+        return None if target is None else self._source.playing.place_in(target)
 
     def load(self, skill: Skill) -> None:
         """Use another skill from the next start on."""
-        self.tool = ToolSkill(skill, self.tool.settings)
+        self.tool = streamed(skill, self.tool.settings)
 
     def configure(self, settings: PlayerSettings) -> None:
         """Use other settings from the next start on."""
-        self.tool = ToolSkill(self.tool.skill, settings)
+        self.tool = streamed(self.tool.skill, settings)
 
     def forget(self) -> None:
         """Stream nothing until there is something to hold; only while no tick is made."""
         self._source.hold(None)
 
-    def hold(self, pose: np.ndarray) -> None:
-        """Hold ``pose`` (x, y, z, qw, qx, qy, qz)."""
-        target = self.tool.first_target(pose)
-        self._requests.add(lambda: self._source.hold(target), AFTER_HOLD)
+    def hold(self, place: np.ndarray) -> None:
+        """Hold a pose (x, y, z, qw, qx, qy, qz), or positions of the joints."""
+        tool = self.tool
+        target = tool.first_target(place)
+        self._requests.add(lambda: self._source.hold(target, tool), AFTER_HOLD)
 
-    def start(self, measured: np.ndarray | None, goal_pose: np.ndarray | None = None,
+    def start(self, measured: np.ndarray | None, goal_place: np.ndarray | None = None,
               goal_stiffness: np.ndarray | None = None, duration: float | None = None,
               tolerances: tuple[float, float] | None = None) -> int:
         """
         Start the loaded skill where the robot is, without a step in the reference.
 
-        :param measured: pose of the robot; None starts at the start of the skill
-        :param goal_pose: instead of that of the skill
+        :param measured: where the robot is; None starts at the start of the skill
+        :param goal_place: instead of that of the skill
         :param goal_stiffness: factor (`ToolSkill.stiffness_factor`) instead of that of the skill
         :param duration: instead of that of the skill [s]
         :param tolerances: at the goal [m, rad]
@@ -124,7 +151,7 @@ class Player:
         tool = self.tool
         # Prepared and validated here; the tick only chooses the start, from the newest reference.
         rollout = Rollout(tool.skill, start=tool.start_at(measured), duration=duration,
-                          goal=tool.changed(tool.skill.goal, goal_pose, goal_stiffness),
+                          goal=tool.changed(tool.skill.goal, goal_place, goal_stiffness),
                           options=tool.options(0.0, tolerances))
         number = self._started + 1
         self._requests.add(lambda: self._source.begin(tool, rollout, measured, number),
@@ -132,13 +159,15 @@ class Player:
         self._started = number
         return number
 
-    def goal_pose(self, pose: np.ndarray, twist: np.ndarray | None = None) -> None:
+    def go_to(self, place: np.ndarray, twist: np.ndarray | None = None) -> None:
         """
-        Switch the pose goal.
+        Switch the goal.
+
+        :param place: pose, or positions of the joints
 
         :param twist: with which it moves on, linear and angular [m/s, rad/s]; None if it rests
         """
-        self._requests.add(lambda: self._source.retarget(pose, None, twist), UNCHANGED)
+        self._requests.add(lambda: self._source.retarget(place, None, twist), UNCHANGED)
 
     def goal_stiffness(self, factor: np.ndarray) -> None:
         """Switch the stiffness goal (`ToolSkill.stiffness_factor`)."""
@@ -159,12 +188,16 @@ class Player:
         self._requests.add(lambda: self._source.pause(paused),
                            AFTER_PAUSE if paused else AFTER_RESUME)
 
+    def wait(self, waits: bool) -> None:
+        """Stop on the path until something else has happened, or go on; the status stays."""
+        self._requests.add(lambda: self._source.wait(waits), UNCHANGED)
+
     def stop(self) -> None:
         """Come to a smooth stop on the path and hold there."""
         self._requests.add(self._source.stop, AFTER_STOP)
 
     def observe(self, measured: np.ndarray) -> None:
-        """Use the measured pose for phase stopping at the next tick."""
+        """Use where the robot is for phase stopping at the next tick."""
         self._measured = measured
 
     def distances(self) -> list[float]:
@@ -191,8 +224,8 @@ class Player:
         """
         Carry out the requests, and let ``dt`` seconds pass.
 
-        :returns: `gdmp_ros.control.target.TARGET_SIZE` numbers, valid until the next tick; None
-            while there is nothing to hold
+        :returns: numbers of the target, valid until the next tick; None while there is nothing to
+            hold
         """
         if self._requests.waiting:
             self._requests.carry_out()

@@ -7,7 +7,8 @@ from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.playback.tool_skill import PlayerSettings, ToolSkill
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.tool_skill import ToolSkill
 
 #: A prediction ends after this many durations of the motion.
 LONGEST = 5
@@ -15,27 +16,22 @@ LONGEST = 5
 LIKELY = 2.796
 
 
-def predicted_poses(rollout: Rollout, count: int) -> np.ndarray:
-    """Poses of `prediction`, shape ``(T, 7)``."""
-    return prediction(rollout, count)[0]
-
-
 def prediction(rollout: Rollout, count: int) -> tuple[np.ndarray, np.ndarray]:
     """
-    Poses from the present moment to the end of a motion, and their progress.
+    Points from the present moment to the end of a motion, and their progress.
 
-    :param rollout: of pose and stiffness; is advanced
+    :param rollout: is advanced
     :param count: how many there are in one duration of the motion
-    :returns: shapes ``(T, 7)`` and ``(T,)``
+    :returns: flat points, shape ``(T, point_size)``, and progress, shape ``(T,)``
     """
     rollout.resume()
     step = rollout.duration / count
-    poses, progress = [rollout.state.point[:7]], [rollout.progress]
+    points, progress = [rollout.state.point], [rollout.progress]
     # A goal that moves slowly, or a tempo that has to grow first, take longer than that.
-    while not rollout.finished and len(poses) < LONGEST * count:
-        poses.append(rollout.advance(step).point[:7])
+    while not rollout.finished and len(points) < LONGEST * count:
+        points.append(rollout.advance(step).point)
         progress.append(rollout.progress)
-    return np.array(poses), np.array(progress)
+    return np.array(points), np.array(progress)
 
 
 class Tube:

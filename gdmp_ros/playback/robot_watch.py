@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from gdmp_ros.manifolds.quaternion import pose_distance
+from gdmp_ros.playback.distance import Distance
 from gdmp_ros.util.settings import setting
 
 #: A robot that moves less than this within `BLOCKED_S` or `REST_S` does not move [m, rad].
@@ -41,20 +42,6 @@ class RobotSettings:
         's', 0.1, 60.0)
 
 
-class Distance(NamedTuple):
-    """Distance between two poses [m, rad]."""
-
-    position: float
-    rotation: float
-
-    def within(self, position: float, rotation: float) -> bool:
-        """Whether both are at most this large."""
-        return self.position <= position and self.rotation <= rotation
-
-    def __str__(self) -> str:
-        return f'{1e3 * self.position:.1f} mm and {self.rotation:.3f} rad'
-
-
 def distance(first: np.ndarray, second: np.ndarray) -> Distance:
     """Distance between two poses (x, y, z, qw, qx, qy, qz)."""
     return Distance(*pose_distance(first, second))
@@ -64,10 +51,12 @@ class RobotWatch:
     """
     What is known of the robot during a motion; one thread calls `update`, any thread reads.
 
+    Where the robot is are poses, or positions of the joints.
+
     :ivar flags: ``lagging`` and ``blocked``
     :ivar lag: from the reference; None if the robot is not known
     :ivar largest_lag: since the beginning of the motion
-    :ivar pose: the newest measured pose; None if it is not known
+    :ivar place: where the robot was last; None if it is not known
     :ivar seen: whether it was known since the beginning of the motion
     """
 
@@ -80,44 +69,53 @@ class RobotWatch:
         self.flags: frozenset[str] = frozenset()
         self.lag: Distance | None = None
         self.largest_lag = Distance(0.0, 0.0)
-        self.pose: np.ndarray | None = None
+        self.place: np.ndarray | None = None
+        self._distance: Callable[[np.ndarray, np.ndarray], Distance] = distance
         self.seen = False
         self._recent: deque[tuple[float, np.ndarray]] = deque()
         self._still: tuple[float, np.ndarray] | None = None
 
-    def begin(self) -> None:
-        """A motion begins."""
+    def begin(self, between: Callable[[np.ndarray, np.ndarray], Distance] = distance) -> None:
+        """
+        A motion begins.
+
+        :param between: distance between two places
+        """
+        if between is not self._distance:
+            self.place, self._distance = None, between
+            self._recent.clear()
         self.largest_lag, self._still, self.flags = Distance(0.0, 0.0), None, frozenset()
         self.seen = False
 
-    def update(self, now: float, pose: np.ndarray | None, reference: np.ndarray, moving: bool
+    def update(self, now: float, place: np.ndarray | None, reference: np.ndarray, moving: bool
                ) -> None:
         """
         Use a measurement.
 
         :param now: [s]
-        :param pose: measured; None if it is not known
-        :param reference: pose of the reference
+        :param place: where the robot is; None if it is not known
+        :param reference: where the reference is
         :param moving: whether the robot is to move
         """
-        self.pose = pose
-        if pose is None:
+        self.place = place
+        if place is None:
             self.lag, self._still, self.flags = None, None, frozenset()
             self._recent.clear()
             return
         self.seen = True
-        self._recent.append((now, pose))
+        self._recent.append((now, place))
         # The oldest one is REST_S old or older, whatever the time between two of them.
         while len(self._recent) > 1 and self._recent[1][0] <= now - REST_S + 1e-9:
             self._recent.popleft()
-        lag = self.lag = distance(pose, reference)
+        lag = self.lag = self._distance(place, reference)
         self.largest_lag = Distance(*map(max, self.largest_lag, lag))
         lagging = moving and not lag.within(self.settings.lag_position, self.settings.lag_rotation)
         if not lagging:
             self._still, self.flags = None, frozenset()
             return
-        if self._still is None or not distance(pose, self._still[1]).within(STILL_M, STILL_RAD):
-            self._still = now, pose
+        if self._still is None or not self._distance(place, self._still[1]).within(STILL_M,
+                                                                                   STILL_RAD):
+            self._still = now, place
         blocked = now - self._still[0] >= self.settings.blocked_time
         self.flags = frozenset({'lagging', 'blocked'} if blocked else {'lagging'})
 
@@ -125,5 +123,5 @@ class RobotWatch:
         """Whether the robot has been still for `REST_S`."""
         recent = tuple(self._recent)
         return (len(recent) > 1 and recent[-1][0] - recent[0][0] >= REST_S - 1e-9
-                and all(distance(pose, recent[-1][1]).within(STILL_M, STILL_RAD)
-                        for _, pose in recent))
+                and all(self._distance(place, recent[-1][1]).within(STILL_M, STILL_RAD)
+                        for _, place in recent))

@@ -2,33 +2,34 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-import threading
+from collections.abc import Sequence
 import time
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ManifoldError, ParameterError
-from gdmp_ros.playback.bounds import StreamBounds
+from gdmp_ros.playback.bounded_stream import BoundedStream
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
+from gdmp_ros.playback.gripper_sequence import GripperLink, GripperSequence
+from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
+from gdmp_ros.playback.measured_input import Measured, MeasuredInput
 from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.realtime.shared_loop import Member
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
 NS = 1_000_000_000
-#: Ticks between two readings of the measured pose.
+#: Ticks between two readings of where the robot is.
 READ_EVERY = 50
-#: Reads the measured pose: (x, y, z, qw, qx, qy, qz) and its age [s]; None if there is no new one.
-PoseSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
 
 
 class Streamer:
@@ -39,27 +40,27 @@ class Streamer:
 
     :ivar player: None before there is a skill
     :ivar robot: what is known of the robot
-    :ivar bounds: of speed and acceleration
+    :ivar kinematics: of the arm; None if it is not known
     :ivar active: whether ticks are made
     :ivar member: the task in the real-time loop; None with simulated time
     :ivar ticks: number of calls of `tick`
     :ivar time: that the motions have had, without jumps [s]
     :ivar time_jumps: [s], not reported yet
+    :ivar jumps: number of time jumps
     """
 
-    def __init__(self, period_ns: int, read_pose: PoseSource, measured_from: str,
-                 settings: StreamSettings, player_settings: PlayerSettings,
-                 robot_settings: RobotSettings | None = None,
-                 reach: Callable[[np.ndarray], str] = lambda _: ''):
+    def __init__(self, period_ns: int, pose: MeasuredInput, settings: StreamSettings,
+                 player_settings: PlayerSettings, robot_settings: RobotSettings | None = None,
+                 kinematics: ArmKinematics | None = None, joints: MeasuredInput | None = None,
+                 gripper: GripperLink | None = None):
         """
         Prepare to stream.
 
-        :param read_pose: called when the measured pose is needed, by any thread
-        :param measured_from: source of the measured pose, for messages
-        :param reach: why the robot cannot reach a pose; empty if it can
+        :param pose: measured pose of the tool
+        :param joints: measured positions of the joints, for skills of the joints
+        :param gripper: for skills with commands for a gripper
         """
-        self.settings = settings
-        self.bounds = StreamBounds(settings)
+        self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
         self.skill_name = ''
@@ -68,12 +69,13 @@ class Streamer:
         self.member: Member | None = None
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
+        self.jumps = 0
         self._player_settings = player_settings
-        self._read_pose, self._measured_from = read_pose, measured_from
-        self._reach = reach
-        self._reading = threading.Lock()
-        self._measured: tuple[np.ndarray, float] | None = None
-        self._used: tuple[np.ndarray, float] | None = None
+        self.gripper = None if gripper is None else GripperSequence(gripper)
+        self._pose = pose
+        self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
+        self._used: Measured | None = None
+        self._bounds = BoundedStream(settings)
         self._last_tick, self.ticks, self.time = 0, 0, 0.0
         self._tracker = GoalTracker()
 
@@ -82,9 +84,19 @@ class Streamer:
         """Use other settings from now on; those of the player from the next motion on."""
         self.settings, self._player_settings = settings, player_settings
         self.robot.settings = robot_settings
-        self.bounds.configure(settings)
+        self._bounds.configure(settings)
         if self.player is not None:
             self.player.configure(player_settings)
+
+    @property
+    def joints(self) -> int:
+        """Number of the joints of which the references are; 0: they are of the tool."""
+        return 0 if self.player is None else self.player.joints
+
+    @property
+    def bounded(self) -> int:
+        """Ticks in which the bounds of speed and acceleration were active."""
+        return self._bounds.bounded
 
     @property
     def mode(self) -> StreamMode:
@@ -95,7 +107,7 @@ class Streamer:
         """
         Use a skill for the next start.
 
-        :raises DataError: if it is not one of pose and stiffness; the present skill stays
+        :raises DataError: if it is neither one of a pose nor of joints; the present skill stays
         """
         rehearse(skill, self._player_settings)
         if self.player is None:
@@ -104,13 +116,14 @@ class Streamer:
             self.player.load(skill)
         self.skill_name = name
 
-    def load(self, path: str) -> None:
+    def load(self, path: str, name: str = '') -> None:
         """
         Use a skill file for the next start.
 
+        :param name: for reports; by default the path
         :raises DataError: if it cannot be loaded; the present skill stays
         """
-        self.use(Skill.load(path), path)
+        self.use(Skill.load(path), name or path)
 
     def loaded(self) -> Player:
         """
@@ -139,13 +152,16 @@ class Streamer:
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)
-        measured = self._start_pose()
-        problem = self._reach(player.tool.skill.goal[:7] if goal_pose is None else goal_pose)
-        if problem:
-            raise ParameterError(f'the goal cannot be reached: {problem}')
+        tool = player.tool
+        measured = self._start_place(tool)
+        goal = tool.place_of(tool.skill.goal)
+        if goal_pose is not None:
+            goal = place_for(self.kinematics, tool, goal_pose, goal)
+        check_reach(self.kinematics, tool, goal)
         self._tracker.reset()
-        self.robot.begin()
-        return player.start(measured, goal_pose, factor, duration, tolerances)
+        self.robot.begin(tool.distance)
+        return player.start(measured, None if goal_pose is None else goal, factor, duration,
+                            tolerances)
 
     def switch_goal_pose(self, pose: np.ndarray, age: float = 0.0) -> None:
         """
@@ -156,9 +172,12 @@ class Streamer:
         """
         player = self._executing()
         self.check_goal(pose)
+        if player.playing.of_joints:
+            player.go_to(place_for(self.kinematics, player.playing, pose, player.goal))
+            return
         now = self._last_tick / NS
         goal = self._tracker.update(pose, now - age, now)
-        player.goal_pose(goal.pose, goal.twist)
+        player.go_to(goal.pose, goal.twist)
 
     def follow_goal(self, pose: np.ndarray, twist: np.ndarray, age: float = 0.0) -> None:
         """
@@ -172,8 +191,10 @@ class Streamer:
         self.check_goal(pose)
         if not np.isfinite(twist).all():
             raise ManifoldError('the twist of the goal has a NaN or infinite number')
+        if player.playing.of_joints:
+            raise ManifoldError('a skill of the joints does not follow a goal that moves on')
         self._tracker.reset()
-        player.goal_pose(moved_on(pose, twist, age), twist)
+        player.go_to(moved_on(pose, twist, age), twist)
 
     def switch_goal_stiffness(self, numbers: Sequence[float]) -> None:
         """
@@ -194,11 +215,12 @@ class Streamer:
 
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
-        measured = self._measured
-        if measured is not None and _age(measured) <= self.settings.measured_pose_age:
+        tool = None if self.player is None else self.player.tool
+        measured = self._input_of(tool).known
+        if measured is not None and measured.age <= self.settings.measured_pose_age:
             return True
         try:
-            self._start_pose()
+            self._start_place(tool)
         except ParameterError:
             return not self.active
         return True
@@ -207,9 +229,11 @@ class Streamer:
         """Begin to tick; what was held before is forgotten: the robot may be elsewhere now."""
         if self.player is not None:
             self.player.forget()
-        self._measured = self._used = None
+        self._used = None
+        for one in (self._pose, self._joints):
+            one.forget()
         self.robot.reset()
-        self.bounds.reset()
+        self._bounds.reset()
         self.lateness = LatenessRecorder(period_ns)
         self._last_tick = 0
         self.active = True
@@ -236,6 +260,7 @@ class Streamer:
         self._last_tick = now_ns
         if not 0.0 <= dt <= longest_s:
             self.time_jumps.append(dt)
+            self.jumps += 1
             dt = 0.0
         self.time += dt
         player = self.player
@@ -244,33 +269,34 @@ class Streamer:
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
             ended = self._tracker.expired(now_ns / NS)
-            if ended is not None:
-                player.goal_pose(ended.pose)
+            if ended is not None and not player.playing.of_joints:
+                player.go_to(ended.pose)
         target = player.tick(dt)
-        return None if target is None else self.bounds.apply(target, dt)
+        if self.gripper is not None and player.playing.skill.events:
+            self.gripper.advance(player, dt)
+        return None if target is None else self._bounds.apply(player.playing, target, dt)
 
     def _use_pose(self, player: Player) -> None:
-        """Let the player and the watch use the measured pose."""
-        measured, reference = self._newest_pose(), player.target
-        known = measured is not None and _age(measured) <= self.settings.measured_pose_age
+        """Let the player and the watch use where the robot is."""
+        idle = player.status is Status.IDLE
+        measured = self._input_of(player.tool if idle else player.playing).newest()
+        known = measured is not None and measured.age <= self.settings.measured_pose_age
+        reference = player.place
         if reference is not None:
-            self.robot.update(self.time, measured[0] if measured is not None and known else None,
-                              reference, player.status is Status.MOVING)
+            self.robot.update(self.time, measured.place if measured is not None and known else
+                              None, reference, player.status is Status.MOVING)
         if measured is None or measured is self._used:
             return
         self._used = measured
-        if reference is None and player.status is Status.IDLE:
-            player.hold(measured[0])
+        if reference is None and idle:
+            self.robot.begin(player.tool.distance)
+            player.hold(measured.place)
         elif player.stops_phase:
-            player.observe(measured[0])
+            player.observe(measured.place)
 
-    def _newest_pose(self) -> tuple[np.ndarray, float] | None:
-        """The newest measured pose, and when it arrived (`time.monotonic`)."""
-        with self._reading:
-            newest = self._read_pose()
-            if newest is not None:
-                self._measured = newest[0], time.monotonic() - newest[1]
-            return self._measured
+    def _input_of(self, skill: StreamedSkill | None) -> MeasuredInput:
+        """Where the robot is, as a skill needs it."""
+        return self._joints if skill is not None and skill.of_joints else self._pose
 
     def _executing(self) -> Player:
         player = self.loaded()
@@ -279,19 +305,7 @@ class Streamer:
             raise ParameterError('no skill is being executed; start one first')
         return player
 
-    def _start_pose(self) -> np.ndarray | None:
+    def _start_place(self, skill: StreamedSkill | None) -> np.ndarray | None:
         if self.settings.start_from == 'skill':
             return None
-        measured = self._newest_pose()
-        if measured is None:
-            raise ParameterError(f'no measured pose has arrived on {self._measured_from} (with '
-                                 'start_from: skill none is needed)')
-        age = _age(measured)
-        if age > self.settings.measured_pose_age:
-            raise ParameterError(f'the last measured pose on {self._measured_from} is {age:.2f} s '
-                                 f'old, expected at most {self.settings.measured_pose_age:g} s')
-        return measured[0]
-
-
-def _age(measured: tuple[np.ndarray, float]) -> float:
-    return time.monotonic() - measured[1]  # s since it arrived
+        return self._input_of(skill).recent(self.settings.measured_pose_age)

@@ -1,19 +1,19 @@
 """A skill as a source of impedance references: where pose, stiffness, wrench are in its points."""
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gdmp_ros.control.reference_check import LARGEST_WRENCH_GAIN
 from gdmp_ros.control.target import (
     ACCELERATION,
+    DAMPING_RATIO,
     POSE,
     resting_target,
     STIFFNESS,
     TWIST,
     WRENCH,
+    WRENCH_GAIN,
 )
 from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.options import Options
@@ -25,50 +25,27 @@ from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import pose_distance, UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
-from gdmp_ros.util.settings import setting
+from gdmp_ros.playback.approach import Approach
+from gdmp_ros.playback.bounds import StreamBounds
+from gdmp_ros.playback.distance import Distance
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 #: A motion starts at the present reference if it is this close to the measured pose [m, rad].
 NEAR_M, NEAR_RAD = 0.02, 0.1
 #: A wrench is that of the goal if it is this close [N, Nm].
 WRENCH_TOLERANCE = 0.1
+#: A wrench that nothing asks for any more decreases with this time constant [s], to this [N, Nm].
+RELEASE_S, RELEASED = 0.1, 1e-3
+_AT_REST = 1e-6  # m/s, rad/s
 
 
-@dataclass(frozen=True)
-class PlayerSettings:
-    """What a reference needs besides the skill."""
-
-    damping_ratio: float = setting(
-        0.7, 'damping ratio of the reference; 1 is critical', '', 0.0, 2.0)
-    stiffness: tuple[float, float, float] = setting(
-        (400.0, 400.0, 400.0), 'translational stiffness if the skill has none', 'N/m', 1.0, 5000.0)
-    rotational_stiffness: tuple[float, float, float] = setting(
-        (30.0, 30.0, 30.0), 'rotational stiffness if the skill has none', 'Nm/rad', 0.1, 500.0)
-    wrench_gain: float = setting(
-        0.0, 'rate at which the measured wrench is corrected to that of the skill, if it has one; '
-        '0: never', '1/s', 0.0, LARGEST_WRENCH_GAIN)
-    speed_rate: float = setting(5.0, 'largest rate of change of the tempo', '1/s', 0.1, 100.0)
-    goal_speed: float = setting(
-        0.0, 'largest speed of the goal position after a goal switch; 0: no limit', 'm/s', 0.0,
-        10.0)
-    goal_angular_speed: float = setting(
-        0.0, 'largest angular speed of the goal orientation after a goal switch; 0: no limit',
-        'rad/s', 0.0, 50.0)
-    phase_stopping: float = setting(
-        1.0, 'kappa: the tempo is divided by 1 + kappa e^2 while the measured pose lags behind; '
-        '0: never', '', 0.0, 1000.0)
-    phase_stopping_weights: tuple[float, float] = setting(
-        (400.0, 4.0), 'weights in e^2: first x position error^2 [m^2] + second x rotation '
-        'error^2 [rad^2]', '1/m^2, 1/rad^2', 0.0, 1e6)
-
-    @property
-    def stiffness_matrix(self) -> np.ndarray:
-        """6×6 stiffness for skills without one; its rotational block is also used with SPD(3)."""
-        return np.diag([*self.stiffness, *self.rotational_stiffness])
-
-
-class ToolSkill:
+class ToolSkill(StreamedSkill):
     """
     A skill of a pose, with or without stiffness and wrench; other manifolds are refused.
+
+    Its places are poses (x, y, z, qw, qx, qy, qz).
 
     :ivar stiffness_size: 3, 6, or 0 without a stiffness
     :ivar has_wrench: whether the skill has a wrench that the tool is to exert
@@ -91,10 +68,9 @@ class ToolSkill:
                 and matrix[0].size in (3, 6))):
             raise DataError(f'the skill is on {skill.manifold!r}; a pose reference needs R³ × S³, '
                             'with SPD(3) or SPD(6) for a stiffness and R⁶ for a wrench')
-        self.skill = skill
-        self.manifold = skill.manifold
+        super().__init__(skill, settings)
+        self.manifold: Product = skill.manifold
         self.stiffness_size = matrix[0].size if matrix else 0
-        self.settings = settings
         self._velocity = 2 + skill.manifold.point_size
         self._wrench = self._velocity - 6 if self.has_wrench else 0
         self._acceleration = self._velocity + skill.manifold.tangent_size
@@ -120,12 +96,12 @@ class ToolSkill:
         return Options(speed, settings.speed_rate, limits, goal_speed[:count],
                        settings.phase_stopping, weights[:count])
 
-    def changed(self, point: np.ndarray, pose: np.ndarray | None = None,
+    def changed(self, point: np.ndarray, place: np.ndarray | None = None,
                 stiffness: np.ndarray | None = None) -> np.ndarray:
         """Point with another pose (x, y, z, qw, qx, qy, qz) or stiffness factor."""
         parts = list(self.manifold.split(point))
-        if pose is not None:
-            parts[:2] = pose[:3], pose[3:7]
+        if place is not None:
+            parts[:2] = place[:3], place[3:7]
         if stiffness is not None and self.stiffness_size:
             parts[2] = stiffness
         return self.manifold.join(*parts)
@@ -139,29 +115,79 @@ class ToolSkill:
             parts.append(target[WRENCH:WRENCH + 6])
         return self.manifold.join(*(np.array(part) for part in parts))
 
-    def start_at(self, pose: np.ndarray | None) -> np.ndarray | None:
-        """
-        Point with a pose and the skill's initial stiffness, without a wrench.
-
-        :returns: None for the skill's own start
-        """
-        if pose is None:
+    def start_at(self, place: np.ndarray | None) -> np.ndarray | None:
+        """Point with a pose and the skill's initial stiffness, without a wrench."""
+        if place is None:
             return None
-        parts = list(self.manifold.split(self.changed(self.skill.start, pose)))
+        parts = list(self.manifold.split(self.changed(self.skill.start, place)))
         if self.has_wrench:
             parts[-1] = np.zeros(6)
         return self.manifold.join(*parts)
 
-    def first_target(self, pose: np.ndarray) -> np.ndarray:
+    def place_of(self, point: np.ndarray) -> np.ndarray:
+        """Pose of a point."""
+        return np.array(point[:7])
+
+    def place_in(self, target: np.ndarray) -> np.ndarray:
+        """Pose of a reference; a part of it."""
+        return target[POSE:POSE + 7]
+
+    def first_target(self, place: np.ndarray) -> np.ndarray:
         """Reference that rests at a pose, with the initial stiffness of the skill."""
         stiffness, size = self.settings.stiffness_matrix, self.stiffness_size
         if size:
             stiffness[:size, :size] = self.manifold.split(self.skill.start)[2]
-        return resting_target(pose, stiffness, self.settings.damping_ratio)
+        return resting_target(place, stiffness, self.settings.damping_ratio)
 
-    def tangent_of(self, target: np.ndarray, first: int) -> np.ndarray:
-        """Tangent with the velocity or acceleration that begins at an index of a reference."""
-        return self.tangent_of_twist(target[first:first + 6])
+    def take_over(self, target: np.ndarray) -> None:
+        """Write what a motion of this skill does not change."""
+        if self.stiffness_size < 6:
+            # With SPD(3) the skill changes the translational block only.
+            block = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+            block[:] = self.settings.stiffness_matrix
+        target[DAMPING_RATIO] = self.settings.damping_ratio
+        target[WRENCH_GAIN:] = self.settings.wrench_gain if self.has_wrench else 0.0
+
+    @property
+    def releases(self) -> bool:
+        """Whether a wrench of an earlier motion is to decrease."""
+        return not self.has_wrench
+
+    def release(self, target: np.ndarray, dt: float) -> bool:
+        """Let the wrench of a reference decrease; whether there is some left."""
+        wrench = target[WRENCH:WRENCH + 6]
+        wrench *= max(1.0 - dt / RELEASE_S, 0.0)
+        if np.abs(wrench).max() > RELEASED:
+            return True
+        target[WRENCH:] = 0.0
+        return False
+
+    def stop(self, target: np.ndarray) -> None:
+        """Let a reference rest."""
+        target[TWIST:STIFFNESS] = 0.0
+
+    def motion_of(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Velocity and acceleration of a reference as tangents; None at rest."""
+        if np.abs(target[TWIST:TWIST + 6]).max() < _AT_REST:
+            return None
+        return (self.tangent_of_twist(target[TWIST:TWIST + 6]),
+                self.tangent_of_twist(target[ACCELERATION:ACCELERATION + 6]))
+
+    def approach(self, target: np.ndarray, place: np.ndarray) -> Approach:
+        """Motion from a reference at rest to a pose."""
+        return Approach(target, place)
+
+    def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
+        """Whether a reference is so close to the measured pose that a motion may start there."""
+        return self.distance(target, place).within(NEAR_M, NEAR_RAD)
+
+    def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
+        """Distance between two poses."""
+        return Distance(*pose_distance(first, second))
+
+    def bounds(self, settings: StreamSettings) -> StreamBounds:
+        """Bounds of a stream of poses."""
+        return StreamBounds(settings)
 
     def tangent_of_twist(self, twist: np.ndarray) -> np.ndarray:
         """Tangent with a linear and an angular velocity or acceleration."""
@@ -218,12 +244,6 @@ class ToolSkill:
         numbers[0] = dt
         _advance(rollout.memory, numbers, self._velocity, self._acceleration, self.stiffness_size,
                  self._wrench, target)
-
-
-def is_near(target: np.ndarray, measured: np.ndarray) -> bool:
-    """Whether a reference is so close to the measured pose that a motion may start there."""
-    distance, angle = pose_distance(target, measured)
-    return bool(distance < NEAR_M and angle < NEAR_RAD)
 
 
 @kernel

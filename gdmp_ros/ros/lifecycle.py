@@ -74,14 +74,18 @@ class ManagedNode(LifecycleNode):
         return made
 
     def add_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None] | None,
-                         depth: int = 1, raw: bool = False) -> Any:
+                         depth: int = 1, raw: bool = False, latched: bool = False) -> Any:
         """
         Reliable subscription; without a callback it is polled (`gdmp_ros.ros.polling`).
 
         :param raw: receive serialised messages
+        :param latched: receive the last messages from before too (transient local)
         """
+        quality = reliable(depth)
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         made = self.create_subscription(
-            kind, topic, callback or (lambda _: None), reliable(depth),
+            kind, topic, callback or (lambda _: None), quality,
             callback_group=None if callback else PolledGroup(),
             qos_overriding_options=OVERRIDABLE(), raw=raw)
         self._owned.append((self.destroy_subscription, made))

@@ -5,12 +5,13 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from gdmp_msgs.msg import Reference, RobotState, Tube
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance
+from gdmp_msgs.msg import JointReference, Reference, RobotState, Tube
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance, Transform
 from nav_msgs.msg import Path
 import numpy as np
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
+from gdmp_ros.control.joint_target import joints_of
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference_check import Origin, QUATERNION_TOLERANCE
 from gdmp_ros.control.target import (
@@ -18,7 +19,6 @@ from gdmp_ros.control.target import (
     DAMPING_RATIO,
     POSE,
     STIFFNESS,
-    TARGET_SIZE,
     TWIST,
     whole_target,
     WRENCH,
@@ -67,24 +67,8 @@ def origin_of(message: Reference, age: float) -> Origin:
     return Origin(message.header.frame_id, age, message.sequence, message.mode)
 
 
-def reference_target(message: Reference) -> np.ndarray:
-    """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
-    target = np.empty(TARGET_SIZE)
-    target[POSE:TWIST] = message_numbers.pose_numbers(message.pose)
-    target[TWIST:ACCELERATION] = message_numbers.vector_numbers(message.twist.linear,
-                                                                message.twist.angular)
-    target[ACCELERATION:STIFFNESS] = message_numbers.vector_numbers(message.acceleration.linear,
-                                                                    message.acceleration.angular)
-    target[STIFFNESS:DAMPING_RATIO] = message.stiffness
-    target[DAMPING_RATIO] = message.damping_ratio
-    target[WRENCH:WRENCH_GAIN] = message_numbers.vector_numbers(message.wrench.force,
-                                                                message.wrench.torque)
-    target[WRENCH_GAIN:] = message.wrench_gain
-    return target
-
-
 def fill_reference(message: Reference, numbers: np.ndarray) -> None:
-    """Write the numbers of a target to a reference (the inverse of `reference_target`)."""
+    """Write the numbers of a target to a reference (see `message_numbers.reference_target`)."""
     numbers = whole_target(numbers)
     set_pose(message.pose, numbers[POSE:])
     set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])
@@ -96,16 +80,34 @@ def fill_reference(message: Reference, numbers: np.ndarray) -> None:
     message.wrench_gain = numbers[WRENCH_GAIN:]
 
 
+def fill_joint_reference(message: Any, numbers: np.ndarray) -> None:
+    """Write a target of the joints (`gdmp_ros.control.joint_target`) to a reference."""
+    n = joints_of(numbers)
+    message.joints = [_joint_reference(numbers)]
+    message.damping_ratio = float(numbers[3 * n])
+
+
+def _joint_reference(numbers: np.ndarray) -> JointReference:
+    n = joints_of(numbers)
+    return JointReference(**{name: numbers[k * n:(k + 1) * n].tolist()
+                             for k, name in enumerate(('position', 'velocity', 'stiffness'))})
+
+
 def robot_state_numbers(tick: Tick) -> np.ndarray:
     """Numbers of a tick as `fill_robot_state` takes them."""
     measured = tick.measurement
     return np.concatenate([measured.pose, tick.twist, tick.wrench, tick.stiffness, tick.requested,
                            [tick.spring, tick.tank], tick.commanded, tick.violation, _UNUSED,
-                           measured.position, measured.velocity, tick.torque])
+                           measured.position, measured.velocity, tick.torque,
+                           () if tick.joints is None else tick.joints[:-1]])
 
 
-def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
-    """Write the numbers of a tick (`robot_state_numbers`)."""
+def fill_robot_state(message: RobotState, numbers: np.ndarray, rows: int = 3) -> None:
+    """
+    Write the numbers of a tick (`robot_state_numbers`).
+
+    :param rows: of numbers for each joint: 3, or 6 with a reference of the joints
+    """
     set_pose(message.pose, numbers)
     set_vectors(message.twist.linear, message.twist.angular, numbers[7:13])
     set_vectors(message.wrench.force, message.wrench.torque, numbers[13:19])
@@ -114,8 +116,12 @@ def fill_robot_state(message: RobotState, numbers: np.ndarray) -> None:
     set_vectors(message.commanded_wrench.force, message.commanded_wrench.torque, numbers[93:99])
     message.limited = numbers[99:99 + STATE_LIMITS]
     message.limited_more = numbers[99 + STATE_LIMITS:ROBOT_STATE_FIXED]
-    joints = numbers[ROBOT_STATE_FIXED:].reshape(3, -1)
-    message.position, message.velocity, message.torque = (list(row) for row in joints)
+    fields = ('position', 'velocity', 'torque')
+    joints = numbers[ROBOT_STATE_FIXED:].reshape(rows, -1)
+    for name, row in zip(fields, joints):
+        setattr(message, name, list(row))
+    if rows > len(fields):
+        message.joint_reference = [_joint_reference(np.append(joints[len(fields):], 0.0))]
 
 
 def matrix_message(size: int) -> Float64MultiArray:
@@ -165,7 +171,35 @@ def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
     """
     if message.header.frame_id != frame:
         raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
-    numbers = pose_numbers(message.pose)
+    return checked_numbers(message.pose)
+
+
+def checked_numbers(pose: Pose) -> np.ndarray:
+    """
+    (x, y, z, qw, qx, qy, qz) of a pose, normalised.
+
+    :raises ManifoldError: if a number is not finite, or the quaternion not unit
+    """
+    return _normalized(pose_numbers(pose))
+
+
+def transform_numbers(transform: Transform) -> np.ndarray:
+    """
+    (x, y, z, qw, qx, qy, qz) of a transform, normalised.
+
+    :raises ManifoldError: if a number is not finite, or the quaternion not unit
+    """
+    p, q = transform.translation, transform.rotation
+    return _normalized(np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z]))
+
+
+def set_transform(transform: Transform, numbers: np.ndarray) -> None:
+    """Write (x, y, z, qw, qx, qy, qz) to a transform."""
+    p, q = transform.translation, transform.rotation
+    p.x, p.y, p.z, q.w, q.x, q.y, q.z = (float(v) for v in numbers[:7])
+
+
+def _normalized(numbers: np.ndarray) -> np.ndarray:
     if not np.isfinite(numbers).all():
         raise ManifoldError('pose has a NaN or infinite number')
     norm = float(np.linalg.norm(numbers[3:]))

@@ -23,6 +23,9 @@ Settings = TypeVar('Settings')
 CHANGES = {'configure': 'read-only while the node is configured', 'live': 'changes at once',
            'motion': 'changes with the next motion'}
 
+#: Parameters of every node that are read when it is configured.
+WITH_CONFIGURE = frozenset({'use_sim_time'})
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -213,13 +216,7 @@ class Parameters:
         if refused:
             return SetParametersResult(successful=False, reason=refused)
         for change in changes:
-            spec = self._specs.get(change.name)
-            if spec is None:
-                continue
-            problem = spec.problem(change.value)
-            if problem is None and self.locked and spec.changes == 'configure':
-                problem = (f'{change.name} cannot change while the node is configured: clean it '
-                           'up, set it, and configure it again')
+            problem = self._problem(change)
             if problem:
                 return SetParametersResult(successful=False, reason=problem)
         if self.locked:
@@ -228,6 +225,24 @@ class Parameters:
             except GdmpError as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _problem(self, change: Parameter) -> str | None:
+        spec = self._specs.get(change.name)
+        if spec is None and change.name not in WITH_CONFIGURE:
+            return None
+        problem = None if spec is None else spec.problem(change.value)
+        fixed = spec is None or spec.changes == 'configure'
+        # Files that `ros2 param dump` wrote contain every parameter: equal values are accepted.
+        if problem is None and self.locked and fixed and not self._is_present(change):
+            problem = (f'{change.name} cannot change while the node is configured: clean it up, '
+                       'set it, and configure it again')
+        return problem
+
+    def _is_present(self, change: Parameter) -> bool:
+        present = self._node.get_parameter(change.name).value
+        if hasattr(present, '__len__') and not isinstance(present, str):
+            return list(present) == list(change.value)
+        return bool(present == change.value)
 
     def _after(self, changes: Sequence[Parameter]) -> None:
         if self.locked and any(change.name in self._specs for change in changes):

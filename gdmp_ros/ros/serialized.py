@@ -40,14 +40,19 @@ def deserialized(data: Buffer, kind: Any) -> Any:
 
 class PoseReader:
     """
-    Reads serialised PoseStamped messages of one frame.
+    Reads serialised PoseStamped messages of one frame, quickly, and those of others.
 
     It takes a tenth of the time of `checked_pose` with deserialisation.
     """
 
-    def __init__(self, frame: str):
-        """:param frame: ``frame_id`` that the poses must have"""
-        self._frame = frame
+    def __init__(self, frame: str, other: Callable[[PoseStamped], np.ndarray] | None = None):
+        """
+        Prepare.
+
+        :param frame: ``frame_id`` that the poses have
+        :param other: gives the pose of a message with another one; by default it is refused
+        """
+        self._other = other or (lambda message: checked_pose(message, frame))
         message = PoseStamped()
         message.header.frame_id = frame
         data = serialize_message(message)
@@ -59,7 +64,7 @@ class PoseReader:
         """
         (x, y, z, qw, qx, qy, qz), normalised.
 
-        :raises GdmpError: as `checked_pose` and `deserialized`
+        :raises GdmpError: as `checked_pose`, `deserialized` and ``other``
         """
         if (len(data) >= self._size and data[:_HEADER] == self._begin
                 and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
@@ -67,8 +72,7 @@ class PoseReader:
             norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
             if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
                 return np.array([x, y, z, qw / norm, qx / norm, qy / norm, qz / norm])
-        # Names the reason.
-        return checked_pose(deserialized(data, PoseStamped), self._frame)
+        return self._other(deserialized(data, PoseStamped))
 
 
 class SerializedTemplate:

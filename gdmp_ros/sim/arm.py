@@ -1,8 +1,9 @@
 """A torque-controlled arm in MuJoCo: the built-in Panda, or any other MJCF."""
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
@@ -17,6 +18,8 @@ from gdmp_ros.sim.plant import Actuation, change, PlantSettings
 from gdmp_ros.sim.tool import Mount, ToolTransform
 
 PANDA = BUILT_IN['panda']
+#: Adds something to a model.
+Extra: TypeAlias = Callable[[mujoco.MjSpec], None]
 #: Speed limit of the joints of a model without one [rad/s].
 JOINT_SPEED = 2.175
 #: Warnings after which MuJoCo resets its state or ignores the torques.
@@ -33,7 +36,8 @@ class Arm:
     """
 
     def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
-                 hand: bool = True, plant: PlantSettings | None = None):
+                 hand: bool = True, plant: PlantSettings | None = None,
+                 extras: Sequence[Extra] = ()):
         """
         Load a model.
 
@@ -43,24 +47,24 @@ class Arm:
         :param hand: False removes the body ``hand`` with the tool from the model
         :param plant: how the simulated robot, `model`, differs from the model with which it is
             controlled
+        :param extras: add to the simulated robot what the controller does not know: a gripper
+            (`gdmp_ros.sim.gripper`), objects (`gdmp_ros.sim.scenes`)
         :raises DataError: if the file cannot be loaded, or has no such site or no motors
         """
         source: Any = path or PANDA
         known, site = _compiled(source, tool, hand)
         self._plant = plant or PlantSettings()
-        self.model, self._site = known, site
-        if plant is not None:
-            self.model, self._site = _compiled(plant.model or source, tool, hand)
-            if self.model.nv != known.nv:
-                raise DataError(f'{plant.model}: the robot has {self.model.nv} joints, its model '
-                                f'{known.nv}')
-            change(self.model, self._site, plant)
+        self.model, self._site, self._n = known, site, known.nv
+        shared = plant is None and not extras
+        if not shared:
+            self.model, self._site = _compiled(self._plant.model or source, tool, hand, extras)
+            _check_joints(self.model, known, self._plant.model or str(source))
+            change(self.model, self._site, self._n, self._plant)
         self._random = np.random.default_rng(0)
         self._body = int(self.model.site_bodyid[self._site])
         self._mount = Mount(self.model, self._site)
         self.data = mujoco.MjData(self.model)
-        self.known = KnownModel(known, self.data if plant is None else mujoco.MjData(known),
-                                 site, plant is None)
+        self.known = KnownModel(known, self.data if shared else mujoco.MjData(known), site, shared)
         self._elsewhere: mujoco.MjData | None = None
         self._actuation = Actuation(self._plant.delay, self.period)
         self.names = [known.joint(i).name for i in range(known.njnt)]
@@ -106,9 +110,9 @@ class Arm:
     def reset(self, position: np.ndarray | None = None) -> None:
         """Put the arm at rest at ``position`` [rad], by default at the model's first keyframe."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = self.home if position is None else position
+        self.data.qpos[:self._n] = self.home if position is None else position
         mujoco.mj_forward(self.model, self.data)
-        self._actuation.reset(self.data.qfrc_bias)
+        self._actuation.reset(self.data.qfrc_bias[:self._n])
         self._random = np.random.default_rng(0)
 
     def announce(self, payload: Payload) -> None:
@@ -128,15 +132,17 @@ class Arm:
     def measure(self) -> Measurement:
         """Read the present state; the arrays are valid until the next call."""
         known, plant, true = self.known, self._plant, self.data
-        position, velocity = true.qpos.copy(), true.qvel.copy()
+        n = self._n
+        position, velocity = true.qpos[:n].copy(), true.qvel[:n].copy()
         if not known.shared:
-            noise = self._random.standard_normal((2, self.model.nv))
+            noise = self._random.standard_normal((2, n))
             position += plant.position_noise * noise[0]
             velocity += plant.velocity_noise * noise[1]
         known.look(position, velocity, self.period)
         # Everything that is not passive, bias or motor torque is external.
-        external = true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
-        return known.measurement(position, velocity, true.qfrc_constraint + external)
+        external = (true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
+                    + true.qfrc_constraint)
+        return known.measurement(position, velocity, external[:n])
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """
@@ -153,7 +159,7 @@ class Arm:
 
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period under joint torques [Nm]."""
-        self.data.ctrl[:] = self._actuation.through(torque)
+        self.data.ctrl[:self._n] = self._actuation.through(torque)
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step1(self.model, self.data)
         if self.data.warning.number[_BROKEN].any():
@@ -177,19 +183,34 @@ class Arm:
         return pose
 
 
-def _compiled(source: Any, tool: str, hand: bool) -> tuple[mujoco.MjModel, int]:
+def _check_joints(robot: mujoco.MjModel, known: mujoco.MjModel, name: str) -> None:
+    """:raises DataError: unless the first joints of a robot are those of its model"""
+    if robot.nv < known.nv or robot.nu < known.nu or (robot.jnt_type[:known.njnt]
+                                                      != known.jnt_type).any():
+        raise DataError(f'{name}: the robot has {robot.nv} joints, its model {known.nv}')
+
+
+def _compiled(source: Any, tool: str, hand: bool,
+              extras: Sequence[Extra] = ()
+              ) -> tuple[mujoco.MjModel, int]:
     """
     Model with a torque motor for each joint, and the id of its tool site.
 
     :param source: see `Arm`
+    :param extras: see `Arm`; a model with some has no keyframes
     :raises DataError: as `Arm`
     """
     try:
         spec = source if isinstance(source, mujoco.MjSpec) else load(str(source))
+        spec = spec.copy() if extras else spec
         if not hand and spec.body('hand') is not None:
             spec.delete(spec.body('hand'))
         if spec.site(tool) is not None:
             make_torque_controlled(spec, tool)
+        for key in list(spec.keys) if extras else ():
+            spec.delete(key)  # it has no numbers for what is added
+        for add in extras:
+            add(spec)
         model = spec.compile()
     except DataError:
         raise
@@ -199,7 +220,7 @@ def _compiled(source: Any, tool: str, hand: bool) -> tuple[mujoco.MjModel, int]:
     if site < 0:
         names = [model.site(i).name for i in range(model.nsite)]
         raise DataError(f'{source}: no site {tool!r}, the model has {names}')
-    if model.nu == 0 or model.nu != model.nv:
+    if model.nu == 0 or (model.nu != model.nv and not extras):
         raise DataError(f'{source}: {model.nu} motors for {model.nv} degrees of freedom, expected '
                         'one torque motor for each')
     return model, site

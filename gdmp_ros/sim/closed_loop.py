@@ -15,6 +15,7 @@ from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.hand import Hand
 from gdmp_ros.sim.tool import ToolTransform
 
@@ -24,11 +25,13 @@ class ClosedLoop(ArmControl):
     A simulated arm and its impedance controller.
 
     :ivar hand: the hand that pulls the tool, if any
+    :ivar gripper: of the arm, if it has one
     """
 
-    def __init__(self, arm: Arm, settings: ControllerSettings | None = None):
+    def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
+                 gripper: SimulatedGripper | None = None):
         super().__init__(arm.limits, arm.friction, settings)
-        self.arm = arm
+        self.arm, self.gripper = arm, gripper
         self.hand: Hand | None = None
         self.reset()
 
@@ -36,8 +39,15 @@ class ClosedLoop(ArmControl):
         """Hold the arm at rest at ``position`` [rad], by default at its first keyframe."""
         self.hand = None
         self.arm.reset(position)
+        if self.gripper is not None:
+            self.gripper.reset()
         self.arm.push(np.zeros(6))
         self.hold(self.arm.measure())
+
+    @property
+    def fingers(self) -> np.ndarray:
+        """Positions of the fingers of the gripper [m]; empty without one."""
+        return np.empty(0) if self.gripper is None else self.gripper.positions
 
     def put_tool(self, tool: ToolTransform) -> None:
         """
@@ -56,6 +66,8 @@ class ClosedLoop(ArmControl):
         if self.hand is not None:
             self.arm.push(self.hand.wrench(measured))
         result = self.compute(measured, self.arm.period)
+        if self.gripper is not None:
+            self.gripper.advance(self.arm.period)
         self.arm.step(result.torque)
         return result
 

@@ -10,8 +10,8 @@ from gdmp_ros.control.target import POSE
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.sim.arm import Arm
 
@@ -22,6 +23,7 @@ class Reach:
 
     def __init__(self, arm: Arm, tool: str = 'tcp'):
         """:param tool: name of the site that is to reach"""
+        self._arm = arm
         self._model, self._data = arm.model, mujoco.MjData(arm.model)
         self._site = arm.model.site(tool).id
         finite = np.isfinite(arm.limits.lower) & np.isfinite(arm.limits.upper)
@@ -36,18 +38,46 @@ class Reach:
 
         :param pose: (x, y, z, qw, qx, qy, qz) of the tool in the base frame
         """
+        return self._reached(pose, self._first)[1]
+
+    def problem_of_joints(self, position: np.ndarray) -> str:
+        """Why positions are not within the limits of the joints; empty if they are [rad]."""
+        try:
+            self._arm.limits.check(position)
+        except ParameterError as error:
+            return str(error)
+        return ''
+
+    def posture(self, pose: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """
+        Positions of the joints with which the tool is at a pose [rad].
+
+        :param near: where the search begins: of several postures one near to it is found first
+        :raises ManifoldError: if the arm does not reach it
+        """
+        found, problem = self._reached(pose, near)
+        if problem:
+            raise ManifoldError(problem)
+        return found
+
+    def pose_at(self, position: np.ndarray) -> np.ndarray:
+        """Pose of the tool (x, y, z, qw, qx, qy, qz) at positions of the joints [rad]."""
+        return self._arm.pose_at(position)
+
+    def _reached(self, pose: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, str]:
+        """The first posture that reaches a pose, and why there is none."""
         best, random = (np.inf, np.inf), np.random.default_rng(0)
         for start in range(STARTS):
-            q = (self._first if start == 0
-                 else random.uniform(self._lower, self._upper)).copy()
-            best = min(best, self._search(q, pose), key=lambda one: one[0] + 0.3 * one[1])
+            q, *away = self._search(
+                (first if start == 0 else random.uniform(self._lower, self._upper)).copy(), pose)
+            best = min(best, (away[0], away[1]), key=lambda one: one[0] + 0.3 * one[1])
             if best[0] <= REACHED_M and best[1] <= REACHED_RAD:
-                return ''
-        return (f'within its joint limits the arm comes within {1e3 * best[0]:.0f} mm and '
-                f'{best[1]:.2f} rad of ({pose[0]:.3f}, {pose[1]:.3f}, {pose[2]:.3f}) m')
+                return q, ''
+        return first, (f'within its joint limits the arm comes within {1e3 * best[0]:.0f} mm and '
+                       f'{best[1]:.2f} rad of ({pose[0]:.3f}, {pose[1]:.3f}, {pose[2]:.3f}) m')
 
-    def _search(self, q: np.ndarray, pose: np.ndarray) -> tuple[float, float]:
-        """Improve a posture; remaining distance and angle."""
+    def _search(self, q: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Improve a posture; the last one that was tried, and its distance and angle."""
         model, data, n = self._model, self._data, len(q)
         jacobian, error, measured = np.zeros((6, n)), np.zeros(6), np.empty(7)
         for _ in range(STEPS):
@@ -66,7 +96,7 @@ class Reach:
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
             step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-12))
             q = np.where(self._limited, np.clip(q + step, self._lower, self._upper), q + step)
-        return (float(np.linalg.norm(error[:3])),
+        return (data.qpos.copy(), float(np.linalg.norm(error[:3])),
                 float(rotation_angles(measured[3:], pose[3:])))
 
     @staticmethod

@@ -91,13 +91,34 @@ def boxes(where: list[Box]) -> mujoco.MjSpec:
     Panda.
     """
     spec = mujoco.MjSpec.from_file(str(PANDA))
+    _add_boxes(spec, where)
+    return spec
+
+
+def _add_boxes(spec: mujoco.MjSpec, where: list[Box]) -> None:
     for number, box in enumerate(where, 1):
         body = spec.worldbody.add_body(name=f'box{number}', pos=[*box.centre, 0.0])
         shade = [0.55 + 0.12 * number, 0.62, 0.75 - 0.1 * number, 0.55]
         body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
                       pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
         _walls(body, box.half, box.height, shade, f'box{number}')
-    return spec
+
+
+#: Boxes to pick from and to place in, edge of the cube [m] and its mass [kg].
+PICK = Box((0.45, -0.22), (0.09, 0.09), 0.06)
+PLACE = Box((0.45, 0.22), (0.09, 0.09), 0.06)
+CUBE_EDGE, CUBE_MASS = 0.04, 0.1
+
+
+def pick_and_place(spec: mujoco.MjSpec) -> None:
+    """Add two open boxes, and a body ``cube`` in the first of them."""
+    _add_boxes(spec, [PICK, PLACE])
+    half = 0.5 * CUBE_EDGE
+    cube = spec.worldbody.add_body(name='cube', pos=[*PICK.centre, _THIN * 2.0 + half])
+    cube.add_freejoint()
+    # It collides with the arm and with what is solid.
+    cube.add_geom(name='cube', type=_BOX, size=[half] * 3, mass=CUBE_MASS, rgba=_GREEN,
+                  contype=3, conaffinity=3, friction=[1.5, 0.05, 1e-3], condim=4)
 
 
 def hard_table(below: float) -> mujoco.MjSpec:
@@ -120,3 +141,7 @@ def contact_count(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> in
     ids = np.array([i for i in range(model.ngeom) if model.geom(i).name.startswith(prefix)])
     pairs = data.contact.geom[:data.ncon]
     return int(np.isin(pairs, ids).any(axis=1).sum()) if data.ncon else 0
+
+
+#: Objects that `gdmp_ros.sim.arm.Arm` may add to the built-in arms.
+SCENES = {'pick_and_place': pick_and_place}

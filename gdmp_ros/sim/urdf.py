@@ -16,6 +16,8 @@ _KINDS = {int(_GEOM.mjGEOM_SPHERE): 'sphere', int(_GEOM.mjGEOM_BOX): 'box',
           int(_GEOM.mjGEOM_CYLINDER): 'cylinder', int(_GEOM.mjGEOM_CAPSULE): 'capsule'}
 #: MuJoCo's viewer shows the geom groups below this number by default.
 _SHOWN_GROUPS = 3
+#: Speed limit of a finger of a gripper [m/s].
+FINGER_SPEED = 0.2
 
 
 class Shape(NamedTuple):
@@ -127,6 +129,51 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
 
 
+class LinkFrames:
+    """
+    Frames of the links that `urdf` describes, each in its parent.
+
+    :ivar fixed: parent, child and pose (x, y, z, qw, qx, qy, qz) of links that cannot move
+    :ivar moving: parent and child of the others
+    """
+
+    def __init__(self, arm: Arm, frame: str):
+        """See `urdf`."""
+        model, links = arm.model, _links(arm, frame)
+        self.fixed: list[tuple[str, str, np.ndarray]] = []
+        self.moving: list[tuple[str, str]] = []
+        self._joints: list[tuple[np.ndarray, np.ndarray, int, bool]] = []
+        for i, name in links.bodies.items():
+            parent = links.bodies.get(int(model.body_parentid[i]))
+            if i == 0 or parent is None:
+                continue
+            pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
+            if model.body_jntnum[i] == 0:
+                self.fixed.append((parent, name, pose))
+                continue
+            joint = int(model.body_jntadr[i])
+            self.moving.append((parent, name))
+            self._joints.append((pose, model.jnt_axis[joint].copy(),
+                                 int(model.jnt_qposadr[joint]),
+                                 int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)))
+        for s, name in links.sites.items():
+            site = model.site(s)
+            self.fixed.append((links.bodies[int(model.site_bodyid[s])], name,
+                               np.concatenate([site.pos, site.quat])))
+
+    def at(self, position: np.ndarray) -> list[np.ndarray]:
+        """Poses of `moving` at joint positions [rad, m]."""
+        result = []
+        for pose, axis, number, slides in self._joints:
+            step = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+            if slides:
+                step[:3] = position[number] * axis
+            else:
+                mujoco.mju_axisAngle2Quat(step[3:], axis, position[number])
+            result.append(_compose(pose, step))
+        return result
+
+
 class _Links(NamedTuple):
     """Names of the links by id of their body (0: the world, if it is a link) or site."""
 
@@ -188,8 +235,10 @@ def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: s
     _origin(element, pose)
     ET.SubElement(element, 'axis', xyz=_words(model.jnt_axis[j]))
     dof = int(model.jnt_dofadr[j])
-    limit = {'effort': f'{arm.limits.torque[dof]:.6g}',
-             'velocity': f'{arm.limits.fastest(speed)[dof]:.6g}'}
+    torque, fastest = arm.limits.torque, arm.limits.fastest(speed)
+    own = dof < len(torque)  # otherwise a finger, with the limits of its motor
+    limit = {'effort': f'{torque[dof] if own else model.actuator_ctrlrange[dof, 1]:.6g}',
+             'velocity': f'{fastest[dof] if own else FINGER_SPEED:.6g}'}
     if limited:
         limit |= {'lower': repr(float(model.jnt_range[j, 0])),
                   'upper': repr(float(model.jnt_range[j, 1]))}

@@ -29,6 +29,14 @@ def potential(pose, target, clips=(0.1, 0.5), largest=(60.0, 15.0)):
     return total
 
 
+def joint_potential(position, target, clip=0.2):
+    """Energy of the springs of the joints: quadratic, and beyond the clip linear in the error."""
+    n = len(position)
+    error = np.abs(target[:n] - position)
+    return float(np.sum(target[2 * n:3 * n] * np.where(
+        error <= clip, 0.5 * error ** 2, clip * error - 0.5 * clip ** 2)))
+
+
 class Audit:
     """The content of the tank from what was seen of the robot."""
 
@@ -40,10 +48,13 @@ class Audit:
         """Let the loop tick, and account for the tick before."""
         arm, loop = self.loop.arm, self.loop
         pose, velocity = self._pose(), arm.data.qvel.copy()
+        position = arm.data.qpos.copy()
         mujoco.mj_energyPos(arm.model, arm.data)
         gravity = float(arm.data.energy[0])
         result = loop.tick()
-        level = gravity - potential(pose, loop.controller.reference)
+        reference = loop.controller.reference
+        level = gravity - (potential(pose, reference) if len(reference) > 3 * len(position) + 1
+                           else joint_potential(position, reference))
         if self._first is None:
             self._first = level
         self.content.append(self.content[0] - self._work + level - self._first)

@@ -286,7 +286,7 @@ def topic_goal_pose() -> Entrance:
     """``~/goal_pose`` while a skill is executed."""
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal_pose(data)
+        server.take_goal('goal_pose', data)
     return _serialised([_pose(), _pose('world')], use)
 
 
@@ -296,7 +296,7 @@ def topic_moving_goal() -> Entrance:
 
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_moving_goal(data)
+        server.take_goal('moving_goal', data)
     message = MovingGoal(header=_pose().header, pose=_pose().pose)
     message.twist.linear.y = 0.1
     return _serialised([message], use)
@@ -306,14 +306,14 @@ def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal_stiffness(data)
+        server.take_goal('goal_stiffness', data)
     return _serialised([_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], use)
 
 
 def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
     def use(server: Any, data: bytes) -> None:
-        pose = server.read_measured(data)
+        pose = server.inputs.read_pose(data)
         if pose is not None and server.streamer.player is not None:
             server.streamer.player.observe(pose)
     return _serialised([_pose()], use)

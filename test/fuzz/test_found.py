@@ -77,7 +77,7 @@ def test_a_torque_that_cannot_be_computed_is_never_sent():
     loop = ClosedLoop(Arm())
     for _ in range(50):
         loop.tick()
-    loop.controller._reference[:6] = np.nan
+    loop.controller._tool_law.reference[:6] = np.nan
     tick = loop.tick()
     assert np.isfinite(tick.torque).all() and tick.violation[limits.TORQUE] == np.inf
     assert np.isfinite(loop.tick().tank)

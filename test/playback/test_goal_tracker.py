@@ -7,8 +7,8 @@ from gdmp_ros.data.recordings import tool_manifold
 from gdmp_ros.experiments.timing import demonstration
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, TIME_OUT
 from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
-from gdmp_ros.playback.tool_skill import PlayerSettings
 
 POSE = np.array([0.4, -0.3, 0.3, 0.0, 1.0, 0.0, 0.0])
 BELT = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.2])
@@ -81,9 +81,9 @@ def test_the_reference_follows_a_goal_on_a_belt(given, rng):
             twist = np.concatenate([BELT[:3], np.zeros(3)])
             goal = tracker.update(moved, arrival, now)
             if not given:
-                player.goal_pose(goal.pose, goal.twist)
+                player.go_to(goal.pose, goal.twist)
             elif tick < 100:
-                player.goal_pose(moved_on(moved, twist, now - arrival), twist)
+                player.go_to(moved_on(moved, twist, now - arrival), twist)
         target = player.tick(1e-3)
         accelerations.append(target[13:16].copy())
         if 5.5 < now < 8.0:

@@ -18,9 +18,10 @@ from gdmp_ros import (
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.prediction import predicted_poses
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.prediction import prediction
 from gdmp_ros.playback.requests import MAX_WAITING
-from gdmp_ros.playback.tool_skill import PlayerSettings, ToolSkill
+from gdmp_ros.playback.tool_skill import ToolSkill
 
 SETTINGS = PlayerSettings()
 DT = 1e-3
@@ -101,7 +102,7 @@ def test_what_is_asked_on_the_way_to_the_robot_is_done(player, skill, after):
     run(player, 3)
     player.start(robot)
     run(player, after)
-    player.goal_pose(goal)
+    player.go_to(goal)
     run(player, 1500)
     np.testing.assert_allclose(player.goal, goal)
     player.hold(pose_of(skill))
@@ -150,7 +151,7 @@ def test_goals_switch_pose_and_stiffness_each_on_its_own(player, skill):
     run(player, 1000)
     goal = skill.goal[:7].copy()
     goal[:3] += [0.0, -0.1, 0.05]
-    player.goal_pose(goal)
+    player.go_to(goal)
     run(player, 500)
     player.goal_stiffness(player.tool.stiffness_factor(np.diag([300.0, 500, 350]).reshape(-1)))
     rows = run(player, 9000)
@@ -160,7 +161,7 @@ def test_goals_switch_pose_and_stiffness_each_on_its_own(player, skill):
                                atol=0.5)
     # Past the end it goes on following.
     goal[2] += 0.1
-    player.goal_pose(goal)
+    player.go_to(goal)
     after = run(player, 6000)
     np.testing.assert_allclose(after[-1, :3], goal[:3], atol=1e-4)
 
@@ -234,12 +235,12 @@ def test_a_refused_goal_is_counted_and_the_motion_continues(player, skill):
         run(one, 100)
     goal = skill.goal[:7].copy()
     goal[3:] *= 2.0
-    player.goal_pose(goal)
+    player.go_to(goal)
     np.testing.assert_array_equal(run(player, 50), run(undisturbed, 50))
     assert player.refusals.count == 1 and 'norm is 2' in player.refusals.last
     # A quarter of S³ away from the old one is possible.
     goal[3:] = 0.5 * np.roll(goal[3:], 1) * [1, -1, 1, -1]
-    player.goal_pose(goal)
+    player.go_to(goal)
     run(player, 10)
     assert player.refusals.count == 1
     np.testing.assert_allclose(player.goal, goal)
@@ -298,7 +299,7 @@ def test_a_prediction_gives_the_path_to_the_goal_and_changes_nothing(skill):
     watched.request_copy()
     assert watched.taken_copy() is None  # a copy is made in the tick
     row, same = run(watched, 1)[0], run(alone, 1)[0]
-    path = predicted_poses(watched.taken_copy(), 40)
+    path = prediction(watched.taken_copy(), 40)[0][:, :7]
     np.testing.assert_allclose(path[0], row[:7], atol=1e-3)
     assert 20 < len(path) < 100
     assert np.linalg.norm(path[-1, :3] - skill.goal[:3]) < 1e-3
@@ -308,11 +309,11 @@ def test_a_prediction_gives_the_path_to_the_goal_and_changes_nothing(skill):
     # After a switch the path leads to the new goal, which comes slowly.
     goal = skill.goal[:7].copy()
     goal[:3] += [0.05, -0.05, 0.02]
-    watched.goal_pose(goal)
+    watched.go_to(goal)
     watched.request_copy()
     run(watched, 1)
     np.testing.assert_allclose(watched.goal, goal)
-    path = predicted_poses(watched.taken_copy(), 40)
+    path = prediction(watched.taken_copy(), 40)[0][:, :7]
     np.testing.assert_allclose(path[-1, :3], goal[:3], atol=1e-3)
 
 
@@ -324,7 +325,7 @@ def test_a_paused_motion_can_be_predicted(skill):
     run(player, 1000)
     player.request_copy()
     run(player, 1)
-    assert np.linalg.norm(predicted_poses(player.taken_copy(), 40)[-1, :3] - skill.goal[:3]) < 1e-3
+    assert np.linalg.norm(prediction(player.taken_copy(), 40)[0][-1, :3] - skill.goal[:3]) < 1e-3
     assert player.status == 'paused'
 
 
@@ -339,7 +340,7 @@ def test_a_prediction_with_phase_stopping_reaches_the_goal(skill):
     assert player.rollout.speed < 0.5
     player.request_copy()
     player.tick(DT)
-    assert np.linalg.norm(predicted_poses(player.taken_copy(), 40)[-1, :3] - skill.goal[:3]) < 1e-3
+    assert np.linalg.norm(prediction(player.taken_copy(), 40)[0][-1, :3] - skill.goal[:3]) < 1e-3
 
 
 # Requests that come between two ticks are carried out in order by the next one.
@@ -394,7 +395,7 @@ def test_requests_do_not_touch_the_motion_before_the_next_tick(player, skill):
     before = player.rollout.memory.copy()
     player.set_speed(0.5)
     player.pause(True)
-    player.goal_pose(skill.start[:7].copy())
+    player.go_to(skill.start[:7].copy())
     player.stop()
     np.testing.assert_array_equal(player.rollout.memory, before)
     run(player, 1)
@@ -407,7 +408,7 @@ def test_the_newest_of_several_goals_is_followed(player, skill):
     for offset in (0.3, -0.2, 0.05):
         goal = skill.goal[:7].copy()
         goal[1] += offset
-        player.goal_pose(goal)
+        player.go_to(goal)
     run(player, 1)
     np.testing.assert_allclose(player.goal, goal)
 
@@ -440,7 +441,7 @@ def test_requests_from_another_thread_keep_the_reference_continuous(player, skil
     for k in range(40):
         player.start(player.target[:7].copy() if player.target is not None else None)
         goal[0] += 0.01 * (-1.0) ** k
-        player.goal_pose(goal)
+        player.go_to(goal)
         player.pause(k % 2 == 0)
         player.set_speed(0.5 + 0.01 * k)
         if k % 5 == 0:

@@ -26,7 +26,7 @@ def test_a_robot_that_moves_does_not_rest_until_it_has_been_still():
     for k in range(100):
         watch.update(0.01 * k, POSE + [0.02 * 0.01 * k, 0, 0, 0, 0, 0, 0], POSE, True)
     assert not watch.rests()
-    stopped = watch.pose + [STILL_M, 0, 0, 0, 0, 0, 0]
+    stopped = watch.place + [STILL_M, 0, 0, 0, 0, 0, 0]
     seconds = next(0.01 * k for k in range(100)
                    if watch.update(1.0 + 0.01 * k, stopped, POSE, True) or watch.rests())
     assert seconds == pytest.approx(REST_S, abs=0.03)

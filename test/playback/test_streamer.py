@@ -7,9 +7,10 @@ import pytest
 
 from gdmp_ros import ParameterError, Skill
 from gdmp_ros.data import lasa
+from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
-from gdmp_ros.playback.tool_skill import PlayerSettings
 
 PERIOD_NS = 1_000_000
 
@@ -37,7 +38,7 @@ def source():
 
 
 def streamer_of(skill, source, **player_settings):
-    made = Streamer(PERIOD_NS, source, '/measured_pose', StreamSettings(),
+    made = Streamer(PERIOD_NS, MeasuredInput(source, '/measured_pose'), StreamSettings(),
                     PlayerSettings(**player_settings))
     made.use(skill, 'skill')
     made.activate(PERIOD_NS)
@@ -106,7 +107,8 @@ from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
-from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.player_settings import PlayerSettings
 
 loaded, load = [], KernelCache.load_overload
 def watched(self, *arguments):
@@ -116,7 +118,7 @@ KernelCache.load_overload = watched
 
 skill = Skill.load({path!r})
 robot = skill.start[:7].copy()
-streamer = Streamer(1_000_000, lambda: (robot.copy(), 0.0), '', StreamSettings(),
+streamer = Streamer(1_000_000, MeasuredInput(lambda: (robot.copy(), 0.0), ''), StreamSettings(),
                     PlayerSettings(phase_stopping=1.0))
 streamer.use(skill, '')
 streamer.activate(1_000_000)

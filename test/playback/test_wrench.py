@@ -7,8 +7,8 @@ from gdmp_ros.data import bags, recordings
 from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.sim.scenes import hard_table
 from gdmp_ros.util.profiles import smoothstep

@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from gdmp_ros.data.bags import BagWriter, opened
+from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.recorder.record import definition
 from gdmp_ros.ros.testbed import ARM, SERVER
@@ -164,7 +165,7 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(nodes, skill, 
             replay.tick(Clock(clock=messages.stamp_of(stamp)))
             write('/clock', stamp, replay.last)
             write(f'/{SERVER}/reference', stamp + 1, replay.references[-1], **text)
-    recorded = np.array([messages.reference_target(m) for m in replay.references])
+    recorded = np.array([reference_target(m) for m in replay.references])
     # The recorded path ends at the new goal, not at that of the skill.
     assert np.linalg.norm(recorded[-1, :3] - goal[:3]) < 0.02
 
@@ -184,6 +185,6 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(nodes, skill, 
             elif connection.topic.endswith('goal_stiffness'):
                 replay.switch(pose, message)
             else:
-                expected.append(messages.reference_target(message))
-    replayed = np.array([messages.reference_target(m) for m in replay.references])
+                expected.append(reference_target(message))
+    replayed = np.array([reference_target(m) for m in replay.references])
     np.testing.assert_allclose(replayed, expected, rtol=0.0, atol=1e-9)

@@ -87,6 +87,7 @@ def test_the_action_gives_feedback_is_preempted_and_cancels_to_a_smooth_stop(run
 
 
 def test_invalid_goals_are_refused_with_the_reason_and_the_motion_continues(running, skill):
+    assert running.set_parameters(SERVER, tf_timeout=0.1).successful
     running.client.execute()
     running.wait_progress(0.05)
     good = goal_of(skill)
@@ -94,7 +95,7 @@ def test_invalid_goals_are_refused_with_the_reason_and_the_motion_continues(runn
     nan[0], far[0] = np.nan, 5.0
     long_quaternion[3:] *= 1.1
     refused = 0
-    for pose, frame, reason in ((good, 'world', "frame 'world', expected 'panda_link0'"),
+    for pose, frame, reason in ((good, 'world', "'world' is not connected to 'panda_link0'"),
                                 (nan, FRAME, 'NaN'),
                                 (long_quaternion, FRAME, 'quaternion norm is 1.1'),
                                 (far, FRAME, 'outside the workspace -0.2 to 0.8 m')):

@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.testbed import SERVER
 from test.ros.belt import NS, where
@@ -39,7 +40,7 @@ def test_the_arm_follows_a_goal_on_a_belt(running, skill, given):
                 stamps[chosen])
 
     references, goals, stamps = selected(running.references)
-    shown = np.array([messages.reference_target(m) for m in references])
+    shown = np.array([reference_target(m) for m in references])
     assert np.linalg.norm(shown[:, :3] - goals, axis=1).max() <= 1e-3
     # Of each millisecond: a tick that is missed makes one change of two.
     milliseconds = np.maximum(np.diff(stamps) / 1e6, 1.0)[:, None]

@@ -9,7 +9,7 @@ from gdmp_ros.data import lasa
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 
@@ -115,7 +115,7 @@ def test_a_learned_letter_is_tracked_through_a_goal_switch():
         if k == 2400:
             goal = skill.goal[:7].copy()
             goal[1] -= 0.12
-            player.goal_pose(goal)
+            player.go_to(goal)
         target = player.tick(1e-3)
         assert loop.follow(target)
         tick = loop.tick()

@@ -9,7 +9,7 @@ from gdmp_ros.data import lasa
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.tool_skill import PlayerSettings
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload

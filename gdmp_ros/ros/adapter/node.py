@@ -3,24 +3,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.reference_kinds import Whereabouts
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
+from gdmp_ros.data.message_numbers import joint_positions, joint_target, reference_target
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.adapter.joint_output import JointTrajectoryOutput
+from gdmp_ros.ros.adapter.output import along_axes, Command, Output
 from gdmp_ros.ros.adapter.parameters import SPECS
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Parameters
@@ -37,51 +42,6 @@ ANYWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 REPLY_TIMEOUT_S = 1.0
 #: Relative change of an entry after which a stiffness is set by parameters again.
 CHANGED = 0.01
-
-
-class Output:
-    """One output of the adapter, with a largest rate."""
-
-    def __init__(self, rate_hz: float, send: Callable[[Command], None]):
-        self.send = send
-        self._period = 1.0 / rate_hz
-        self._next = 0.0
-
-    def due(self, now: float) -> bool:
-        """Whether to send again at a time of the monotonic clock [s]."""
-        # Half a tick of tolerance, because references arrive a little early or late.
-        if now < self._next - 0.5e-3:
-            return False
-        self._next = max(self._next + self._period, now)
-        return True
-
-
-class Command(NamedTuple):
-    """
-    A reference for other controllers.
-
-    :ivar pose: (x, y, z, qw, qx, qy, qz)
-    :ivar stiffness: 6×6 [N/m, Nm/rad]
-    :ivar stamp_ns: of the reference
-    """
-
-    pose: np.ndarray
-    stiffness: np.ndarray
-    stamp_ns: int
-
-
-def along_axes(stiffness: np.ndarray, quaternion: np.ndarray | None) -> np.ndarray:
-    """
-    Diagonal of a stiffness in the axes of the base or of the tool.
-
-    :param stiffness: 6×6, base frame
-    :param quaternion: of the tool (wxyz); None for the axes of the base
-    """
-    if quaternion is None:
-        return np.diag(stiffness).copy()
-    rotation = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
-    return np.concatenate([np.diag(rotation.T @ stiffness[:3, :3] @ rotation),
-                           np.diag(rotation.T @ stiffness[3:, 3:] @ rotation)])
 
 
 class Adapter(ManagedNode):
@@ -101,7 +61,17 @@ class Adapter(ManagedNode):
         self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None, raw=True)
         self._poses, self._robot = PoseReader(p.reference_frame), False
         self._ticks = 0
-        self.guard = ReferenceGuard(GuardSettings(p.reference_frame), ANYWHERE, 0.7)
+        self._names = [name for name in p.joint_names if name]
+        self._posture = np.empty(0)
+        self._pose_of_robot = ANYWHERE
+        self.guard = ReferenceGuard(GuardSettings(p.reference_frame), ANYWHERE, 0.7,
+                                    len(self._names))
+        if self._names:
+            self._joint_states = self.add_subscription(JointState, p.measured_joints_topic, None)
+            self._trajectory = JointTrajectoryOutput(
+                self.add_publisher(JointTrajectory, p.joint_trajectory_topic, 1), self._names,
+                p.joint_horizon)
+            self._joint_output = Output(p.joint_rate_hz, self._trajectory.send)
         self.add_service(Trigger, 'arm', self._on_arm)
         self._pending: tuple[Any, float] | None = None
         self._last: np.ndarray | None = None
@@ -158,15 +128,18 @@ class Adapter(ManagedNode):
             self.convert(message)
 
     def _read_pose(self) -> None:
-        data = take_latest(self._measured)
-        if data is None:
-            return
         try:
-            self.guard.measure(0.0, self._poses.read(data), np.zeros(6))
-            self._robot = True
+            data = take_latest(self._measured)
+            if data is not None:
+                self._pose_of_robot, self._robot = self._poses.read(data), True
+            state = take_latest(self._joint_states) if self._names else None
+            if state is not None:
+                self._posture = joint_positions(state, self._names)
+            if data is not None or state is not None:
+                self.guard.measure(0.0, Whereabouts(self._pose_of_robot, np.zeros(6),
+                                                    self._posture, np.zeros(len(self._posture))))
         except GdmpError as error:
-            self.get_logger().warning(f'measured pose refused: {error}',
-                                      throttle_duration_sec=1.0)
+            self.get_logger().warning(f'measurement refused: {error}', throttle_duration_sec=1.0)
 
     def _on_arm(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
         self.guard.arm()
@@ -178,15 +151,29 @@ class Adapter(ManagedNode):
     def convert(self, message: Reference) -> None:
         """Send a reference to the outputs, or refuse it: other controllers do not check it."""
         guard, count = self.guard, self.guard.refused
-        if not (self._robot or guard.armed):
+        if message.joints:
+            self._convert_joints(message)
+        elif not (self._robot or guard.armed):
             guard.refuse(f'no pose of the robot on {self.parameters.measured_pose_topic}, in '
                          f'{self.parameters.reference_frame}: see the parameter '
                          'measured_pose_topic, or call ~/arm')
-        elif guard.offer(messages.reference_target(message), messages.origin_of(message, 0.0)):
+        elif guard.offer(reference_target(message), messages.origin_of(message, 0.0)):
             self._send(message)
         if guard.refused > count:
             self.get_logger().warning(f'reference refused: {guard.last_refusal}',
                                       throttle_duration_sec=1.0)
+
+    def _convert_joints(self, message: Reference) -> None:
+        guard = self.guard
+        if not self._names:
+            guard.refuse('references of the joints: see the parameter joint_names')
+        elif not (len(self._posture) or guard.armed):
+            guard.refuse('no positions of the joints on '
+                         f'{self.parameters.measured_joints_topic}: see the parameter '
+                         'measured_joints_topic, or call ~/arm')
+        elif (guard.offer(joint_target(message), messages.origin_of(message, 0.0))
+              and self._joint_output.due(time.monotonic())):
+            self._joint_output.send(message.joints[0])
 
     def _send(self, message: Reference) -> None:
         now = time.monotonic()
@@ -280,7 +267,6 @@ class Adapter(ManagedNode):
             self._last = None
             self.get_logger().warning(f'{self.parameters.stiffness_node} refused the stiffness: '
                                       f'{result.reason}', throttle_duration_sec=1.0)
-
 
 
 def main(arguments: list[str] | None = None) -> int:

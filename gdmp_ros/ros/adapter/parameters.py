@@ -26,6 +26,15 @@ SPECS = (
          'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
     Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad',
          1e-3, 1e5),
+    Spec('joint_names', [''], 'joints of a controller of joint trajectories, in the order of the '
+         'references; empty: references of the joints are refused'),
+    Spec('joint_trajectory_topic', 'joint_trajectory_controller/joint_trajectory',
+         'trajectory_msgs/JointTrajectory of that controller'),
+    Spec('joint_rate_hz', 100, 'largest rate of the trajectories', 'Hz', 1, 1000),
+    Spec('joint_horizon', 0.03, 'a trajectory leads to where the joints will be after this time: '
+         'longer than the period of joint_rate_hz', 's', 0.001, 1.0),
+    Spec('measured_joints_topic', 'joint_states', 'sensor_msgs/JointState of the robot: a motion '
+         'of the joints is converted if it begins near the robot, or after ~/arm'),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
          'it; 0: never', low=-1, high=99),
 )

@@ -12,8 +12,9 @@ import numpy as np
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_motion import JointMotion
 from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.data.message_numbers import joint_target, reference_target
 from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.messages import NS, origin_of, reference_target
+from gdmp_ros.ros.messages import NS, origin_of
 from gdmp_ros.ros.polling import take
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
@@ -46,23 +47,21 @@ class ArmCommands:
         while self.requests:
             self.requests.popleft()()
 
-    def take_references(self, stamp_ns: int) -> None:
-        """Follow the references that have arrived; stamps count from ``stamp_ns``."""
+    def take_references(self, now_ns: int) -> None:
+        """Follow the references that have arrived until now."""
         # All in order: another publisher must not hide the one that is followed.
         for _ in range(MAX_REFERENCES):
             message = take(self._references)
             if message is None:
                 break
-            self.take_reference(message, stamp_ns)
+            self.take_reference(message, now_ns)
 
     def take_reference(self, message: Reference, now_ns: int) -> None:
         """Follow a reference, or refuse it."""
         guard = self.control.controller.guard
-        if message.joints:
-            guard.refuse('references of the joints are not followed')
-            return
         stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-        if guard.offer(reference_target(message), origin_of(message, (now_ns - stamp) / NS)):
+        target = joint_target(message) if message.joints else reference_target(message)
+        if guard.offer(target, origin_of(message, (now_ns - stamp) / NS)):
             self.sequence = message.sequence
 
     def position(self) -> np.ndarray:

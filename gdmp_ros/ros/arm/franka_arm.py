@@ -26,7 +26,6 @@ from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
-from gdmp_ros.sim.urdf import urdf
 
 #: Share of a cycle after which the loop waits for the next state. Before, other threads run:
 #: libfranka keeps the interpreter while it waits.
@@ -140,8 +139,8 @@ class FrankaArm(ArmNode):
         return {'commands in time': f'{loop.robot.success_rate:.3f}', 'cycles lost': loop.lost,
                 'CPU time of a cycle, 50 % and 99 % [us]': f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
 
-    def urdf(self) -> str:
-        return urdf(self._model, self.parameters.frame_id, self.parameters.joint_speed)
+    def described_arm(self) -> Arm:
+        return self._model
 
 
 def _begin(loop: FrankaLoop) -> None:

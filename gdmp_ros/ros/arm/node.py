@@ -22,8 +22,10 @@ from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters, Spec
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.urdf import LinkFrames, urdf
 
 STATUS = {ArmMode.UNKNOWN: 'starting', ArmMode.HOLD: 'holding', ArmMode.FOLLOW: 'following',
           ArmMode.GUIDED: 'waiting for a hand', ArmMode.IDENTIFY: 'identifying the friction',
@@ -215,18 +217,16 @@ class ArmNode(ManagedNode):
         return motion.what if motion is not None and not motion.done else ''
 
     def describe(self) -> None:
-        """Publish the URDF for RViz and robot_state_publisher."""
+        """Publish the URDF for RViz, and the frames of its links."""
+        arm, p = self.described_arm(), self.parameters
         try:
-            text = self.urdf()
+            text = urdf(arm, p.frame_id, p.joint_speed)
         except DataError as error:
             self.get_logger().warning(f'no robot_description: {error}')
             return
         self._description.publish(String(data=text))
+        self.state_out.tf.describe(LinkFrames(arm, p.frame_id))
 
-    def urdf(self) -> str:
-        """
-        Describe the arm.
-
-        :raises DataError: if it cannot be described
-        """
+    def described_arm(self) -> Arm:
+        """Model of the arm, with its tool."""
         raise NotImplementedError

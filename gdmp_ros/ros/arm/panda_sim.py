@@ -11,15 +11,15 @@ from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import MAX_REFERENCES
 from gdmp_ros.ros.arm.node import ArmNode
-from gdmp_ros.ros.arm.parameters import hand_settings, plant_settings, SIMULATION
+from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
 from gdmp_ros.ros.arm.simulation import Simulation
 from gdmp_ros.ros.arm.simulation_services import SimulationServices
+from gdmp_ros.ros.gripper import GripperInterface
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
 from gdmp_ros.ros.messages import NS, stamp_of
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.urdf import urdf
 from gdmp_ros.sim.viewer import Viewer
 
 #: Largest number of missed periods that are made up in one tick.
@@ -33,6 +33,7 @@ class PandaSim(ArmNode):
 
     simulation: Simulation
     _viewer: Viewer | None = None
+    _gripper: GripperInterface | None = None
 
     def __init__(self) -> None:
         super().__init__('panda_sim', SIMULATION)
@@ -40,7 +41,8 @@ class PandaSim(ArmNode):
 
     def configure(self) -> None:
         p = self.parameters
-        loop = ClosedLoop(Arm(p.model, p.tool_site, plant=plant_settings(p)), self.settings())
+        arm, gripper = simulated_arm(p)
+        loop = ClosedLoop(arm, self.settings(), gripper)
         if self.given_payload is not None:
             loop.arm.announce(self.given_payload)
         if self.given_tool is not None:
@@ -56,6 +58,8 @@ class PandaSim(ArmNode):
         self.arm_services = SimulationServices(self, self.simulation, self.is_active,
                                                self.describe)
         self.prepare(loop.arm.names, loop.arm.period)
+        if gripper is not None:
+            self._gripper = GripperInterface(self, gripper)
 
     def activate(self) -> None:
         arm = self.simulation.loop.arm
@@ -73,6 +77,12 @@ class PandaSim(ArmNode):
             self._viewer.close()
             self._viewer = None
 
+    def cleanup(self) -> None:
+        super().cleanup()
+        if self._gripper is not None:
+            self._gripper.destroy()
+            self._gripper = None
+
     def use_parameters(self) -> None:
         super().use_parameters()
         self.simulation.hand_settings = hand_settings(self.parameters)
@@ -89,13 +99,15 @@ class PandaSim(ArmNode):
         self._last = deadline_ns
         stamp = time.time_ns() - (time.monotonic_ns() - deadline_ns)
         for late in range(min(periods, MAX_CATCH_UP) - 1, -1, -1):
-            self._advance(stamp - late * self._period_ns)
+            # Not the time of the tick: a simulation that lags would call new references early.
+            self._advance(stamp - late * self._period_ns, time.time_ns())
         self._sync_viewer()
 
     def _fast_loop(self) -> None:
         arm = self.simulation.loop.arm
         while self.active:
-            if not self._advance(round(arm.time * NS)):
+            now = round(arm.time * NS)
+            if not self._advance(now, now):
                 time.sleep(0.001)
                 continue
             self._clock_out.publish(ClockMessage(clock=stamp_of(round(arm.time * NS))))
@@ -107,12 +119,18 @@ class PandaSim(ArmNode):
         if self._viewer is not None and self._ticks % VIEWER_EVERY == 0:
             self._viewer.sync()
 
-    def _advance(self, stamp_ns: int) -> bool:
-        """Make a tick and publish it; False while paused."""
-        tick = self.simulation.advance(stamp_ns)
+    def _advance(self, stamp_ns: int, now_ns: int) -> bool:
+        """
+        Make a tick and publish it; False while paused.
+
+        :param stamp_ns: time of the tick
+        :param now_ns: present time
+        """
+        tick = self.simulation.advance(now_ns)
         if tick is not None:
             self._ticks += 1
-            self.state_out.publish(tick, stamp_ns, self.simulation.sequence)
+            self.state_out.publish(tick, stamp_ns, self.simulation.sequence,
+                                   self.simulation.loop.fingers)
         return tick is not None
 
     # Reports
@@ -127,9 +145,8 @@ class PandaSim(ArmNode):
         guided = simulation.loop.hand_guided and simulation.loop.hand is not None
         return super().activity() or ('guided by hand' if guided else '')
 
-    def urdf(self) -> str:
-        p = self.parameters
-        return urdf(self.simulation.loop.arm, p.frame_id, p.joint_speed)
+    def described_arm(self) -> Arm:
+        return self.simulation.loop.arm
 
 
 def main(arguments: list[str] | None = None) -> int:

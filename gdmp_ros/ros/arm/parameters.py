@@ -15,9 +15,12 @@ from gdmp_ros.control.settings import (
 )
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
+from gdmp_ros.sim.arm import Arm, Extra
+from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
 from gdmp_ros.sim.hand import HandSettings
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings
+from gdmp_ros.sim.scenes import SCENES
 from gdmp_ros.sim.tool import ToolTransform
 
 _GUARD = {'timeout': 'reference_timeout'}
@@ -61,6 +64,10 @@ SIMULATION = (
     Spec('pace', 'wall', 'wall: simulated time passes like wall time; fast: as fast as possible, '
          'with /clock', choices=('wall', 'fast')),
     Spec('headless', True, 'without a viewer window'),
+    Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
+         'gripper/state, gripper/move'),
+    Spec('scene', '', 'objects around the arm; pick_and_place: two boxes and a cube, with a '
+         'gripper', choices=('', *SCENES)),
     *specs_of(HandSettings, names=_HAND),
     *specs_of(PlantSettings, 'configure', names=_PLANT),
 )
@@ -104,6 +111,21 @@ def plant_settings(parameters: Any) -> PlantSettings | None:
     """How the simulated robot differs from its model; None if it does not."""
     settings = settings_from(parameters, PlantSettings, _PLANT)
     return None if settings == PlantSettings() else settings
+
+
+def simulated_arm(parameters: Any) -> tuple[Arm, SimulatedGripper | None]:
+    """
+    The simulated arm, and its gripper if it has one.
+
+    :raises DataError: if the model cannot be loaded, or has no gripper
+    """
+    p, extras = parameters, list[Extra]()
+    if p.gripper or p.scene:
+        extras.append(add_gripper)
+    if p.scene:
+        extras.append(SCENES[p.scene])
+    arm = Arm(p.model, p.tool_site, plant=plant_settings(p), extras=extras)
+    return arm, SimulatedGripper(arm.model, arm.data) if extras else None
 
 
 def controller_settings(parameters: Any) -> ControllerSettings:

@@ -96,16 +96,16 @@ class Simulation(ArmCommands):
         """Ticks that are left of `request_steps`."""
         return max(0, self._last_tick - self._ticks)
 
-    def advance(self, stamp_ns: int) -> Tick | None:
+    def advance(self, now_ns: int) -> Tick | None:
         """
         Make one tick; None while paused.
 
-        :param stamp_ns: present time
+        :param now_ns: present time, of the clock of the references
         """
         self.carry_out()
         if self.paused and self.steps_left == 0:
             return None
-        self.take_references(stamp_ns)
+        self.take_references(now_ns)
         if self.loop.hand_guided:
             self._poll_hand()
         tick = self.loop.tick()

@@ -6,16 +6,17 @@ from typing import Any, NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import ServerState
+import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.robot_watch import Distance, distance
 from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.server.report import ServerReport
 
 #: Tolerances of the reference if a goal has none [m, rad].
@@ -46,10 +47,11 @@ class ExecuteAction:
     cancellation and parameters are served meanwhile.
     """
 
-    def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport, frame: str):
-        """:param frame: ``frame_id`` of goal poses"""
+    def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport,
+                 base: BaseFrame):
+        """:param base: frame of the motions; goal poses may be in others"""
         self._node, self._streamer, self._report = node, streamer, report
-        self._frame = frame
+        self._base = base
         self._execution: _Execution | None = None
         self._rested_since = 0.0
         self._unverified = False
@@ -96,7 +98,10 @@ class ExecuteAction:
             phase=state.phase, progress=state.progress, factors=state.factors,
             distance_to_goal=state.distance_to_goal, flags=state.flags,
             robot_distance=state.robot_distance))
-        if 'held' in state.flags:
+        gripper = self._streamer.gripper
+        if gripper is not None and gripper.problem:
+            self._give_up(ExecuteSkill.Result.GRIPPER_FAILED, gripper.problem)
+        elif 'held' in state.flags:
             self._finish(ExecuteSkill.Result.HELD, 'a step was not finite; the last state is held')
         elif holding and state.finished and 'not_settled' in state.flags:
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
@@ -120,8 +125,8 @@ class ExecuteAction:
         """The reference is at the goal and at rest: wait until the robot is too."""
         robot, player, result = self._streamer.robot, self._streamer.player, ExecuteSkill.Result
         settings, waited = robot.settings, self._streamer.time - self._rested_since
-        pose, lag = robot.pose, robot.lag
-        if player is None or pose is None or lag is None:
+        place, lag = robot.place, robot.lag
+        if player is None or place is None or lag is None:
             if robot.seen:
                 # It was lost on the way: nothing is known of where it is.
                 if waited > settings.settling_time:
@@ -135,7 +140,7 @@ class ExecuteAction:
             # The goal moves on: the robot cannot rest there.
             there, away = lag.within(settings.lag_position, settings.lag_rotation), lag
         else:
-            away = distance(pose, player.goal)
+            away = player.playing.distance(place, player.goal)
             there = away.within(*execution.goal) and robot.rests()
         if there:
             self._finish(result.SUCCESSFUL, '')
@@ -169,7 +174,7 @@ class ExecuteAction:
         result = ExecuteSkill.Result()
         self._finish(ExecuteSkill.Result.PREEMPTED, 'a newer goal was accepted')
         try:
-            motion = self._begin(handle.request)
+            motion = self._begin(handle.request, await self._goal_of(handle.request))
         except GdmpError as error:
             self._node.get_logger().warning(f'execute: {error}')
             handle.abort()
@@ -197,16 +202,24 @@ class ExecuteAction:
             handle.abort()
         return result
 
-    def _begin(self, goal: ExecuteSkill.Goal) -> int:
+    async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
+        """Goal pose of a request, as soon as its frame is known; None if it has none."""
+        if not goal.use_goal_pose:
+            return None
+        header = goal.goal_pose.header
+        if not self._base.knows(header):
+            await self._node.wait_until(lambda: self._base.knows(header), 0.02,
+                                        self._node.get_parameter('tf_timeout').value)
+        pose = self._base.pose(goal.goal_pose)
+        self._streamer.check_goal(pose)
+        return pose
+
+    def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:
         for name in ('duration', *(f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
                                    for what in ('position', 'rotation'))):
             value = getattr(goal, name)
             if not value >= 0.0:
                 raise ParameterError(f'{name} is {value!r}, expected a number >= 0')
-        pose = None
-        if goal.use_goal_pose:
-            pose = checked_pose(goal.goal_pose, self._frame)
-            self._streamer.check_goal(pose)
         if goal.skill:
             self._streamer.load(goal.skill)
         return self._streamer.begin(pose, goal.goal_stiffness, goal.duration or None,

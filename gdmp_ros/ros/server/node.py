@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 import shutil
 import time
-from typing import Any, TypeVar
+from typing import Any
 
 from gdmp_msgs.msg import MovingGoal
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
@@ -23,25 +23,25 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
+from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
-from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.polling import take_latest, take_latest_with_age
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.execute_action import ExecuteAction
+from gdmp_ros.ros.server.goal_input import GoalInput
+from gdmp_ros.ros.server.gripper_topics import GripperTopics
 from gdmp_ros.ros.server.learning import LearningProcess, skill_from_parameters
 from gdmp_ros.ros.server.parameters import (
+    kinematics,
     player_settings,
-    reach,
     robot_settings,
     SPECS,
     stream_settings,
 )
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
-
-T = TypeVar('T')
+from gdmp_ros.ros.server.robot_inputs import RobotInputs
 
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
@@ -70,10 +70,13 @@ class TrajectoryServer(ManagedNode):
 
     def configure(self) -> None:
         parameters = self.parameters
-        topic = self.resolve_topic_name(parameters.measured_pose_topic)
-        self.streamer = Streamer(self._period_ns(), self._read_measured, topic,
-                                 stream_settings(parameters), player_settings(parameters),
-                                 robot_settings(parameters), reach(parameters))
+        self._base = BaseFrame(self, parameters.frame_id)
+        self.inputs = RobotInputs(self, parameters, self._base)
+        self.streamer = Streamer(
+            self._period_ns(), self.inputs.pose, stream_settings(parameters),
+            player_settings(parameters), robot_settings(parameters), kinematics(parameters),
+            self.inputs.joints, GripperTopics(self, parameters.gripper))
+        self.inputs.connect(self.streamer)
         found = skill_from_parameters(parameters, self.get_logger())
         if found is not None:
             self.streamer.use(*found)
@@ -81,18 +84,17 @@ class TrajectoryServer(ManagedNode):
         self._references = ReferencePublisher(self, parameters.frame_id)
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
-        self._action = ExecuteAction(self, self.streamer, self._report, parameters.frame_id)
-        self.add_report(self._publish_report)
         self._add_inputs()
+        self._action = ExecuteAction(self, self.streamer, self._report, self._base)
+        self.add_report(self._publish_report)
         self._add_services()
         parameters.check = stream_settings
         parameters.changed = self._use_parameters
         parameters.locked = True
 
     def activate(self) -> None:
-        # Discard goals received while inactive.
-        for subscription in (self._goal_poses, self._moving_goals, self._goal_matrices):
-            take_latest(subscription)
+        for goals in self._goals:
+            goals.discard()
         self.streamer.activate(self._period_ns())
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
@@ -144,24 +146,24 @@ class TrajectoryServer(ManagedNode):
         self._tick(now, CLOCK_JUMP_S, now)
 
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
-        if self.streamer.ticks % POLL_EVERY == 0:
-            self._poll(self._goal_poses, self.take_goal_pose)
-            self._poll(self._moving_goals, self.take_moving_goal)
-            self._poll(self._goal_matrices, self.take_goal_stiffness)
+        if self.streamer.ticks % POLL_EVERY == 0 and self.streamer.joints == 0:
+            for goals in self._goals:
+                goals.poll(self.parameters.tf_timeout)
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
-            self._references.publish(target, stamp_ns, self.streamer.mode)
+            self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
 
     # Interfaces
 
     def _add_inputs(self) -> None:
-        self._poses = PoseReader(self.parameters.frame_id)
-        self._measurements = self.add_subscription(
-            PoseStamped, self.parameters.measured_pose_topic, None, raw=True)
-        self._goal_poses = self.add_subscription(PoseStamped, '~/goal_pose', None, raw=True)
-        self._moving_goals = self.add_subscription(MovingGoal, '~/moving_goal', None, raw=True)
-        self._goal_matrices = self.add_subscription(Float64MultiArray, '~/goal_stiffness', None,
-                                                    raw=True)
+        self._poses = PoseReader(self.parameters.frame_id, self._base.pose)
+        self._goals = [
+            GoalInput(self.add_subscription(kind, f'~/{topic}', None, raw=True), topic, use,
+                      self.streamer.refusals.add)
+            for kind, topic, use in ((PoseStamped, 'goal_pose', self._use_goal_pose),
+                                     (MovingGoal, 'moving_goal', self._use_moving_goal),
+                                     (Float64MultiArray, 'goal_stiffness',
+                                      self._use_goal_stiffness))]
         if self.get_parameter('use_sim_time').value:
             self.add_subscription(ClockMessage, '/clock', self._clock_tick, CLOCK_DEPTH)
 
@@ -192,15 +194,16 @@ class TrajectoryServer(ManagedNode):
         check_range('speed', scale, 0.0, MAX_SPEED)
         self.streamer.loaded().set_speed(scale)
 
-    def _load(self, path: str) -> None:
-        self.streamer.load(path)
-        self.get_logger().info(f'loaded {path}')
+    def _load(self, path: str, name: str = '') -> None:
+        self.streamer.load(path, name)
+        self.get_logger().info(f'loaded {name or path}')
 
     async def _on_learn(self, request: LearnSkill.Request, reply: LearnSkill.Response) -> Any:
         try:
             path, error = await self._learning.learn(request)
             try:
-                self._load(path)
+                # A temporary file is gone soon: the name says where the skill comes from.
+                self._load(path, '' if request.output else ', '.join(request.bags))
             finally:
                 if not request.output:
                     shutil.rmtree(Path(path).parent, ignore_errors=True)
@@ -210,48 +213,22 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().warning(str(problem))
         return reply
 
-    def _poll(self, subscription: Any, use: Callable[[bytes, float], None]) -> None:
-        taken = take_latest_with_age(subscription)
-        if taken is not None:
-            use(*taken)
+    def take_goal(self, topic: str, data: bytes) -> None:
+        """Use the serialised message of a topic with goals, or refuse it."""
+        for goals in self._goals:
+            if goals.topic == topic:
+                goals.use_or_refuse(data)
 
-    def _guarded(self, topic: str, use: Callable[[], T]) -> T | None:
-        """Use a message, or refuse it; the next report logs the reason."""
-        try:
-            return use()
-        except GdmpError as error:
-            self.streamer.refusals.add(f'{topic}: {error}')
-            return None
+    def _use_goal_pose(self, data: bytes, age: float) -> None:
+        self.streamer.switch_goal_pose(self._poses.read(data), self._age(data, age))
 
-    def _read_measured(self) -> tuple[np.ndarray, float] | None:
-        taken = take_latest_with_age(self._measurements)
-        if taken is None:
-            return None
-        data, age = taken
-        pose = self.read_measured(data)
-        return None if pose is None else (pose, age)
+    def _use_moving_goal(self, data: bytes, age: float) -> None:
+        message = deserialized(data, MovingGoal)
+        twist = np.array(vector_numbers(message.twist.linear, message.twist.angular))
+        self.streamer.follow_goal(*self._base.moving(message, twist), self._age(data, age))
 
-    def read_measured(self, data: bytes) -> np.ndarray | None:
-        """Read the measured pose of a serialised message, or refuse it."""
-        return self._guarded('measured_pose', lambda: self._poses.read(data))
-
-    def take_goal_pose(self, data: bytes, age: float = 0.0) -> None:
-        """
-        Switch the pose goal to that of a serialised message, or refuse it.
-
-        :param age: time since it arrived [s]
-        """
-        self._guarded('goal_pose', lambda: self.streamer.switch_goal_pose(
-            self._poses.read(data), self._age(data, age)))
-
-    def take_moving_goal(self, data: bytes, age: float = 0.0) -> None:
-        """Follow the moving goal of a serialised message, or refuse it."""
-        def follow() -> None:
-            message = deserialized(data, MovingGoal)
-            twist = np.array(vector_numbers(message.twist.linear, message.twist.angular))
-            self.streamer.follow_goal(checked_pose(message, self.parameters.frame_id), twist,
-                                      self._age(data, age))
-        self._guarded('moving_goal', follow)
+    def _use_goal_stiffness(self, data: bytes, age: float) -> None:
+        self.streamer.switch_goal_stiffness(deserialized(data, Float64MultiArray).data)
 
     def _age(self, data: bytes, arrived: float) -> float:
         """
@@ -262,13 +239,12 @@ class TrajectoryServer(ManagedNode):
         stamped = (self.get_clock().now().nanoseconds - stamp_ns_of(data)) / NS
         return stamped if arrived - 1e-3 <= stamped <= arrived + STAMP_S else arrived
 
-    def take_goal_stiffness(self, data: bytes, age: float = 0.0) -> None:
-        """Switch the stiffness goal to that of a serialised message, or refuse it."""
-        self._guarded('goal_stiffness', lambda: self.streamer.switch_goal_stiffness(
-            deserialized(data, Float64MultiArray).data))
-
     def _publish_report(self) -> None:
         player = self.streamer.player
+        if self.streamer.joints:
+            # Not in the tick: inverse kinematics takes some milliseconds.
+            for goals in self._goals:
+                goals.poll(self.parameters.tf_timeout)
         # Read before the state: a new motion must not be compared with the previous state.
         motion = player.motion if player is not None else 0
         self._action.watch(self._report.publish(), motion)

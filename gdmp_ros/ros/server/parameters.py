@@ -1,15 +1,12 @@
 """Parameters of the trajectory server."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
+from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.tool_skill import PlayerSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.reach import Reach
@@ -28,7 +25,10 @@ SPECS = (
     Spec('learned_stiffness', 'auto', 'origin of the stiffness when learning: as recorded, from '
          'the variance of several demonstrations, or none; auto: the first of these that is '
          'possible', choices=STIFFNESSES),
-    Spec('frame_id', 'panda_link0', 'frame of references and goals; others are refused'),
+    Spec('frame_id', 'panda_link0', 'frame of references; goals and measured poses in another '
+         'one are transformed by /tf'),
+    Spec('tf_timeout', 1.0, 'a goal in a frame of which nothing is known yet waits this long', 's',
+         0.0, 60.0, changes='live'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
     Spec('reach_model', '', 'arm whose reach and joint limits goals are checked with: MJCF file, '
@@ -37,6 +37,10 @@ SPECS = (
     Spec('tool_site', 'tcp', 'site of that model that is the tool'),
     *specs_of(ToolTransform, 'configure', names=_TOOL),
     Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
+    Spec('measured_joints_topic', 'joint_states', 'JointState of the robot, for skills of the '
+         'joints'),
+    Spec('gripper', 'gripper', 'name before the topics of the gripper: gripper/command, '
+         'gripper/state'),
     Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one'),
     *specs_of(StreamSettings),
     *specs_of(RobotSettings),
@@ -56,18 +60,18 @@ def stream_settings(parameters: Any) -> StreamSettings:
     return settings_from(parameters, StreamSettings)
 
 
-def reach(parameters: Any) -> Callable[[np.ndarray], str]:
+def kinematics(parameters: Any) -> Reach | None:
     """
-    Find out why the arm cannot reach a pose (`gdmp_ros.sim.reach`).
+    Kinematics of the arm; None without a model.
 
     :raises DataError: if the model cannot be loaded
     """
     model, tool = parameters.reach_model, parameters.tool_site
     if model == 'none' or (not model and parameters.frame_id != PANDA_FRAME):
-        return lambda _: ''
+        return None
     arm = Arm(model, tool)
     arm.put_tool(settings_from(parameters, ToolTransform, _TOOL))
-    return Reach(arm, tool).problem
+    return Reach(arm, tool)
 
 
 def robot_settings(parameters: Any) -> RobotSettings:

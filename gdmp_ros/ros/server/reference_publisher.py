@@ -1,15 +1,17 @@
 """Publishes references on three topics."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import secrets
 
 from gdmp_msgs.msg import Reference
 import numpy as np
 
+from gdmp_ros.control.joint_target import joint_target_size
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
 from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
-from gdmp_ros.ros.messages import fill_reference
+from gdmp_ros.ros.messages import fill_joint_reference, fill_reference
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.streams import (
     CHECK_EVERY,
@@ -20,34 +22,52 @@ from gdmp_ros.ros.streams import (
 )
 
 
+def first_sequence() -> int:
+    """
+    Number before the first of a stream of references.
+
+    It is random, so that a subscriber can distinguish two publishers, and below 2^52: tools that
+    use double precision count correctly.
+    """
+    return secrets.randbelow(1 << 52)
+
+
 class ReferencePublisher:
     """Publishes ``~/reference``, ``~/reference_pose`` and ``~/reference_stiffness``."""
 
     def __init__(self, node: ManagedNode, frame: str):
         """:param frame: ``frame_id`` of the references"""
-        reference = Reference()
-        reference.header.frame_id = frame
-        self._whole = Stream(node.add_publisher(Reference, '~/reference', DEEP),
-                             SerializedTemplate(reference, TARGET_SIZE, fill_reference))
+        self._out, self._frame = node.add_publisher(Reference, '~/reference', DEEP), frame
+        self._whole = self._stream(TARGET_SIZE, fill_reference)
+        #: Streams of references of the joints, by their number.
+        self._joints: dict[int, Stream] = {}
         self._pose = pose_stream(node, '~/reference_pose', frame)
         self._stiffness = stiffness_stream(node, '~/reference_stiffness')
-        # A random start: a subscriber can distinguish the numbers of two publishers.
-        self._sequence = secrets.randbelow(1 << 31) << 30
+        self._sequence = first_sequence()
         self._ticks = 0
-        self._last: tuple[np.ndarray, int] | None = None
+        self._last: tuple[np.ndarray, int, int] | None = None
+
+    def _stream(self, count: int, fill: Callable[[Reference, np.ndarray], None]) -> Stream:
+        reference = Reference()
+        reference.header.frame_id = self._frame
+        return Stream(self._out, SerializedTemplate(reference, count, fill))
 
     def publish(self, target: np.ndarray, stamp_ns: int,
-                mode: StreamMode = StreamMode.STREAMING) -> None:
+                mode: StreamMode = StreamMode.STREAMING, joints: int = 0) -> None:
         """
         Publish the reference of a tick.
 
-        :param target: `TARGET_SIZE` numbers
+        :param target: `TARGET_SIZE` numbers, or those of `gdmp_ros.playback.joint_skill`
+        :param joints: number of joints, if it is one of the joints
         """
         if self._ticks % CHECK_EVERY == 0:
             check_subscribers(self._whole, self._pose, self._stiffness)
         self._ticks += 1
-        self._last = target, stamp_ns
+        self._last = target, stamp_ns, joints
         self._sequence += 1
+        if joints:
+            self._publish_joints(target, stamp_ns, mode, joints)
+            return
         if self._whole.has_subscribers:
             self._whole.publish(target, stamp_ns, self._sequence, mode)
         if mode is StreamMode.ENDED:
@@ -60,5 +80,15 @@ class ReferencePublisher:
     def end(self) -> None:
         """Publish that the stream ends here."""
         if self._last is not None:
-            self.publish(*self._last, StreamMode.ENDED)
+            target, stamp_ns, joints = self._last
+            self.publish(target, stamp_ns, StreamMode.ENDED, joints)
             self._last = None
+
+    def _publish_joints(self, target: np.ndarray, stamp_ns: int, mode: StreamMode, joints: int
+                        ) -> None:
+        if not self._whole.has_subscribers:
+            return
+        size = joint_target_size(joints)
+        if joints not in self._joints:
+            self._joints[joints] = self._stream(size, fill_joint_reference)
+        self._joints[joints].publish(target[:size], stamp_ns, self._sequence, mode)

@@ -16,7 +16,6 @@ from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction, Tube
 from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.robot_watch import distance
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.statistics import Punctuality
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -31,6 +30,8 @@ PLAN_EVERY = 5
 DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
 FIGURES_EVERY, WINDOW = 10, 1000
+#: Shorter jumps are messages on /clock that were lost; nothing to act on [s].
+NOTABLE_JUMP_S = 0.05
 #: Oldest status of the arm that counts [s].
 ARM_S = 1.0
 
@@ -75,9 +76,13 @@ class ServerReport:
         flags = set() if streamer.robot_is_known() else {'no_robot'}
         if streamer.player is not None:
             flags |= _add_motion(message, streamer.player) | streamer.robot.flags
-            measured = streamer.robot.pose
-            if measured is not None:
-                message.robot_distance = list(distance(measured, streamer.player.goal))
+            measured, player = streamer.robot.place, streamer.player
+            if measured is not None and measured.shape == player.goal.shape:
+                message.robot_distance = list(player.playing.distance(measured, player.goal))
+            pose = self._pose_of(player.goal)
+            if pose is not None:
+                message.goal = [Pose()]
+                set_pose(message.goal[0], pose)
         message.flags = sorted(flags | self._arm_flags(message.status == Status.MOVING))
         return message
 
@@ -116,8 +121,12 @@ class ServerReport:
         # Not logged in the tick: a log message can take longer than a period.
         logger, time_jumps = self._node.get_logger(), self._streamer.time_jumps
         while time_jumps:
-            logger.warning(f'the time jumped by {time_jumps.popleft():.3f} s: the motion did not '
-                           'advance')
+            jump = time_jumps.popleft()
+            text = f'the time jumped by {jump:.3f} s: the motion did not advance'
+            if abs(jump) > NOTABLE_JUMP_S:
+                logger.warning(text)
+            else:
+                logger.debug(text)
         reasons = self._streamer.refusals.take_new()
         if reasons:
             logger.warning(f'refused: {reasons[-1]}', throttle_duration_sec=1.0)
@@ -130,7 +139,9 @@ class ServerReport:
             return
         rollout, stamp = player.taken_copy(), self._node.get_clock().now().to_msg()
         if rollout is not None:
-            poses, progress = prediction(rollout, PLAN_POSES)
+            points, progress = prediction(rollout, PLAN_POSES)
+            found = [self._pose_of(player.playing.place_of(point)) for point in points]
+            poses = np.array([pose for pose in found if pose is not None]).reshape(-1, 7)
             self._plan_is_shown = True
             self._plan.publish(path_message(poses, self._frame, stamp))
             self._publish_tube(rollout.skill, poses, progress, stamp)
@@ -143,9 +154,17 @@ class ServerReport:
                 and self._reports % PLAN_EVERY == 0):
             player.request_copy()
 
+    def _pose_of(self, place: np.ndarray) -> np.ndarray | None:
+        """Pose of the tool at a place; None if that is not known."""
+        if not self._streamer.joints:
+            return place
+        kinematics = self._streamer.kinematics
+        return None if kinematics is None else kinematics.pose_at(place)
+
     def _publish_tube(self, skill: Primitive, poses: np.ndarray, progress: np.ndarray, stamp: Time
                       ) -> None:
-        if skill.variation is None or self._tube_out.get_subscription_count() == 0:
+        if (skill.variation is None or self._tube_out.get_subscription_count() == 0
+                or self._streamer.joints):
             return
         if self._tube is None or self._tube[0] is not skill:
             self._tube = skill, Tube(skill, PLAN_POSES)
@@ -172,7 +191,8 @@ class ServerReport:
         self._last_diagnosis = (level, text)
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal,
-                 'references bounded': self._streamer.bounds.bounded,
+                 'references bounded': self._streamer.bounded,
+                 'time jumps': self._streamer.jumps,
                  'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(
             node.get_fully_qualified_name().strip('/'), level, text, figures, extra,
@@ -182,8 +202,6 @@ class ServerReport:
 def _add_motion(message: ServerState, player: Player) -> set[str]:
     """Write what belongs to the player, and return the flags of its motion."""
     message.status = player.status
-    message.goal = [Pose()]
-    set_pose(message.goal[0], player.goal)
     rollout = player.rollout
     if rollout is None:
         return set()

@@ -1,0 +1,176 @@
+"""
+Springs of the joints, and a reference that moves within the limits and the energy.
+
+The spring of a joint has the energy ``½ k e²`` up to the error `CLIP`, then ``k CLIP |e| - ½ k
+CLIP²``: its torque grows no further, and is still the gradient of the energy.
+"""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gdmp_ros.control.governor import CATCH_UP_S
+from gdmp_ros.control.joint_target import LEAST_STIFFNESS
+from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED, STIFFNESS_RATE
+from gdmp_ros.kernels import kernel
+
+#: Error beyond which the torque of a spring grows no further [rad].
+CLIP = 0.2
+#: The reference keeps this distance from the limits of the joints [rad].
+KEEP = 0.05
+#: Speed with which a reference catches up [rad/s].
+CATCH_UP = 0.5
+#: Time constant of the acceleration of a reference [s].
+MEAN_S = 0.005
+#: Steps of the bisection for the affordable part of a motion.
+_HALVINGS = 20
+
+
+@kernel
+def joint_energy(position, reference):
+    """
+    Energy in the springs [J].
+
+    :param position: of the joints [rad], shape (n,)
+    :param reference: target of the joints, ``3 n + 1`` numbers
+    """
+    n, total = position.size, 0.0
+    for i in range(n):
+        error = abs(reference[i] - position[i])
+        bent = min(error, CLIP)
+        total += reference[2 * n + i] * bent * (error - 0.5 * bent)
+    return total
+
+
+@kernel
+def joint_springs(position, reference, torque):
+    """Write the torque of the springs [Nm]."""
+    n = position.size
+    for i in range(n):
+        error = reference[i] - position[i]
+        torque[i] = reference[2 * n + i] * min(max(error, -CLIP), CLIP)
+
+
+@kernel
+def _govern_joint(i, n, reference, target, limits, acceleration, dt, violation):
+    """Move one joint of the governed reference for one tick; see `move_joint_reference`."""
+    low, high, fastest = limits[0, i] + KEEP, limits[1, i] - KEEP, limits[2, i]
+    goal, wanted = target[i], target[n + i]
+    inside = min(max(goal, low), high)
+    if inside != goal:
+        violation[JOINT_POSITION] = max(violation[JOINT_POSITION], abs(goal - inside))
+        goal, wanted = inside, 0.0
+    q, v = reference[i], reference[n + i]
+    change = wanted - v
+    if (abs(goal - q - dt * (v + 0.5 * change)) <= acceleration * dt * dt
+            and abs(wanted) <= fastest and abs(change) <= acceleration * dt):
+        return goal, wanted
+    lag = goal - q - dt * wanted
+    distance = abs(lag)
+    speed = min(distance / CATCH_UP_S, CATCH_UP, math.sqrt(acceleration * distance))
+    wanted += math.copysign(speed, lag)
+    if abs(wanted) > fastest:
+        violation[JOINT_SPEED] = max(violation[JOINT_SPEED], abs(wanted) - fastest)
+        wanted = math.copysign(fastest, wanted)
+    # It must be able to stop before its limit.
+    wanted = min(wanted, math.sqrt(2.0 * acceleration * max(high - q, 0.0)))
+    wanted = max(wanted, -math.sqrt(2.0 * acceleration * max(q - low, 0.0)))
+    v += min(max(wanted - v, -acceleration * dt), acceleration * dt)
+    return min(max(q + dt * v, min(low, q)), max(high, q)), v
+
+
+@kernel
+def move_joint_reference(reference, mean, target, position, limits, acceleration, largest, budget,
+                         dt, violation):
+    """
+    Move the governed reference, and change its stiffness, for one tick.
+
+    :param reference: ``3 n + 1`` numbers; changed
+    :param mean: its acceleration, smoothed [rad/s²], shape (n,); changed
+    :param target: what the guard gives
+    :param position: measured [rad]
+    :param limits: lower, upper [rad], largest speed [rad/s], shape (3, n)
+    :param acceleration: largest [rad/s²]
+    :param largest: log of the largest ratio of a stiffness in a tick
+    :param budget: energy that may be drawn [J]
+    :param violation: written: by how much each limit was exceeded
+    :returns: energy drawn, and energy in the springs at the end [J]
+    """
+    n = position.size
+    before, start, way = joint_energy(position, reference), np.empty(n), np.empty(n)
+    for i in range(n):
+        start[i] = reference[i]
+        last = reference[n + i]
+        q, v = _govern_joint(i, n, reference, target, limits, acceleration, dt, violation)
+        # It does not wind up in front of an obstacle.
+        q = min(max(q, position[i] - CLIP), position[i] + CLIP)
+        way[i], reference[n + i] = q - start[i], v
+        mean[i] += min(dt / MEAN_S, 1.0) * ((v - last) / dt - mean[i])
+    share = 1.0
+    for i in range(n):
+        reference[i] = start[i] + way[i]
+    moving = joint_energy(position, reference) - before
+    if moving > max(budget, 0.0):
+        violation[ENERGY] = max(violation[ENERGY], moving - max(budget, 0.0))
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            share = 0.5 * (low + high)
+            for i in range(n):
+                reference[i] = start[i] + share * way[i]
+            if joint_energy(position, reference) - before <= max(budget, 0.0):
+                low = share
+            else:
+                high = share
+        for i in range(n):
+            reference[i] = start[i] + low * way[i]
+            reference[n + i] *= low
+            mean[i] *= low
+        moving = joint_energy(position, reference) - before
+    left = budget - moving
+    for i in range(n):
+        _change_stiffness(2 * n + i, abs(reference[i] - position[i]), reference, target, largest,
+                          left / n, dt, violation)
+    stored = joint_energy(position, reference)
+    return stored - before, stored
+
+
+@kernel
+def _change_stiffness(k, error, reference, target, largest, budget, dt, violation):
+    """Let one stiffness approach that of the target: a decrease always, growth as affordable."""
+    old = reference[k]
+    change = math.log(max(target[k], LEAST_STIFFNESS) / old)
+    if abs(change) > largest:
+        violation[STIFFNESS_RATE] = max(violation[STIFFNESS_RATE], (abs(change) - largest) / dt)
+        change = math.copysign(largest, change)
+    bent = min(error, CLIP)
+    form = bent * (error - 0.5 * bent)
+    new = old * math.exp(change)
+    if (new - old) * form > max(budget, 0.0):
+        violation[ENERGY] = max(violation[ENERGY], (new - old) * form - max(budget, 0.0))
+        new = old + max(budget, 0.0) / form
+    reference[k] = new
+
+
+@kernel
+def joint_law(position, velocity, inertia, bias, friction, smoothing, feed_forward, reference,
+              mean, torque):
+    """
+    Compute the joint torque of one tick.
+
+    :param friction: of the joints, viscous [Nm s/rad] and dry [Nm], shape (2, n)
+    :param smoothing: speed at which three quarters of the dry friction are compensated [rad/s]
+    :param reference: governed target of the joints
+    :param mean: its acceleration [rad/s²]
+    :param torque: written [Nm]
+    """
+    n = position.size
+    joint_springs(position, reference, torque)
+    for i in range(n):
+        rate = reference[n + i]
+        damping = 2.0 * reference[3 * n] * math.sqrt(reference[2 * n + i] * inertia[i, i])
+        torque[i] += bias[i] + damping * (rate - velocity[i])
+        if feed_forward > 0.0:
+            torque[i] += friction[0, i] * rate + friction[1, i] * math.tanh(rate / smoothing)
+            for j in range(n):
+                torque[i] += inertia[i, j] * mean[j]

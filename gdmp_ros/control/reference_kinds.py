@@ -1,0 +1,270 @@
+"""
+What references are of: of the tool's pose, or of the joints.
+
+A kind knows what the numbers of its targets mean; the guard (`gdmp_ros.control.guard`) decides by
+it which streams are followed.
+"""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gdmp_ros.control.joint_target import joint_target_size, MOST_STIFFNESS, resting_joints
+from gdmp_ros.control.reference_check import (
+    invalid_target,
+    LARGEST_DAMPING_RATIO,
+)
+from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    extrapolate_pose,
+    POSE,
+    resting_target,
+    STIFFNESS,
+    TARGET_SIZE,
+    TWIST,
+    WRENCH,
+)
+from gdmp_ros.manifolds.quaternion import pose_distance
+
+#: Time for which the acceleration of the last reference is used between two references [s].
+ACCELERATION_S = 0.01
+#: Stiffness with which the joints are held before the first reference of the joints [Nm/rad].
+HOLD_JOINT_STIFFNESS = 200.0
+#: A joint may move at most this fast, before any limit of the arm [rad/s].
+LARGEST_RATE = 20.0
+
+
+class Whereabouts(NamedTuple):
+    """
+    Where the robot is.
+
+    :ivar pose: of the tool (x, y, z, qw, qx, qy, qz)
+    :ivar twist: of the tool [m/s, rad/s]
+    :ivar position: of the joints [rad]; empty if it is not known
+    :ivar velocity: of the joints [rad/s]
+    """
+
+    pose: np.ndarray
+    twist: np.ndarray
+    position: np.ndarray = np.empty(0)
+    velocity: np.ndarray = np.empty(0)
+
+
+class ReferenceKind(Protocol):
+    """
+    One kind of references.
+
+    :ivar target: the newest target; extrapolated where it is missing
+    """
+
+    target: np.ndarray
+
+    def invalid(self, target: np.ndarray) -> str | None:
+        """Why a target cannot be followed at all; None if it can. What must be is normalised."""
+
+    def place(self, target: np.ndarray) -> np.ndarray:
+        """Copy of the part of a target that says where it is."""
+
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+            settings: GuardSettings) -> str:
+        """
+        Why the beginning of a motion is too far from the robot; empty if it is not.
+
+        :param place: where it begins
+        :param target: with its velocity; None at rest
+        """
+
+    def jump(self, last: np.ndarray, target: np.ndarray, gap: float, settings: GuardSettings
+             ) -> str | None:
+        """
+        Why a target does not continue from the last place; None if it does.
+
+        :param gap: time in between in which there were no references [s]
+        """
+
+    def extrapolate(self, dt: float, age: float) -> None:
+        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
+
+    def begin_stop(self) -> None:
+        """The velocity begins to decrease."""
+
+    def slow_down(self, left: float, dt: float) -> None:
+        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
+
+    def rest_at(self, robot: Whereabouts) -> None:
+        """Rest where the robot is."""
+
+    def damp(self, ratio: float) -> None:
+        """Use a damping ratio while nothing is followed."""
+
+
+class PoseReferences:
+    """References of the tool's pose: `TARGET_SIZE` numbers."""
+
+    def __init__(self, pose: np.ndarray, damping_ratio: float):
+        self.target = resting_target(pose, damping_ratio=damping_ratio)
+        self._twist, self._wrench = np.zeros(6), np.zeros(TARGET_SIZE - WRENCH)
+
+    def invalid(self, target: np.ndarray) -> str | None:
+        """See `ReferenceKind`."""
+        reason = invalid_target(target)
+        if reason is None:
+            quaternion = target[POSE + 3:POSE + 7]
+            quaternion /= math.sqrt(quaternion @ quaternion)
+        return reason
+
+    def place(self, target: np.ndarray) -> np.ndarray:
+        """See `ReferenceKind`."""
+        return target[POSE:POSE + 7].copy()
+
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+            settings: GuardSettings) -> str:
+        """See `ReferenceKind`."""
+        distance, angle = pose_distance(robot.pose, place)
+        slip = (0.0 if target is None else target[TWIST:TWIST + 6]) - robot.twist
+        for what, value, limit, unit in (
+                ('begins', distance, settings.arming_position, 'm from the robot'),
+                ('begins', angle, settings.arming_rotation, 'rad from the robot'),
+                ('differs by', float(np.linalg.norm(slip[:3])), settings.arming_speed,
+                 'm/s from the velocity of the robot'),
+                ('differs by', float(np.linalg.norm(slip[3:])), settings.arming_angular_speed,
+                 'rad/s from the velocity of the robot')):
+            if not value <= limit:
+                return f'the motion {what} {value:.3g} {unit}, expected at most {limit:g}'
+        return ''
+
+    def jump(self, last: np.ndarray, target: np.ndarray, gap: float, settings: GuardSettings
+             ) -> str | None:
+        """See `ReferenceKind`."""
+        distance, angle = pose_distance(last, target)
+        for what, value, first, limit, unit in (
+                ('position', distance, TWIST, settings.jump_position, 'm'),
+                ('rotation', angle, TWIST + 3, settings.jump_rotation, 'rad')):
+            if gap:
+                limit += gap * max(float(np.linalg.norm(numbers))
+                                   for numbers in (target[first:first + 3],
+                                                   self._twist[first - TWIST:][:3]))
+            if not value <= limit:
+                return f'the {what} jumps by {value:.3g} {unit}, expected at most {limit:.3g}'
+        return None
+
+    def extrapolate(self, dt: float, age: float) -> None:
+        """See `ReferenceKind`."""
+        target = self.target
+        if age <= ACCELERATION_S:
+            target[TWIST:TWIST + 6] += dt * target[ACCELERATION:ACCELERATION + 6]
+        else:
+            target[ACCELERATION:ACCELERATION + 6] = 0.0
+        extrapolate_pose(target, dt, target[POSE:POSE + 7])
+
+    def begin_stop(self) -> None:
+        """See `ReferenceKind`."""
+        self._twist = self.target[TWIST:TWIST + 6].copy()
+        self._wrench = self.target[WRENCH:].copy()
+
+    def slow_down(self, left: float, dt: float) -> None:
+        """See `ReferenceKind`."""
+        self.target[TWIST:TWIST + 6] = left * self._twist
+        self.target[WRENCH:] = left * self._wrench
+        self.extrapolate(dt, math.inf)
+
+    def rest_at(self, robot: Whereabouts) -> None:
+        """See `ReferenceKind`."""
+        self.target[:STIFFNESS] = 0.0
+        self.target[WRENCH:] = 0.0
+        self.target[POSE:POSE + 7] = robot.pose
+
+    def damp(self, ratio: float) -> None:
+        """See `ReferenceKind`."""
+        self.target[DAMPING_RATIO] = ratio
+
+
+class JointReferences:
+    """References of n joints: `joint_target_size` numbers."""
+
+    def __init__(self, joints: int, damping_ratio: float):
+        self.target = resting_joints(np.zeros(joints), np.full(joints, HOLD_JOINT_STIFFNESS),
+                                     damping_ratio)
+        self._n = joints
+        self._velocity = np.zeros(joints)
+
+    def invalid(self, target: np.ndarray) -> str | None:
+        """See `ReferenceKind`."""
+        n = self._n
+        if len(target) != joint_target_size(n):
+            return (f'a reference of {(len(target) - 1) // 3} joints, the arm has {n}' if n else
+                    'references of the joints are not followed')
+        velocity, stiffness, ratio = target[n:2 * n], target[2 * n:3 * n], target[-1]
+        if not np.isfinite(target).all():
+            return 'a number of a joint is NaN or infinite'
+        if not np.abs(velocity).max() <= LARGEST_RATE:
+            return (f'the velocity of a joint is {np.abs(velocity).max():.3g} rad/s, expected at '
+                    f'most {LARGEST_RATE:g}')
+        if not (stiffness.min() > 0.0 and stiffness.max() <= MOST_STIFFNESS):
+            wrong = stiffness.min() if not stiffness.min() > 0.0 else stiffness.max()
+            return (f'the stiffness of a joint is {wrong:.3g} Nm/rad, expected more than 0, at '
+                    f'most {MOST_STIFFNESS:g}')
+        if not 0.0 <= ratio <= LARGEST_DAMPING_RATIO:
+            return f'damping ratio is {ratio:.3g}, expected 0 to {LARGEST_DAMPING_RATIO:g}'
+        return None
+
+    def place(self, target: np.ndarray) -> np.ndarray:
+        """See `ReferenceKind`."""
+        return target[:self._n].copy()
+
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+            settings: GuardSettings) -> str:
+        """See `ReferenceKind`."""
+        n = self._n
+        distance = np.abs(robot.position - place)
+        slip = np.abs((0.0 if target is None else target[n:2 * n]) - robot.velocity)
+        for what, values, limit, unit in (
+                ('begins', distance, settings.arming_joints, 'rad from the robot'),
+                ('differs by', slip, settings.arming_angular_speed,
+                 'rad/s from the velocity of the robot')):
+            if not values.max() <= limit:
+                joint = int(np.argmax(values)) + 1
+                return (f'the motion of joint {joint} {what} {values.max():.3g} {unit}, expected '
+                        f'at most {limit:g}')
+        return ''
+
+    def jump(self, last: np.ndarray, target: np.ndarray, gap: float, settings: GuardSettings
+             ) -> str | None:
+        """See `ReferenceKind`."""
+        n = self._n
+        step = np.abs(target[:n] - last[:n])
+        limit = settings.jump_joints + gap * float(np.maximum(
+            np.abs(target[n:2 * n]), np.abs(self._velocity)).max())
+        if step.max() <= limit:
+            return None
+        return (f'joint {int(np.argmax(step)) + 1} jumps by {step.max():.3g} rad, expected at '
+                f'most {limit:.3g}')
+
+    def extrapolate(self, dt: float, age: float) -> None:
+        """See `ReferenceKind`."""
+        n = self._n
+        self.target[:n] += dt * self.target[n:2 * n]
+
+    def begin_stop(self) -> None:
+        """See `ReferenceKind`."""
+        self._velocity = self.target[self._n:2 * self._n].copy()
+
+    def slow_down(self, left: float, dt: float) -> None:
+        """See `ReferenceKind`."""
+        self.target[self._n:2 * self._n] = left * self._velocity
+        self.extrapolate(dt, math.inf)
+
+    def rest_at(self, robot: Whereabouts) -> None:
+        """See `ReferenceKind`."""
+        n = self._n
+        if len(robot.position) == n:
+            self.target[:n] = robot.position
+        self.target[n:2 * n] = 0.0
+
+    def damp(self, ratio: float) -> None:
+        """See `ReferenceKind`."""
+        self.target[-1] = ratio

@@ -1,0 +1,92 @@
+"""Checks the connection to a Franka, without moving it."""
+from __future__ import annotations
+
+from importlib.metadata import version
+import socket
+import time
+
+import numpy as np
+
+from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
+from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.realtime.doctor import BAD, FAIR, Finding, GOOD
+
+PORT = 1337
+#: Round trips that are measured, and the longest of a direct cable [s].
+TRIPS, LONG_TRIP_S = 20, 1e-3
+#: Share of cycles that may be lost, and 99th percentile of the jitter [s].
+FEW_LOST, SMALL_JITTER_S = 0.001, 3e-4
+#: The arrival of states counts as smooth up to this jitter [s]: a cycle.
+LARGE_JITTER_S = 1e-3
+
+
+def examine(host: str, seconds: float = 10.0) -> list[Finding]:
+    """
+    Examine the connection.
+
+    :param seconds: duration of the measurement of the cycles
+    """
+    findings = [Finding('libfranka', GOOD, f'pylibfranka {version("pylibfranka")}')]
+    trips = _round_trips(host)
+    if trips is None:
+        return [*findings, Finding(
+            'connection', BAD, f'no answer from {host}, port {PORT}',
+            'connect the computer to the control box (not to the arm), give both addresses of one '
+            'network, and activate FCI in Desk')]
+    middle, largest = 1e3 * np.median(trips), 1e3 * max(trips)
+    level = GOOD if 1e-3 * middle < LONG_TRIP_S else FAIR
+    findings.append(Finding('round trip', level, f'{middle:.2f} ms, largest {largest:.2f} ms',
+                            '' if level == GOOD else 'use a cable without a switch between'))
+    try:
+        robot = FrankaRobot(FrankaSettings(host=host))
+        try:
+            return findings + _cycles(robot, seconds)
+        finally:
+            robot.close()
+    except RobotStopped as error:
+        return [*findings, Finding('robot', BAD, str(error), 'another program may control it; an '
+                                   'older system than 5.9 needs another libfranka')]
+
+
+def _round_trips(host: str) -> list[float] | None:
+    """Times to open a connection, which the network alone decides [s]; None if there is none."""
+    trips = []
+    for _ in range(TRIPS):
+        begun = time.perf_counter()
+        try:
+            socket.create_connection((host, PORT), timeout=2.0).close()
+        except OSError:
+            return None
+        trips.append(time.perf_counter() - begun)
+        time.sleep(0.01)
+    # The server of a robot takes one client: it has to see the end of the last one.
+    time.sleep(1.5)
+    return trips
+
+
+def _cycles(robot: FrankaRobot, seconds: float) -> list[Finding]:
+    """States of the robot for a time: which came, and how regularly."""
+    robots, arrivals = [], []
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        robot.read()
+        robots.append(robot.seconds)
+        arrivals.append(time.monotonic())
+    steps = np.round(np.diff(robots) / 1e-3)
+    lost = float(np.maximum(steps - 1.0, 0.0).sum())
+    share = lost / max(lost + len(steps), 1.0)
+    late = np.array(arrivals) - np.array(robots)
+    jitter = float(np.percentile(late, 99.0) - np.percentile(late, 1.0))
+    real_time = (robots[-1] - robots[0]) / (arrivals[-1] - arrivals[0])
+    return [
+        Finding('lost cycles', GOOD if share <= FEW_LOST else BAD,
+                f'{lost:.0f} of {lost + len(steps):.0f} in {seconds:g} s',
+                '' if share <= FEW_LOST else 'other programs use the cores or the network: close '
+                'them; a robot stops after 20 lost cycles in a row'),
+        Finding('jitter', GOOD if jitter <= SMALL_JITTER_S else FAIR if jitter <= LARGE_JITTER_S
+                else BAD, f'{1e3 * jitter:.2f} ms (98 % of the states)',
+                '' if jitter <= SMALL_JITTER_S else 'use a PREEMPT_RT kernel, SCHED_FIFO and the '
+                'CPU governor performance'),
+        Finding("the robot's time", GOOD if abs(real_time - 1.0) < 0.02 else FAIR,
+                f'{real_time:.3f} of real time', '' if abs(real_time - 1.0) < 0.02 else
+                'a server of the protocol on a small machine: use publish_clock')]

@@ -1,0 +1,132 @@
+"""Sends recorded references again, with new stamps."""
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+from gdmp_msgs.msg import ArmStatus, Reference
+import numpy as np
+
+from gdmp_ros.control.modes import ArmMode, StreamMode
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.data.references import RecordedReferences
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.client import Client, DISCOVERY_S
+from gdmp_ros.ros.lifecycle import DEEP, reliable
+from gdmp_ros.ros.messages import fill_reference
+from gdmp_ros.ros.serialized import SerializedTemplate
+from gdmp_ros.ros.server.reference_publisher import first_sequence
+from gdmp_ros.util.terminal import progress
+
+#: An arm that does not follow a motion for this time will not [s].
+FOLLOW_S = 0.5
+#: Time between two looks at the messages that have arrived [s].
+LOOK_S = 0.02
+
+
+class ReplayRequest(NamedTuple):
+    """
+    What to replay.
+
+    :ivar topic: on which to send
+    :ivar arm: name of the node that follows, with its namespace
+    :ivar wait: timeout for the arm [s]
+    """
+
+    topic: str
+    arm: str
+    wait: float
+
+
+def replay(references: RecordedReferences, request: ReplayRequest) -> None:
+    """
+    Send references in the rhythm in which they were recorded; the arm decides whether to follow.
+
+    At the end, and after Ctrl-C, the arm is told that the stream has ended: it holds.
+
+    :raises GdmpError: if another node publishes on the topic, no arm listens, or it does not
+        follow
+    """
+    replayer = _Replayer(references, request)
+    try:
+        replayer.prepare()
+        replayer.send()
+    finally:
+        replayer.close()
+
+
+class _Replayer:
+
+    def __init__(self, references: RecordedReferences, request: ReplayRequest):
+        self._references, self._request = references, request
+        self._client = Client('replay')
+        self._status: ArmStatus | None = None
+        self._not_followed_since = 0.0
+        message = Reference()
+        message.header.frame_id = references.frame
+        self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
+        self._sequence, self._sent = first_sequence(), 0
+        node = self._client.node
+        self._publisher = node.create_publisher(Reference, request.topic, reliable(DEEP))
+        node.create_subscription(ArmStatus, f'{request.arm}/status', self._on_status, reliable(10))
+
+    def close(self) -> None:
+        """Say that the stream has ended, and disconnect."""
+        if self._sent:
+            self._publish(self._sent - 1, 1, StreamMode.ENDED)
+            # What was sent must leave this process.
+            self._client.spend(0.1)
+        self._client.close()
+
+    def prepare(self) -> None:
+        """
+        Wait for the arm.
+
+        :raises GdmpError: if there is none, or the topic is in use
+        """
+        request, node = self._request, self._client.node
+        self._client.wait(f'an arm that follows {request.topic}, and the status of {request.arm}',
+                          lambda: (self._publisher.get_subscription_count() > 0
+                                   and self._status is not None), request.wait)
+        self._client.spend(DISCOVERY_S)
+        others = sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}'
+                        for one in node.get_publishers_info_by_topic(request.topic)
+                        if one.node_name != node.get_name())
+        if others:
+            raise GdmpError(f'{", ".join(others)} publishes on {request.topic}: deactivate it '
+                            'first (ros2 lifecycle set NODE deactivate, then cleanup)')
+
+    def send(self) -> None:
+        """:raises GdmpError: if the arm does not follow"""
+        times = self._references.times
+        begun = looked = self._not_followed_since = time.monotonic()
+        with progress('replaying, seconds', round(float(times[-1]))) as step:
+            for k, seconds in enumerate(times):
+                left = begun + seconds - time.monotonic()
+                if left > 0.0:
+                    time.sleep(left)
+                self._publish(k, int(self._references.steps[k]), self._references.modes[k])
+                self._sent = k + 1
+                now = time.monotonic()
+                if now - looked > LOOK_S:
+                    step(now - looked)
+                    looked = now
+                    self._client.look()
+                    self._check(self._references.modes[k], now)
+
+    def _publish(self, k: int, step: int, mode: StreamMode) -> None:
+        self._sequence += step
+        self._publisher.publish(self._template.bytes(
+            np.ascontiguousarray(self._references.targets[k]), time.time_ns(), self._sequence,
+            mode))
+
+    def _check(self, mode: StreamMode, now: float) -> None:
+        status = self._status
+        if status is None or status.mode == ArmMode.FOLLOW or mode is not StreamMode.STREAMING:
+            self._not_followed_since = now
+        elif now - self._not_followed_since > FOLLOW_S:
+            why = status.reason or status.last_refusal or 'it says no reason'
+            raise GdmpError(f'{self._request.arm} does not follow: {why}')
+
+    def _on_status(self, status: ArmStatus) -> None:
+        self._status = status

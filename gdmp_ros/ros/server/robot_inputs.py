@@ -1,0 +1,70 @@
+"""Where the robot is, from its topics."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from gdmp_ros.data.message_numbers import joint_positions
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.ros.frames import BaseFrame
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.polling import take_latest_with_age
+from gdmp_ros.ros.serialized import PoseReader
+
+T = TypeVar('T')
+
+
+class RobotInputs:
+    """
+    Measured pose and joints; polled, and read only when they are needed.
+
+    :ivar pose: of the tool
+    :ivar joints: positions of the joints
+    """
+
+    _streamer: Streamer
+
+    def __init__(self, node: ManagedNode, parameters: Any, base: BaseFrame):
+        """Subscribe; `connect` follows."""
+        pose, joints = parameters.measured_pose_topic, parameters.measured_joints_topic
+        self._reader = PoseReader(base.name, base.pose)
+        self._poses = node.add_subscription(PoseStamped, pose, None, raw=True)
+        self._states = node.add_subscription(JointState, joints, None)
+        self.pose = MeasuredInput(self._newest_pose, node.resolve_topic_name(pose))
+        self.joints = MeasuredInput(self._newest_joints, node.resolve_topic_name(joints),
+                                    'positions of the joints')
+
+    def connect(self, streamer: Streamer) -> None:
+        """Count refusals there, and ask it for the names of the joints."""
+        self._streamer = streamer
+
+    def read_pose(self, data: bytes) -> np.ndarray | None:
+        """Read the measured pose of a serialised message, or refuse it."""
+        return self._guarded('measured_pose', lambda: self._reader.read(data))
+
+    def _newest_pose(self) -> tuple[np.ndarray, float] | None:
+        taken = take_latest_with_age(self._poses)
+        pose = None if taken is None else self.read_pose(taken[0])
+        return None if taken is None or pose is None else (pose, taken[1])
+
+    def _newest_joints(self) -> tuple[np.ndarray, float] | None:
+        taken, player = take_latest_with_age(self._states), self._streamer.player
+        if taken is None or player is None:
+            return None
+        position = self._guarded('joint_states', lambda: joint_positions(taken[0],
+                                                                         player.joint_names))
+        return None if position is None else (position, taken[1])
+
+    def _guarded(self, topic: str, use: Callable[[], T]) -> T | None:
+        """Use a message, or refuse it; the next report logs the reason."""
+        try:
+            return use()
+        except GdmpError as error:
+            self._streamer.refusals.add(f'{topic}: {error}')
+            return None
