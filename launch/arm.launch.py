@@ -25,6 +25,7 @@ ARGUMENTS = (
     ('use_rviz', 'false', 'start RViz'),
     ('arm', 'sim', 'sim: simulated arm; franka: a Franka Research 3'),
     ('host', '', 'address of the Franka'),
+    ('gripper', 'false', 'with a gripper'),
     ('use_sim', 'true', 'start the arm; false: a robot publishes measured_pose_topic'),
     ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can, and a '
      'Franka publishes the time of the robot'),
@@ -41,7 +42,8 @@ def start(context):
     """Make the nodes that the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     on = {}
-    for name in ('headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize'):
+    for name in ('headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize',
+                 'gripper'):
         if given[name].lower() not in ('true', 'false', '1', '0'):
             raise ValueError(f'{name} is {given[name]!r}, expected true or false')
         on[name] = given[name].lower() in ('true', '1')
@@ -58,9 +60,11 @@ def start(context):
         if given['arm'] == 'franka':
             wanted['franka_arm'] = {**frame, 'use_sim_time': False, 'host': given['host'],
                                     'publish_clock': on['use_sim_time']}
+            if on['gripper']:
+                wanted['franka_gripper'] = {'host': given['host'], 'use_sim_time': False}
         else:
             wanted['panda_sim'] = {**frame, 'use_sim_time': False, 'headless': on['headless'],
-                                   'model': given['model'],
+                                   'model': given['model'], 'gripper': on['gripper'],
                                    'pace': 'fast' if on['use_sim_time'] else 'wall'}
     measured = given['measured_pose_topic'] or f'{arm}/measured_pose'
     model = given['model'] or ('fr3' if given['arm'] == 'franka' else '')
@@ -75,19 +79,20 @@ def start(context):
         return f'{share}/config/{name}.yaml'
 
     common = {'namespace': given['namespace'], 'output': 'screen'}
+    # libfranka would stop the other nodes of a process while the hand moves.
+    alone = [name for name in wanted if name == 'franka_gripper' or not on['composed']]
+    result = [Node(package='gdmp_ros', executable=name, name=name,
+                   parameters=[config(name), wanted[name], *last], **common) for name in alone]
     if on['composed']:
+        wanted = {name: values for name, values in wanted.items() if name not in alone}
         # Whatever comes later wins: files given as `parameters` would come after these words.
         words = [word for name, values in wanted.items() for word in (
             '--params-file', config(name),
             *(part for key, value in values.items()
               for part in ('-p', f'{name}:{key}:={json.dumps(value)}')))]
         words += [word for path in last for word in ('--params-file', path)]
-        result = [Node(package='gdmp_ros', executable='composed', arguments=list(wanted),
-                       ros_arguments=words, **common)]
-    else:
-        result = [Node(package='gdmp_ros', executable=name, name=name,
-                       parameters=[config(name), values, *last], **common)
-                  for name, values in wanted.items()]
+        result.append(Node(package='gdmp_ros', executable='composed', arguments=list(wanted),
+                           ros_arguments=words, **common))
     if on['use_rviz']:
         result.append(Node(package='rviz2', executable='rviz2', name='rviz2', arguments=[
             '-d', f'{share}/config/gdmp.rviz', '-f', given['base_frame']], **common))

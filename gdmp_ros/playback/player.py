@@ -47,7 +47,7 @@ class Player:
         self.refusals = refusals or Refusals()
         self._source, self._started = ReferenceSource(self.tool, self.refusals.add), 0
         self._requests = Requests(self.refusals)
-        self._measured: np.ndarray | None = None
+        self._measured: tuple[np.ndarray, bool] | None = None
         self._copy_wanted = False
         self._copy: Rollout | None = None
 
@@ -198,7 +198,7 @@ class Player:
 
     def observe(self, measured: np.ndarray) -> None:
         """Use where the robot is for phase stopping at the next tick."""
-        self._measured = measured
+        self._measured = measured, self._source.playing.of_joints
 
     def distances(self) -> list[float]:
         """Distance of each factor from the goal: m, rad, and geodesic for the stiffness."""
@@ -232,8 +232,9 @@ class Player:
         rollout = self._source.rollout
         if rollout is not None:
             measured, self._measured = self._measured, None
-            if measured is not None:
-                self._source.observe(measured)
+            # Not if a motion of the other kind has begun since.
+            if measured is not None and measured[1] == self._source.playing.of_joints:
+                self._source.observe(measured[0])
             if self._copy_wanted:
                 self._copy_wanted, self._copy = False, rollout.copy()
         return self._source.tick(dt)

@@ -75,15 +75,14 @@ class RobotWatch:
         self._recent: deque[tuple[float, np.ndarray]] = deque()
         self._still: tuple[float, np.ndarray] | None = None
 
-    def begin(self, between: Callable[[np.ndarray, np.ndarray], Distance] = distance) -> None:
-        """
-        A motion begins.
+    def measure_by(self, between: Callable[[np.ndarray, np.ndarray], Distance]) -> None:
+        """Places are of another kind from now on, with this distance between two of them."""
+        self.place, self.lag, self._distance = None, None, between
+        self._still, self.flags = None, frozenset()
+        self._recent.clear()
 
-        :param between: distance between two places
-        """
-        if between is not self._distance:
-            self.place, self._distance = None, between
-            self._recent.clear()
+    def begin(self) -> None:
+        """A motion begins."""
         self.largest_lag, self._still, self.flags = Distance(0.0, 0.0), None, frozenset()
         self.seen = False
 

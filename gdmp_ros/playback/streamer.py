@@ -75,6 +75,7 @@ class Streamer:
         self._pose = pose
         self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
         self._used: Measured | None = None
+        self._watches_joints = False
         self._bounds = BoundedStream(settings)
         self._last_tick, self.ticks, self.time = 0, 0, 0.0
         self._tracker = GoalTracker()
@@ -159,7 +160,7 @@ class Streamer:
             goal = place_for(self.kinematics, tool, goal_pose, goal)
         check_reach(self.kinematics, tool, goal)
         self._tracker.reset()
-        self.robot.begin(tool.distance)
+        self.robot.begin()
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
                             tolerances)
 
@@ -279,7 +280,11 @@ class Streamer:
     def _use_pose(self, player: Player) -> None:
         """Let the player and the watch use where the robot is."""
         idle = player.status is Status.IDLE
-        measured = self._input_of(player.tool if idle else player.playing).newest()
+        skill = player.tool if idle else player.playing
+        if skill.of_joints != self._watches_joints:
+            self._watches_joints = skill.of_joints
+            self.robot.measure_by(skill.distance)
+        measured = self._input_of(skill).newest()
         known = measured is not None and measured.age <= self.settings.measured_pose_age
         reference = player.place
         if reference is not None:
@@ -289,7 +294,6 @@ class Streamer:
             return
         self._used = measured
         if reference is None and idle:
-            self.robot.begin(player.tool.distance)
             player.hold(measured.place)
         elif player.stops_phase:
             player.observe(measured.place)

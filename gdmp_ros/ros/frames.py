@@ -1,6 +1,7 @@
 """Poses of messages in the frame of the robot's base, by what /tf and /tf_static tell."""
 from __future__ import annotations
 
+from collections import deque
 import threading
 from typing import Any
 
@@ -15,14 +16,17 @@ from gdmp_ros.ros.frame_tree import compose, FrameError, Frames, FrameTree, NS, 
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import checked_numbers, set_transform, transform_numbers
 from gdmp_ros.ros.polling import take
+from gdmp_ros.ros.serialized import deserialized
 
 try:
     import tf2_py
 except ImportError:  # it has no wheel
     tf2_py = None
 
-#: History of /tf: it is read ten times a second.
+#: Messages on /tf that are kept: ten seconds of an arm.
 DEPTH = 1000
+#: Messages that are read at once where time matters; one takes 0.1 ms.
+AT_ONCE = 30
 _AUTHORITY = 'gdmp_ros'
 
 
@@ -59,16 +63,19 @@ class BaseFrame:
     """
     The frame of a robot's base, and where others are in it.
 
-    The node begins to listen to /tf with the first pose in another frame. Any thread may use it.
+    Messages on /tf are kept as they come, and read from the first pose in another frame on. Any
+    thread may use it.
     """
 
     def __init__(self, node: ManagedNode, name: str):
         """:param name: ``frame_id`` of the base"""
         self.name = name
-        self.wanted = False
-        self._node, self._frames = node, new_frames()
+        self._frames, self._wanted = new_frames(), False
         self._lock = threading.Lock()
-        self._inputs: list[tuple[Any, bool]] = []
+        self._inputs = [(node.add_subscription(TFMessage, topic, None, DEPTH, raw=True,
+                                               latched=fixed), fixed)
+                        for topic, fixed in (('/tf', False), ('/tf_static', True))]
+        self._unread: deque[tuple[bytes, bool]] = deque()
         node.add_report(self._listen)
 
     def pose(self, message: Any) -> np.ndarray:
@@ -107,8 +114,11 @@ class BaseFrame:
         if not header.frame_id:
             raise FrameError(f"the frame is '', expected {self.name!r} or one that /tf connects "
                              'to it')
-        self.wanted = True
+        self._wanted = True
         with self._lock:
+            self._collect()
+            if len(self._unread) > AT_ONCE:
+                raise FrameError(f'frame {header.frame_id!r}: /tf is being read')
             self._read()
             return self._frames.pose_of(header.frame_id, self.name,
                                         header.stamp.sec * NS + header.stamp.nanosec)
@@ -122,25 +132,40 @@ class BaseFrame:
         return True
 
     def _listen(self) -> None:
-        """Subscribe once it is wanted, and read what has come."""
-        if not self.wanted:
-            return
         with self._lock:
-            if not self._inputs:
-                self._inputs = [
-                    (self._node.add_subscription(TFMessage, topic, None, DEPTH, latched=fixed),
-                     fixed) for topic, fixed in (('/tf', False), ('/tf_static', True))]
-            self._read()
+            self._collect()
+            if self._wanted:
+                self._read()
+
+    def _collect(self) -> None:
+        """Take the messages that have come, without reading them."""
+        for subscription, fixed in self._inputs:
+            while (data := take(subscription)) is not None:
+                self._unread.append((data, fixed))
+        while not self._wanted and len(self._unread) > DEPTH:
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        """Forget the oldest message of a frame that moves; fixed frames are sent once."""
+        for k, (_, fixed) in enumerate(self._unread):
+            if not fixed:
+                del self._unread[k]
+                return
+        self._unread.popleft()
 
     def _read(self) -> None:
-        for subscription, fixed in self._inputs:
-            while (message := take(subscription)) is not None:
-                for one in message.transforms:
-                    try:
-                        pose = transform_numbers(one.transform)
-                    except GdmpError:
-                        continue  # as tf2: what is no transform is left out
-                    stamp = one.header.stamp
-                    self._frames.add(Transform(one.header.frame_id.lstrip('/'),
-                                               one.child_frame_id.lstrip('/'), pose,
-                                               stamp.sec * NS + stamp.nanosec), fixed)
+        while self._unread:
+            data, fixed = self._unread.popleft()
+            try:
+                transforms = deserialized(data, TFMessage).transforms
+            except GdmpError:
+                continue
+            for one in transforms:
+                try:
+                    pose = transform_numbers(one.transform)
+                except GdmpError:
+                    continue  # as tf2: what is no transform is left out
+                stamp = one.header.stamp
+                self._frames.add(Transform(one.header.frame_id.lstrip('/'),
+                                           one.child_frame_id.lstrip('/'), pose,
+                                           stamp.sec * NS + stamp.nanosec), fixed)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import math
 import time
 from typing import Any
@@ -47,6 +48,18 @@ class ManagedNode(LifecycleNode):
         self._owned: list[tuple[Callable[[Any], Any], Any]] = []
         self._reports: list[Callable[[], None]] = []
         super().__init__(name, namespace=namespace or None)
+        change = self._service_change_state
+        change.callback = partial(self._change_state, change.callback)
+
+    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, reply: Any) -> Any:
+        """Change the state; rclpy does not answer a transition that is not possible now."""
+        try:
+            return change(request, reply)
+        except RuntimeError as error:  # of rcl
+            known = request.transition.label or request.transition.id
+            self.get_logger().warning(f'transition {known}: not possible in this state: {error}')
+            reply.success = False
+            return reply
 
     def configure(self) -> None:
         """Create everything; after an exception the node stays unconfigured."""

@@ -12,6 +12,7 @@ import yaml
 
 from gdmp_ros.ros.adapter import node as adapter
 from gdmp_ros.ros.arm import parameters as arm_parameters
+from gdmp_ros.ros.arm.parameters import GRIPPER
 from gdmp_ros.ros.parameters import CHANGES, Spec
 from gdmp_ros.ros.recorder import node as take_recorder
 from gdmp_ros.ros.server import parameters as server_parameters
@@ -22,6 +23,7 @@ NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'trajectory_server': ('Trajectory server', server_parameters.SPECS),
     'panda_sim': ('Simulated Panda', arm_parameters.SIMULATION),
     'franka_arm': ('Franka Research 3', arm_parameters.FRANKA),
+    'franka_gripper': ('Hand of a Franka', GRIPPER),
     'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
     'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),

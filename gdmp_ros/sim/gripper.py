@@ -33,7 +33,8 @@ def add_gripper(spec: mujoco.MjSpec) -> None:
                             'gripper')
         finger.pos = [0.0, 0.0, finger.pos[2]]
         finger.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, side, 0.0],
-                         range=[0.0, TRAVEL], armature=ARMATURE, damping=1.0)
+                         range=[0.0, TRAVEL], armature=ARMATURE, damping=1.0,
+                         solref_limit=[0.004, 1.0])
         for geom in finger.geoms:
             # The pads touch each other when the fingers are closed.
             geom.pos[1] = side * geom.size[1]

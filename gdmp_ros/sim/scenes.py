@@ -116,8 +116,10 @@ def pick_and_place(spec: mujoco.MjSpec) -> None:
     half = 0.5 * CUBE_EDGE
     cube = spec.worldbody.add_body(name='cube', pos=[*PICK.centre, _THIN * 2.0 + half])
     cube.add_freejoint()
+    cube.mass, cube.explicitinertial, cube.ipos = CUBE_MASS, True, [0.0, 0.0, 0.0]
+    cube.inertia = [CUBE_MASS * CUBE_EDGE ** 2 / 6.0] * 3
     # It collides with the arm and with what is solid.
-    cube.add_geom(name='cube', type=_BOX, size=[half] * 3, mass=CUBE_MASS, rgba=_GREEN,
+    cube.add_geom(name='cube', type=_BOX, size=[half] * 3, rgba=_GREEN,
                   contype=3, conaffinity=3, friction=[1.5, 0.05, 1e-3], condim=4)
 
 

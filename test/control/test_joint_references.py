@@ -106,17 +106,13 @@ def test_a_stream_that_jumps_is_not_followed_and_one_that_ends_stops_the_arm():
 def test_tool_and_joints_take_over_from_each_other_without_a_torque_step():
     loop = loop_of()
     guard, torques = loop.controller.guard, []
-    pose = loop.arm.measure().pose.copy()
     for kind in ('tool', 'joints', 'tool', 'joints'):
-        for k in range(300):
-            at = target_of(posture(loop) if k == 0 else home) if kind == 'joints' else None
-            if k == 0:
-                home, pose = posture(loop), loop.arm.measure().pose.copy()
-            target = target_of(home) if kind == 'joints' else resting_target(pose)
+        target = (target_of(posture(loop)) if kind == 'joints'
+                  else resting_target(loop.arm.measure().pose.copy()))
+        for _ in range(300):
             assert loop.follow(target), guard.last_refusal
             torques.append(loop.tick().torque)
         assert guard.in_joints == (kind == 'joints')
-    assert at is None or len(at) == 22
     assert np.abs(np.diff(torques, axis=0)).max() <= 0.951
 
 
@@ -155,7 +151,7 @@ def test_references_beyond_a_limit_keep_their_distance(plant):
 
 
 def test_a_growing_stiffness_and_a_moving_reference_take_their_energy_from_the_tank():
-    """A hand holds a joint aside while reference and stiffness change; the tank is nearly empty."""
+    """A hand holds the tool aside while reference and stiffness change; the tank is low."""
     loop = loop_of(tank=TankSettings(energy=0.2, refill=0.0))
     home, rng, audit = posture(loop), np.random.default_rng(1), Audit(loop)
     limited, stiffness, wanted = 0.0, SOFT, home

@@ -77,6 +77,13 @@ FRANKA = (
     Spec('publish_clock', False, "publish the robot's time on /clock, for a robot that is slower "
          'than real time: a server of its protocol on a small machine', changes='configure'),
 )
+#: The hand of a Franka.
+GRIPPER = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('host', '', 'address of the robot'),
+    Spec('homing', False, 'let the fingers find the ends of their travel first: they open and '
+         'close'),
+)
 #: Parameters that are gone, or have another unit.
 RETIRED = {'jump_stiffness': ('stiffness_rate', 'jump_stiffness is gone: a stiffness that changes '
                               'is ramped with stiffness_rate'),

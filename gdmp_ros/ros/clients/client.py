@@ -50,11 +50,6 @@ class Client:
             self._check()
             self._executor.spin_once(timeout_sec=0.02)
 
-    def look(self) -> None:
-        """Receive a message that has arrived, if there is one."""
-        self._check()
-        self._executor.spin_once(timeout_sec=0.0)
-
     def spend(self, seconds: float) -> None:
         """Let time pass while messages are received."""
         ends = time.monotonic() + seconds

@@ -11,6 +11,7 @@ from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.references import RecordedReferences
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.loop import RealtimeThread
 from gdmp_ros.ros.clients.client import Client, DISCOVERY_S
 from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import fill_reference
@@ -20,8 +21,8 @@ from gdmp_ros.util.terminal import progress
 
 #: An arm that does not follow a motion for this time will not [s].
 FOLLOW_S = 0.5
-#: Time between two looks at the messages that have arrived [s].
-LOOK_S = 0.02
+#: Time between two looks at the status of the arm [s].
+LOOK_S = 0.05
 
 
 class ReplayRequest(NamedTuple):
@@ -61,7 +62,7 @@ class _Replayer:
         self._references, self._request = references, request
         self._client = Client('replay')
         self._status: ArmStatus | None = None
-        self._not_followed_since = 0.0
+        self._not_followed_since, self._ends = 0.0, False
         message = Reference()
         message.header.frame_id = references.frame
         self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
@@ -98,21 +99,35 @@ class _Replayer:
 
     def send(self) -> None:
         """:raises GdmpError: if the arm does not follow"""
-        times = self._references.times
-        begun = looked = self._not_followed_since = time.monotonic()
-        with progress('replaying, seconds', round(float(times[-1]))) as step:
-            for k, seconds in enumerate(times):
-                left = begun + seconds - time.monotonic()
-                if left > 0.0:
-                    time.sleep(left)
-                self._publish(k, int(self._references.steps[k]), self._references.modes[k])
-                self._sent = k + 1
-                now = time.monotonic()
-                if now - looked > LOOK_S:
-                    step(now - looked)
-                    looked = now
-                    self._client.look()
-                    self._check(self._references.modes[k], now)
+        thread, seconds = RealtimeThread(self._stream, -1), self._references.times[-1]
+        self._not_followed_since = time.monotonic()
+        thread.start()
+        try:
+            with progress('replaying, seconds', round(float(seconds))) as step:
+                shown = 0.0
+                while self._sent < len(self._references.times) and thread.failure is None:
+                    self._client.spend(LOOK_S)
+                    last = max(self._sent - 1, 0)
+                    step(self._references.times[last] - shown)
+                    shown = self._references.times[last]
+                    self._check(self._references.modes[last], time.monotonic())
+        finally:
+            self._ends = True
+            thread.join()
+        if thread.failure is not None:
+            raise GdmpError(f'replaying failed: {thread.failure!r}')
+
+    def _stream(self) -> None:
+        """Send until the end."""
+        begun = time.monotonic()
+        for k, seconds in enumerate(self._references.times):
+            left = begun + seconds - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+            if self._ends:
+                return
+            self._publish(k, int(self._references.steps[k]), self._references.modes[k])
+            self._sent = k + 1
 
     def _publish(self, k: int, step: int, mode: StreamMode) -> None:
         self._sequence += step
