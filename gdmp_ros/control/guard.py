@@ -19,6 +19,10 @@ from gdmp_ros.util.profiles import smoothstep
 
 #: After `ReferenceGuard.arm` a motion must begin within this time [s].
 ARMED_S = 10.0
+#: The usual delay of references is the mean of about so many, and of none before a gap [s].
+DELAY_SHARE, DELAY_GAP_S = 0.02, 0.05
+#: A reference that is further from its usual time is followed as it is [s].
+LARGEST_SHIFT_S = 0.02
 #: What the arm does instead of following references, and the reason of a fault.
 BUSY = {ArmMode.FAULT: 'the arm is in a fault ({}): call ~/recover',
         ArmMode.GUIDED: 'the arm is guided by hand (~/teach)',
@@ -60,7 +64,7 @@ class ReferenceGuard:
         self.last_refusal = self.reason = ''
         self._fresh = self._resumable = False
         self._armed_s = 0.0
-        self._age, self._sequence = math.inf, 0
+        self._age, self._sequence, self._delay = math.inf, 0, 0.0
         self._far = ''
         self.mode = ArmMode.HOLD
         self._robot = Whereabouts(pose.copy(), np.zeros(6))
@@ -101,10 +105,24 @@ class ReferenceGuard:
             return False
         self._kind = kind
         kind.target[:] = target
+        self._even_out(kind, origin.age)
         self.mode, self.reason, self._far = ArmMode.FOLLOW, '', ''
         self._fresh = self._resumable = True
         self._armed_s, self._age, self._sequence = 0.0, 0.0, origin.sequence
         return True
+
+    def _even_out(self, kind: ReferenceKind, age: float) -> None:
+        """
+        Move a reference that is later, or earlier, than usual to where it would be now.
+
+        Otherwise one that was delayed by a millisecond would be a step of the motion.
+        """
+        if not self.following or self._age > DELAY_GAP_S:
+            self._delay = age
+        shift = age - self._delay
+        self._delay += DELAY_SHARE * shift
+        if 0.0 < abs(shift) <= LARGEST_SHIFT_S:
+            kind.extrapolate(shift, 0.0)
 
     def configure(self, settings: GuardSettings, damping_ratio: float) -> None:
         """Use other settings from now on; the damping ratio only while nothing is followed."""

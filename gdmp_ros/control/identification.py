@@ -19,11 +19,11 @@ from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError
 
 #: Speeds at which each joint moves [rad/s], and how far to each side [rad].
-SPEEDS, REACH = (0.05, 0.1, 0.2), 0.15
+SPEEDS, REACH = (0.1, 0.2, 0.4), 0.15
 #: Distance that is kept from a joint limit [rad].
 MARGIN = 0.05
 #: Acceleration at the turns [rad/s²].
-ACCELERATION = 1.0
+ACCELERATION = 3.0
 #: Time after a turn that does not count, and time at rest before the first motion [s].
 SETTLE_S, REST_S = 0.2, 0.5
 #: Bandwidth of the joint control [1/s].

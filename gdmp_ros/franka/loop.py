@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import time
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from gdmp_ros.sim.tool import tool_at, ToolTransform
 
 #: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
 CYCLE_S = 0.001
+#: Longest cycle that counts, on wall time [s].
+LONGEST_S = 0.02
 #: Cycles in which the torque decreases to zero at the end.
 END_CYCLES = 50
 _END_EFFECTOR = ToolTransform()
@@ -37,13 +40,16 @@ class FrankaLoop(ArmControl):
     """
 
     def __init__(self, robot: FrankaRobot, rotor_inertia: float,
-                 settings: ControllerSettings | None = None):
+                 settings: ControllerSettings | None = None, wall_time: bool = False):
         """
         Prepare, and compile the control law; the robot does not move.
 
         :param robot: connected
         :param rotor_inertia: of each joint, added to the robot's model [kg m²]
+        :param wall_time: whether a cycle lasts until the next state arrives, instead of as long as
+            the robot says: for a server of the protocol
         """
+        self._wall_time, self._arrived = wall_time, 0
         self._flange = Arm('fr3', 'flange', hand=False)
         joints = replace(self._flange.limits, cycle=CYCLE_S)
         super().__init__(joints, np.zeros(len(joints.torque)), settings)
@@ -88,10 +94,16 @@ class FrankaLoop(ArmControl):
         except RobotStopped as error:
             self.stop(str(error))
             return None
-        self._dt = self._reading.elapsed if self._reading.elapsed > 0.0 else CYCLE_S
-        self.lost += max(round(self._dt / CYCLE_S) - 1, 0)
+        elapsed = self._reading.elapsed if self._reading.elapsed > 0.0 else CYCLE_S
+        self.lost += max(round(elapsed / CYCLE_S) - 1, 0)
+        self._dt = self._between_arrivals() if self._wall_time else elapsed
         self.measured = self._measurement()
         return self.measured
+
+    def _between_arrivals(self) -> float:
+        """Time since the last state arrived [s]."""
+        last, self._arrived = self._arrived, time.monotonic_ns()
+        return min(1e-9 * (self._arrived - last), LONGEST_S) if last else CYCLE_S
 
     def answer(self, measured: Measurement) -> Tick:
         """Compute the torque for a state, and send it; nothing is sent to a robot that stopped."""

@@ -24,7 +24,12 @@ class FrankaSettings:
         (60.0, 20.0), 'external force and torque at the tool at which the robot stops by itself',
         'N, Nm', 1.0, 200.0)
     rotor_inertia: float = setting(
-        0.1, "rotor inertia of each joint, beyond the robot's own model", 'kg m^2', 0.0, 2.0)
+        0.195, "rotor inertia of each joint, beyond the robot's own model; as in public models of "
+        'the robot', 'kg m^2', 0.0, 2.0)
+
+    wall_time: bool = setting(
+        False, 'time passes as on this machine, not as the robot counts its cycles: for a server '
+        'of the protocol whose simulation runs on while cycles are lost')
 
     def __post_init__(self) -> None:
         """:raises ParameterError: if there is not one torque, or one for each joint"""

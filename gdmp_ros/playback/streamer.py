@@ -24,7 +24,7 @@ from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
-from gdmp_ros.realtime.shared_loop import Member
+from gdmp_ros.realtime.loop import RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
 NS = 1_000_000_000
@@ -42,7 +42,7 @@ class Streamer:
     :ivar robot: what is known of the robot
     :ivar kinematics: of the arm; None if it is not known
     :ivar active: whether ticks are made
-    :ivar member: the task in the real-time loop; None with simulated time
+    :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
     :ivar time: that the motions have had, without jumps [s]
     :ivar time_jumps: [s], not reported yet
@@ -66,7 +66,7 @@ class Streamer:
         self.skill_name = ''
         self.refusals = Refusals()
         self.lateness = LatenessRecorder(period_ns)
-        self.member: Member | None = None
+        self.member: RunningLoop | None = None
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
         self.jumps = 0

@@ -28,6 +28,21 @@ class Clock(Protocol):
         """Return at ``deadline_ns`` or a little later."""
 
 
+class RunningLoop(Protocol):
+    """A loop that runs in a thread of its own."""
+
+    @property
+    def failure(self) -> BaseException | None:
+        """Exception that ended it, None while it runs."""
+
+    @property
+    def scheduler(self) -> str:
+        """``fifo`` or ``other``."""
+
+    def leave(self) -> None:
+        """End it; no step is made after the return."""
+
+
 class MonotonicClock:
     """The machine's monotonic clock."""
 

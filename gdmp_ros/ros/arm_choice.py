@@ -78,7 +78,7 @@ class ArmChoice:
         if self.kind != 'franka':
             return {}
         if self.protocol_server:
-            return {'host': '127.0.0.1', 'publish_clock': True, **HAND}
+            return {'host': '127.0.0.1', 'wall_time': True, **HAND}
         return {'host': self.host}
 
     def arguments(self) -> list[str]:
@@ -88,8 +88,7 @@ class ArmChoice:
     def server_parameters(self) -> dict[str, Any]:
         """Parameters of a trajectory server for it."""
         return {'measured_pose_topic': f'/{self.node}/measured_pose',
-                'arm_status_topic': f'/{self.node}/status',
-                **({'use_sim_time': True} if self.protocol_server else {})}
+                'arm_status_topic': f'/{self.node}/status'}
 
     @contextmanager
     def robot(self, folder: Path) -> Iterator[None]:

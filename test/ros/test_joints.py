@@ -1,9 +1,9 @@
 """A skill of the joints: learned from recorded joint states, streamed, followed; over DDS."""
 from gdmp_msgs.msg import MovingGoal, Reference, RobotState
+from gdmp_msgs.srv import LoadSkill
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from gdmp_ros.data.bags import BagWriter
@@ -107,7 +107,6 @@ def test_what_a_skill_of_the_joints_cannot_do_is_refused(running):
 
 
 def test_tool_and_joints_alternate(running, joint_skill, skill_file):
-    from gdmp_msgs.srv import LoadSkill
     for path in (skill_file, joint_skill, skill_file):
         reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(path))
         assert reply.success, reply.message
@@ -119,16 +118,14 @@ def test_tool_and_joints_alternate(running, joint_skill, skill_file):
 
 
 def test_the_adapter_makes_trajectories_of_them(running):
-    from gdmp_ros.ros.testbed import MODULES
-    MODULES['adapter'] = 'gdmp_ros.ros.adapter.node'
-    running.children.start_node('adapter', MODULES['adapter'], {
+    running.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {
         'pose_topic': '', 'stiffness': 'none', 'joint_names': Arm().names,
         'joint_trajectory_topic': 'controller/joint_trajectory'})
     try:
-        made, states = [], []
+        made = []
         running.subscribe(JointTrajectory, 'controller/joint_trajectory', made.append)
-        running.subscribe(JointState, 'joint_states', states.append)
-        running.wait('joint states', lambda: len(states) > 50)
+        running.wait_log('adapter', 'converting', 60.0)
+        running.spend(0.5)  # it reads where the joints are
         running.client.execute()
         assert running.client.result(30.0).error_code == 0
         running.wait('trajectories', lambda: len(made) > 100)

@@ -53,7 +53,7 @@ class FrankaArm(ArmNode):
         settings = self.settings()
         if self.given_payload is not None:
             robot.carry(self.given_payload)
-        loop = self._loop = FrankaLoop(robot, p.rotor_inertia, settings)
+        loop = self._loop = FrankaLoop(robot, p.rotor_inertia, settings, p.wall_time)
         if loop.misplaced > MISPLACED_M:
             self.get_logger().warning(
                 f'the tool of the model is {loop.misplaced:.3f} m from where the robot says: is '

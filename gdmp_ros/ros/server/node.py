@@ -23,9 +23,11 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
+from gdmp_ros.ros.clock_loop import ClockLoop
 from gdmp_ros.ros.frames import BaseFrame
-from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode
+from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode, reliable
 from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.polling import PolledGroup, take_latest
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.execute_action import ExecuteAction
@@ -59,6 +61,8 @@ class TrajectoryServer(ManagedNode):
     _report: ServerReport
     _action: ExecuteAction
     _references: ReferencePublisher
+    #: Subscription to /clock, and what sets the time of the node; with simulated time only.
+    _clock_input: tuple[Any, Callable[[ClockMessage], None]]
 
     def __init__(self, namespace: str = '') -> None:
         super().__init__('trajectory_server', namespace)
@@ -98,6 +102,8 @@ class TrajectoryServer(ManagedNode):
         self.streamer.activate(self._period_ns())
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
+            self.streamer.member = ClockLoop(self.context, self._clock_input[0], self._clock_tick,
+                                             self.parameters.realtime_priority)
         else:
             member = shared_loop.join(self._period_ns(), self.parameters.realtime_priority,
                                       self._wall_tick)
@@ -136,9 +142,23 @@ class TrajectoryServer(ManagedNode):
         self.streamer.lateness.add(deadline_ns, now_ns)
         self._tick(deadline_ns, STALL_S, time.time_ns() - (time.monotonic_ns() - deadline_ns))
 
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], None],
+                            qos_profile: Any, **options: Any) -> Any:
+        """
+        Create a subscription; the one of rclpy itself to /clock is polled by our loop.
+
+        An executor would take half a millisecond for each of its messages.
+        """
+        own = msg_type is ClockMessage
+        if own:
+            qos_profile, options = reliable(CLOCK_DEPTH), {'callback_group': PolledGroup()}
+        made = super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+        if own:
+            self._clock_input = made, callback
+        return made
+
     def _clock_tick(self, message: ClockMessage) -> None:
-        if not self.streamer.active or not self.get_parameter('use_sim_time').value:
-            return
+        self._clock_input[1](message)  # the time of the node
         now = message.clock.sec * NS + message.clock.nanosec
         # Every message is a tick on time.
         deadline = self.streamer.lateness.ticks * self._period_ns()
@@ -164,8 +184,6 @@ class TrajectoryServer(ManagedNode):
                                      (MovingGoal, 'moving_goal', self._use_moving_goal),
                                      (Float64MultiArray, 'goal_stiffness',
                                       self._use_goal_stiffness))]
-        if self.get_parameter('use_sim_time').value:
-            self.add_subscription(ClockMessage, '/clock', self._clock_tick, CLOCK_DEPTH)
 
     def _add_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], object]) -> None:
@@ -241,6 +259,10 @@ class TrajectoryServer(ManagedNode):
 
     def _publish_report(self) -> None:
         player = self.streamer.player
+        if not self.streamer.active and self.get_parameter('use_sim_time').value:
+            message = take_latest(self._clock_input[0])
+            if message is not None:
+                self._clock_input[1](message)
         if self.streamer.joints:
             # Not in the tick: inverse kinematics takes some milliseconds.
             for goals in self._goals:
