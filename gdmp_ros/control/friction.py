@@ -1,6 +1,7 @@
 """Friction of the joints: what is compensated, and what is there for certain."""
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +9,11 @@ import numpy as np
 from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import FrictionSettings
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.kernels import kernel
+
+#: Torque of the spring, as a share of the dry friction, at which three quarters of the share at
+#: rest act: below, a stiffer spring would oscillate.
+REST_SCALE = 0.1
 
 
 class Credit(NamedTuple):
@@ -47,6 +53,27 @@ def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarr
     viscous = model if settings.viscous == (0.0,) else of_joints('viscous')
     return (np.array([viscous, of_joints('dry')]),
             Credit(credited[0], credited[1], not credited.any()))
+
+
+@kernel
+def friction_torque(viscous, dry, speed, spring, smoothing, at_rest):
+    """
+    Torque that compensates the friction of a joint [Nm].
+
+    It is compensated at the velocity of the reference, not at the measured one, so that no energy
+    is added to a motion that an external force causes. While the reference rests, the spring is
+    helped over a share of the dry friction.
+
+    :param speed: of the joint, by the reference [rad/s]
+    :param spring: torque of the spring on the joint [Nm]
+    :param smoothing: speed at which three quarters of the dry friction are compensated [rad/s]
+    :param at_rest: share of the dry friction that is compensated at rest
+    """
+    moving = math.tanh(speed / smoothing)
+    torque = viscous * speed + dry * moving
+    if at_rest > 0.0 and dry > 0.0:
+        torque += at_rest * (1.0 - abs(moving)) * dry * math.tanh(spring / (REST_SCALE * dry))
+    return torque
 
 
 def without_friction(measured: Measurement, dry: np.ndarray | None, smoothing: float

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control.friction import friction_torque
 from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
@@ -151,15 +152,12 @@ def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
 
 
 @kernel
-def _add_friction(target, friction, smoothing, solved, task_inertia, torque):
+def _add_friction(target, friction, gains, pull, solved, task_inertia, torque):
     """
-    Add the joint friction at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
-
-    Friction is compensated at the velocity of the reference, not at the measured one, so that no
-    energy is added to a motion that an external force causes.
+    Add the joint friction (`friction_torque`) at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
 
     :param friction: viscous [Nm s/rad] and dry [Nm], shape (2, n)
-    :param smoothing: speed at which three quarters of the dry friction act [rad/s]
+    :param pull: torque of the springs at tool and posture [Nm]
     """
     impulse = np.zeros(6)
     for j in range(6):
@@ -169,7 +167,8 @@ def _add_friction(target, friction, smoothing, solved, task_inertia, torque):
         speed = 0.0
         for j in range(6):
             speed += solved[i, j] * impulse[j]
-        torque[i] += friction[0, i] * speed + friction[1, i] * math.tanh(speed / smoothing)
+        torque[i] += friction_torque(friction[0, i], friction[1, i], speed, pull[i],
+                                     gains.friction_smoothing, gains.friction_at_rest)
 
 
 def external_wrench(measured: Measurement, external: np.ndarray, singularity: float
@@ -210,6 +209,10 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
     stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
     damping, task_inertia = damping_design(stiffness, inverse, target[DAMPING_RATIO])
     spring_wrench(pose, target, gain_numbers, force)
+    pull = np.zeros(n)
+    for i in range(n):
+        for j in range(6):
+            pull[i] += jacobian[j, i] * force[j]
     for j in range(6):
         rate[j] = target[TWIST + j]
         for i in range(n):
@@ -229,7 +232,10 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
         torque[i] = bias[i]
         for j in range(6):
             torque[i] += jacobian[j, i] * force[j]
-    if gains.feed_forward > 0.0:
-        _add_friction(target, friction, gains.friction_smoothing, solved, task_inertia, torque)
+        pull[i] -= torque[i]
     _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)
+    if gains.feed_forward > 0.0:
+        for i in range(n):
+            pull[i] += torque[i]
+        _add_friction(target, friction, gains, pull, solved, task_inertia, torque)
     return scale, too_fast

@@ -10,10 +10,12 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control.friction import friction_torque
 from gdmp_ros.control.governor import CATCH_UP_S
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
 from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED, STIFFNESS_RATE
-from gdmp_ros.kernels import kernel
+from gdmp_ros.control.settings import GAIN_NUMBERS
+from gdmp_ros.kernels import kernel, records_at
 
 #: Error beyond which the torque of a spring grows no further [rad].
 CLIP = 0.2
@@ -153,24 +155,26 @@ def _change_stiffness(k, error, reference, target, largest, budget, dt, violatio
 
 
 @kernel
-def joint_law(position, velocity, inertia, bias, friction, smoothing, feed_forward, reference,
-              mean, torque):
+def joint_law(position, velocity, inertia, bias, friction, gain_numbers, reference, mean, torque):
     """
     Compute the joint torque of one tick.
 
     :param friction: of the joints, viscous [Nm s/rad] and dry [Nm], shape (2, n)
-    :param smoothing: speed at which three quarters of the dry friction are compensated [rad/s]
+    :param gain_numbers: `ImpedanceGains` as numbers
     :param reference: governed target of the joints
     :param mean: its acceleration [rad/s²]
     :param torque: written [Nm]
     """
     n = position.size
+    gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     joint_springs(position, reference, torque)
     for i in range(n):
         rate = reference[n + i]
         damping = 2.0 * reference[3 * n] * math.sqrt(reference[2 * n + i] * inertia[i, i])
+        spring = torque[i]
         torque[i] += bias[i] + damping * (rate - velocity[i])
-        if feed_forward > 0.0:
-            torque[i] += friction[0, i] * rate + friction[1, i] * math.tanh(rate / smoothing)
+        if gains.feed_forward > 0.0:
+            torque[i] += friction_torque(friction[0, i], friction[1, i], rate, spring,
+                                         gains.friction_smoothing, gains.friction_at_rest)
             for j in range(n):
                 torque[i] += inertia[i, j] * mean[j]

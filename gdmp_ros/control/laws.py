@@ -203,7 +203,7 @@ class JointImpedance:
 
     def use(self, settings: ControllerSettings, friction: np.ndarray, joints: JointLimits) -> None:
         """See `ImpedanceLaw`."""
-        self._settings, self._friction = settings, friction
+        self._settings, self._friction, self._gains = settings, friction, numbers(settings.gains)
         self._limits = np.array([joints.lower, joints.upper,
                                  SPEED_MARGIN * joints.fastest(settings.limits.joint_speed)])
 
@@ -234,8 +234,7 @@ class JointImpedance:
         gains = self._settings.gains
         torque = np.empty(len(measured.position))
         joint_law(measured.position, measured.velocity, measured.inertia, measured.bias,
-                  self._friction, gains.friction_smoothing, float(gains.feed_forward),
-                  self.reference, self._mean, torque)
+                  self._friction, self._gains, self.reference, self._mean, torque)
         torque = self._slowed(measured, torque, violation)
         return Response(torque, external_wrench(measured, external, gains.singularity),
                         np.zeros(6))

@@ -32,6 +32,9 @@ class ImpedanceGains:
     friction_smoothing: float = setting(
         0.02, 'joint speed at which three quarters of the dry friction are compensated', 'rad/s',
         1e-3, 1.0)
+    friction_at_rest: float = setting(
+        0.95, 'share of the dry friction that is compensated while the reference rests, in the '
+        'direction of the spring: the robot comes nearer to its goal; 0: none', '', 0.0, 1.0)
     #: ε in ``Λ = (J M⁻¹ Jᵀ + ε² I)⁻¹`` [1/√kg]: keeps Λ finite at singularities.
     singularity: float = 0.02
 

@@ -17,6 +17,8 @@ from gdmp_ros.util.optional_imports import extra
 from gdmp_ros.util.processes import ChildProcesses
 
 SIMULATED, FRANKA = 'panda_sim', 'franka_arm'
+#: Distance from its goal at which a Franka counts as being there [m].
+FRANKA_TOLERANCE = 0.006
 #: Where the Franka hand has its tool, in the frame of the flange: the server of the protocol has
 #: no hand.
 HAND = {'tool_position': (0.0, 0.0, 0.1034),
@@ -87,8 +89,10 @@ class ArmChoice:
 
     def server_parameters(self) -> dict[str, Any]:
         """Parameters of a trajectory server for it."""
+        # Dry friction holds a Franka some millimetres from its goal, compensated or not.
+        tolerance = {'robot_position_tolerance': FRANKA_TOLERANCE} if self.kind == 'franka' else {}
         return {'measured_pose_topic': f'/{self.node}/measured_pose',
-                'arm_status_topic': f'/{self.node}/status'}
+                'arm_status_topic': f'/{self.node}/status', **tolerance}
 
     @contextmanager
     def robot(self, folder: Path) -> Iterator[None]:

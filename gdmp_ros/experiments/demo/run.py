@@ -170,7 +170,9 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     result = bed.client.result(60.0)
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
-        raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
+        hint = ('; without --friction its dry friction holds it: gdmp identify-friction'
+                if bed.arm.kind == 'franka' and bed.arm.friction is None else '')
+        raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}{hint}')
     bed.spend(TAIL_S)
     ended, used_then = time.monotonic_ns(), _cpu_seconds(bed)
     seconds = (ended - begun) * 1e-9
