@@ -33,3 +33,5 @@ def check_lasa_class(name: str) -> None:
     if name not in LASA_CLASSES:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
+#: Tasks of the demonstration.
+TASKS = ('letter', 'pick', 'joints')

@@ -9,6 +9,8 @@ must be room for it. It was tried over the protocol of the robot, not on hardwar
 
 examples:
   gdmp demo --out out/demo
+  gdmp demo --task pick --out out/pick
+  gdmp demo --task joints --out out/joints
   gdmp demo --arm franka --protocol-server --out out/franka
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """
@@ -17,6 +19,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.choices import TASKS
 from gdmp_ros.cli.arguments import add_arm, arm_choice
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
@@ -27,6 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder for report, bag and pictures (default %(default)s)')
     parser.add_argument('--class', dest='name', default='GShape', metavar='CLASS',
                         help='LASA class to demonstrate (default %(default)s)')
+    parser.add_argument('--task', choices=TASKS, default=TASKS[0],
+                        help='letter; pick: a cube, from a box to another, with the gripper; '
+                             'joints: a skill of the joints, whose goal is switched by a pose '
+                             '(default %(default)s)')
     add_arm(parser)
 
 
@@ -34,5 +41,8 @@ def run(options: argparse.Namespace) -> int:
     """Run the demonstration; 0 if everything holds."""
     with optional_import(ROS):
         from gdmp_ros.experiments.demo.run import run_demo
+        from gdmp_ros.experiments.demo.tasks import run_task
         arm = arm_choice(options)
+    if options.task != TASKS[0]:
+        return run_task(options.task, options.out, arm)
     return run_demo(options.out, options.name, arm)

@@ -29,6 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--by-hand', action='store_true', help='you guide the arm')
     parser.add_argument('--no-window', action='store_true',
                         help='with --by-hand: no window of the simulation, only ~/hand_pose')
+    parser.add_argument('--gripper', action='store_true',
+                        help='with --by-hand: the arm has a gripper; its commands become part of '
+                             'the skill')
     parser.add_argument('--letter', default='GShape', metavar='CLASS',
                         help='class of the LASA data set that the scripted hand writes '
                              '(default %(default)s)')
@@ -46,4 +49,5 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(ROS):
         from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
     teach(TeachingSettings(options.output, options.storage, options.frame,
-                           options.by_hand and not options.no_window), shown)
+                           options.by_hand and not options.no_window,
+                           options.by_hand and options.gripper), shown)

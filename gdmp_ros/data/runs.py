@@ -31,6 +31,7 @@ class Run:
     :ivar modes: of the references (`gdmp_ros.control.modes.StreamMode`)
     :ivar arm_modes: of the states (`gdmp_ros.control.modes.ArmMode`)
     :ivar ticks: control ticks of the arm, by its own count
+    :ivar joint_references: positions that the joints were to follow; NaN where there were none
     :ivar applied: sequence number of the reference that the arm followed at each state
     """
 
@@ -53,6 +54,7 @@ class Run:
     limited: np.ndarray
     arm_modes: np.ndarray
     ticks: np.ndarray
+    joint_references: np.ndarray
 
 
 def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
@@ -110,7 +112,8 @@ def read(bag: Path, robot: str = '') -> Run:
         tank=_column(states, lambda m: m.tank_energy),
         limited=_column(states, _limited),
         arm_modes=_column(states, lambda m: _later(m, 'mode')),
-        ticks=_column(states, lambda m: _later(m, 'tick')))
+        ticks=_column(states, lambda m: _later(m, 'tick')),
+        joint_references=_column(states, _joint_reference))
 
 
 def lost(run: Run) -> int:
@@ -144,6 +147,12 @@ def _stamps(messages: list[Any]) -> np.ndarray:
 def _later(message: Any, name: str) -> int:
     """A field that older recordings do not have: 0 there."""
     return int(getattr(message, name, 0))
+
+
+def _joint_reference(message: Any) -> np.ndarray:
+    for joints in getattr(message, 'joint_reference', ()):
+        return np.array(joints.position)
+    return np.full(len(message.position), np.nan)
 
 
 def _limited(message: Any) -> np.ndarray:

@@ -95,13 +95,15 @@ class ArmChoice:
                 'arm_status_topic': f'/{self.node}/status', **tolerance}
 
     @contextmanager
-    def robot(self, folder: Path) -> Iterator[None]:
+    def robot(self, folder: Path, gripper: bool = False) -> Iterator[None]:
         """
         The robot itself, as long as the context lasts; the server of the protocol if wanted.
 
         :param folder: for its log
+        :param gripper: whether the server has a gripper, and something to hold
         """
         with ChildProcesses(os.environ, folder) as children:
             if self.protocol_server:
-                children.start('protocol_server', 'gdmp_ros.franka.protocol_server')
+                children.start('protocol_server', 'gdmp_ros.franka.protocol_server',
+                               ['--gripper', '--object-width', '0.04'] if gripper else [])
             yield

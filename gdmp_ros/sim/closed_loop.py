@@ -45,9 +45,9 @@ class ClosedLoop(ArmControl):
         self.hold(self.arm.measure())
 
     @property
-    def fingers(self) -> np.ndarray:
-        """Positions of the fingers of the gripper [m]; empty without one."""
-        return np.empty(0) if self.gripper is None else self.gripper.positions
+    def others(self) -> np.ndarray:
+        """Positions of what is not a joint of the arm: fingers, objects; empty without them."""
+        return np.array(self.arm.data.qpos[len(self.joints.torque):])
 
     def put_tool(self, tool: ToolTransform) -> None:
         """

@@ -80,11 +80,6 @@ class SimulatedGripper:
         """The newest state."""
         return self._state
 
-    @property
-    def positions(self) -> np.ndarray:
-        """Positions of the fingers [m]."""
-        return np.array(self._data.qpos[self._q])
-
     def reset(self) -> None:
         """Open, at rest."""
         self._data.qpos[self._q] = TRAVEL

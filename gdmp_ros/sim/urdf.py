@@ -84,7 +84,7 @@ def shapes(arm: Arm) -> list[Shape]:
 
 def shape_pose(arm: Arm, shape: Shape) -> np.ndarray:
     """Pose of a shape in the base frame, in the present posture."""
-    return _compose(np.concatenate([arm.data.xpos[shape.body], arm.data.xquat[shape.body]]),
+    return compose(np.concatenate([arm.data.xpos[shape.body], arm.data.xquat[shape.body]]),
                     shape.pose)
 
 
@@ -101,7 +101,7 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
     :raises DataError: for joints that URDF cannot describe, or if the frame is not at the origin
     """
     model, drawn = arm.model, shapes(arm)
-    links = _links(arm, frame)
+    links = links_of(arm, frame)
     robot = ET.Element('robot', name=links.prefix.strip('_') or 'arm')
     for i, name in links.bodies.items():
         element = ET.SubElement(robot, 'link', name=name)
@@ -129,52 +129,7 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding='unicode') + '\n'
 
 
-class LinkFrames:
-    """
-    Frames of the links that `urdf` describes, each in its parent.
-
-    :ivar fixed: parent, child and pose (x, y, z, qw, qx, qy, qz) of links that cannot move
-    :ivar moving: parent and child of the others
-    """
-
-    def __init__(self, arm: Arm, frame: str):
-        """See `urdf`."""
-        model, links = arm.model, _links(arm, frame)
-        self.fixed: list[tuple[str, str, np.ndarray]] = []
-        self.moving: list[tuple[str, str]] = []
-        self._joints: list[tuple[np.ndarray, np.ndarray, int, bool]] = []
-        for i, name in links.bodies.items():
-            parent = links.bodies.get(int(model.body_parentid[i]))
-            if i == 0 or parent is None:
-                continue
-            pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
-            if model.body_jntnum[i] == 0:
-                self.fixed.append((parent, name, pose))
-                continue
-            joint = int(model.body_jntadr[i])
-            self.moving.append((parent, name))
-            self._joints.append((pose, model.jnt_axis[joint].copy(),
-                                 int(model.jnt_qposadr[joint]),
-                                 int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)))
-        for s, name in links.sites.items():
-            site = model.site(s)
-            self.fixed.append((links.bodies[int(model.site_bodyid[s])], name,
-                               np.concatenate([site.pos, site.quat])))
-
-    def at(self, position: np.ndarray) -> list[np.ndarray]:
-        """Poses of `moving` at joint positions [rad, m]."""
-        result = []
-        for pose, axis, number, slides in self._joints:
-            step = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-            if slides:
-                step[:3] = position[number] * axis
-            else:
-                mujoco.mju_axisAngle2Quat(step[3:], axis, position[number])
-            result.append(_compose(pose, step))
-        return result
-
-
-class _Links(NamedTuple):
+class Links(NamedTuple):
     """Names of the links by id of their body (0: the world, if it is a link) or site."""
 
     prefix: str
@@ -182,7 +137,12 @@ class _Links(NamedTuple):
     sites: dict[int, str]
 
 
-def _links(arm: Arm, frame: str) -> _Links:
+def links_of(arm: Arm, frame: str) -> Links:
+    """
+    Names of the links of an arm.
+
+    :raises DataError: if the frame is not at the origin
+    """
     model = arm.model
     root = int(model.body_rootid[arm.tool_body])
     bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
@@ -203,7 +163,7 @@ def _links(arm: Arm, frame: str) -> _Links:
 
     named = {} if base == root else {0: unique('world' if base else frame)}
     named |= {i: unique(f'{prefix}{model.body(i).name or f"body{i}"}') for i in bodies}
-    return _Links(prefix, named, {
+    return Links(prefix, named, {
         s: unique(f'{prefix}{model.site(s).name}') for s in range(model.nsite)
         if int(model.site_bodyid[s]) in bodies and model.site(s).name})
 
@@ -293,7 +253,8 @@ def _rotation(quaternion: np.ndarray) -> Rotation:
     return Rotation.from_quat(np.roll(quaternion, -1))
 
 
-def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """Pose in the frame of ``outer`` of what is at ``inner`` in it."""
     rotation = np.zeros(4)
     mujoco.mju_mulQuat(rotation, outer[3:], inner[3:])
     position = np.zeros(3)

@@ -130,7 +130,7 @@ class PandaSim(ArmNode):
         if tick is not None:
             self._ticks += 1
             self.state_out.publish(tick, stamp_ns, self.simulation.sequence,
-                                   self.simulation.loop.fingers)
+                                   self.simulation.loop.others)
         return tick is not None
 
     # Reports

@@ -26,7 +26,7 @@ from gdmp_ros.ros.streams import (
     Stream,
 )
 
-NO_FINGERS = np.empty(0)
+NOTHING = np.empty(0)
 
 
 class StatePublisher:
@@ -64,12 +64,12 @@ class StatePublisher:
         self._ticks = 0
 
     def publish(self, tick: Tick, stamp_ns: int, sequence: int,
-                fingers: np.ndarray = NO_FINGERS) -> None:
+                others: np.ndarray = NOTHING) -> None:
         """
         Publish the state of a tick.
 
         :param sequence: of the reference that was followed
-        :param fingers: positions of the joints of a gripper
+        :param others: positions of a gripper and of objects
         """
         if self._ticks % CHECK_EVERY == 0:
             check_subscribers(self._state, self._pose, self._applied, self._requested)
@@ -78,9 +78,9 @@ class StatePublisher:
             state = self._state if tick.joints is None else self._joint_state
             state.publish(robot_state_numbers(tick), stamp_ns, sequence, tick.mode, self._ticks)
         if self._ticks % self._viewer_every == 0:
-            self._publish_for_viewers(tick, stamp_ns, fingers)
+            self._publish_for_viewers(tick, stamp_ns, others)
 
-    def _publish_for_viewers(self, tick: Tick, stamp_ns: int, fingers: np.ndarray) -> None:
+    def _publish_for_viewers(self, tick: Tick, stamp_ns: int, others: np.ndarray) -> None:
         measured = tick.measurement
         if self._pose.has_subscribers:
             self._pose.publish(measured.pose, stamp_ns)
@@ -93,4 +93,4 @@ class StatePublisher:
         self._joint_message.velocity = measured.velocity.tolist()
         self._joint_message.effort = tick.torque.tolist()
         self._joints.publish(self._joint_message)
-        self.tf.publish(np.concatenate([measured.position, fingers]), stamp_ns)
+        self.tf.publish(np.concatenate([measured.position, others]), stamp_ns)

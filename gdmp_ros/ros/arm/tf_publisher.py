@@ -10,7 +10,7 @@ from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import set_transform, stamp_of
-from gdmp_ros.sim.urdf import LinkFrames
+from gdmp_ros.sim.link_frames import LinkFrames
 
 
 class TfPublisher:

@@ -2,20 +2,23 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import time
 from typing import Any
 
+from gdmp_msgs.msg import GripperCommand as CommandMessage
 from gdmp_msgs.msg import RecorderState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import Client
+from gdmp_ros.ros.gripper import COMMAND, command_message
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.util.profiles import smoothstep
 
@@ -38,6 +41,7 @@ class Teacher(Client):
         self.pose: np.ndarray | None = None
         self._states: deque[RecorderState] = deque(maxlen=2)
         self._hand = self.node.create_publisher(PoseStamped, f'{SIM}/hand_pose', reliable(1))
+        self._gripper = self.node.create_publisher(CommandMessage, COMMAND, reliable(10))
         self.node.create_subscription(PoseStamped, f'{SIM}/measured_pose', self._on_pose,
                                       reliable(1))
         self.node.create_subscription(RecorderState, f'{RECORDER}/state', self._on_recorder,
@@ -90,14 +94,41 @@ class Teacher(Client):
         """Discard the take that is being recorded, or else the last one."""
         return self.request(Trigger, f'{RECORDER}/discard')
 
-    def take(self, shown: Demonstration) -> str:
-        """Guide the tool along a motion and record it; returns the message of the recorder."""
+    def command_gripper(self, command: GripperCommand) -> str:
+        """
+        Let the gripper begin a command; the recorder records it.
+
+        :raises GdmpError: if there is no gripper
+        """
+        # The recorder listens too.
+        if self._gripper.get_subscription_count() < 2:
+            raise GdmpError('the arm has no gripper: gdmp teach --gripper')
+        message = command_message(command)
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        self._gripper.publish(message)
+        return 'the gripper closes' if command.force else 'the gripper opens'
+
+    def take(self, shown: Demonstration,
+             commands: Sequence[tuple[float, GripperCommand]] = ()) -> str:
+        """
+        Guide the tool along a motion and record it; returns the message of the recorder.
+
+        :param commands: for the gripper, with the time of the motion at which each is given [s]
+        """
         begin, end = shown.points[0][:7], shown.points[-1][:7]
         self.move_to(begin)
         self.hold(begin, SETTLE_S)
         self.record()
         self.hold(begin, REST_S)
-        self._guide(lambda t: shown.at(np.array([min(t, shown.duration)]))[0][:7], shown.duration)
+        waiting = list(commands)
+
+        def at(t: float) -> np.ndarray:
+            while waiting and t >= waiting[0][0]:
+                self.command_gripper(waiting.pop(0)[1])
+            return np.asarray(shown.at(np.array([min(t, shown.duration)]))[0][:7])
+        self._guide(at, shown.duration)
+        for _, command in waiting:
+            self.command_gripper(command)
         self.hold(end, REST_S)
         return self.keep()
 

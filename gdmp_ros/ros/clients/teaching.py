@@ -10,6 +10,7 @@ import select
 import sys
 import tempfile
 
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.teacher import Teacher
@@ -20,6 +21,9 @@ from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress
 
 KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'
+GRIPPER_KEYS = 'o Enter: open the gripper; c Enter: close it, and hold with 20 N'
+#: Commands of these keys: width [m] and force [N].
+GRIPPER = {'o': GripperCommand(0.08), 'c': GripperCommand(0.0, 20.0)}
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,14 @@ class TeachingSettings:
     :ivar folder: for the takes
     :ivar frame: ``frame_id`` of the poses
     :ivar window: whether the simulation has a window
+    :ivar gripper: whether the arm has a gripper
     """
 
     folder: Path
     storage: str
     frame: str
     window: bool
+    gripper: bool = False
 
 
 def teach(settings: TeachingSettings, shown: Sequence[Demonstration]) -> None:
@@ -57,7 +63,7 @@ def teach(settings: TeachingSettings, shown: Sequence[Demonstration]) -> None:
                         print(teacher.take(one), flush=True)
                         step()
             else:
-                _by_hand(teacher)
+                _by_hand(teacher, settings.gripper)
     finally:
         if domain:
             domain.release()
@@ -71,7 +77,8 @@ def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterato
             environment, Path(logs)) as children:
         print('starting the simulation and the recorder', flush=True)
         children.start_node(ARM, MODULES[ARM], {
-            'headless': not settings.window, 'frame_id': settings.frame})
+            'headless': not settings.window, 'frame_id': settings.frame,
+            'gripper': settings.gripper})
         children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
             'folder': str(settings.folder), 'storage': settings.storage})
         teacher = Teacher(settings.frame, check=children.check)
@@ -82,9 +89,10 @@ def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterato
             teacher.close()
 
 
-def _by_hand(teacher: Teacher) -> None:
+def _by_hand(teacher: Teacher, gripper: bool) -> None:
     """Let the user start, stop and discard takes."""
-    print(f'the arm can be guided by hand. {KEYS}', flush=True)
+    print(f'the arm can be guided by hand. {KEYS}'
+          + (f'; {GRIPPER_KEYS}' if gripper else ''), flush=True)
     word: str | None = ''
     while word not in ('q', None):
         word = _line(teacher)
@@ -102,6 +110,8 @@ def _carry_out(teacher: Teacher, word: str | None) -> str:
         return teacher.keep() if recording else 'done'
     if word == 'd':
         return teacher.discard()
+    if word in GRIPPER:
+        return teacher.command_gripper(GRIPPER[word])
     if word == '':
         return teacher.keep() if recording else teacher.record()
     return KEYS

@@ -26,6 +26,8 @@ SPECS = (
     Spec('storage', 'mcap', 'storage format of the bags', choices=STORAGES),
     Spec('pose_topic', '/panda_sim/measured_pose', 'geometry_msgs/PoseStamped of the tool'),
     Spec('also', [''], 'more topics to record, as TOPIC=package/msg/Type'),
+    Spec('rare', ['gripper/command=gdmp_msgs/msg/GripperCommand'], 'topics with a message now and '
+         'then, as TOPIC=package/msg/Type; a take need not have one'),
     Spec('longest', 600.0, 'a take ends after this time', 's', 1.0, 86400.0),
     Spec('keep_free', 64.0, 'a take ends if the disk has less free space', 'MB', 1.0, 1e6),
 )
@@ -50,7 +52,9 @@ class TakeRecorder(ManagedNode):
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
-        self._topics = self._topics_to_record()
+        topics = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
+        self._rare = self._named('rare')
+        self._topics = {**topics, **self._named('also'), **self._rare}
         self._publisher = self.add_publisher(RecorderState, '~/state', 10)
         for name, action in (('start', self.start), ('stop', self.stop),
                              ('discard', self.discard)):
@@ -58,7 +62,7 @@ class TakeRecorder(ManagedNode):
         self.parameters.locked = True
 
     def activate(self) -> None:
-        self._tap = Tap(self, self._topics)
+        self._tap = Tap(self, self._topics, rare=self._rare)
         self._timers = [self.wall_timer(DRAIN_S, self._drain), self.wall_timer(0.1, self._report)]
         self.get_logger().info(
             f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
@@ -81,14 +85,15 @@ class TakeRecorder(ManagedNode):
         self.release()
         self.parameters.locked = False
 
-    def _topics_to_record(self) -> dict[str, str]:
-        result = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
-        for pair in filter(None, self.parameters.also):
+    def _named(self, name: str) -> dict[str, str]:
+        """Topics and their types in a parameter."""
+        result = {}
+        for pair in filter(None, getattr(self.parameters, name)):
             topic, _, kind = pair.partition('=')
             try:
                 message_class(kind)
             except (ValueError, ImportError, AttributeError):
-                raise ParameterError(f'also has {pair!r}, expected TOPIC=package/msg/Type of an '
+                raise ParameterError(f'{name} has {pair!r}, expected TOPIC=package/msg/Type of an '
                                      'installed package') from None
             result[self.resolve_topic_name(topic)] = kind
         return result

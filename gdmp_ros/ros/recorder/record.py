@@ -66,15 +66,18 @@ class Tap:
     :ivar waiting: topics without a message since the last `begin`
     """
 
-    def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = ()):
+    def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = (),
+                 rare: Collection[str] = ()):
         """
         Subscribe.
 
         :param topics: topic names and their types (``package/msg/Name``)
         :param best_effort: topics whose publishers are not reliable
+        :param rare: topics with a message now and then: nothing waits for them
         """
         self._inputs = []
-        self.waiting = set(topics)
+        self._expected = frozenset(topics) - frozenset(rare)
+        self.waiting = set(self._expected)
         for topic, kind in topics.items():
             quality = reliable(DEEP)
             if topic in best_effort:
@@ -88,7 +91,7 @@ class Tap:
     def begin(self) -> None:
         """Discard the messages that have arrived so far."""
         self.drain(None)
-        self.waiting = {topic for topic, *_ in self._inputs}
+        self.waiting = set(self._expected)
 
     def drain(self, writer: BagWriter | None) -> int:
         """Write the messages that have arrived, or discard them; returns their number."""

@@ -1,0 +1,112 @@
+"""A gripper through its topics and action; a skill that picks and places; over DDS."""
+from gdmp_msgs.action import MoveGripper
+from gdmp_msgs.msg import GripperCommand, GripperState
+from gdmp_msgs.srv import LoadSkill
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+
+from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.sim import Arm
+from gdmp_ros.sim.scenes import PICK, PLACE
+from gdmp_ros.util.profiles import smoothstep
+from test.ros.nodes import open_testbed
+
+#: Rest at the cube, and when the fingers close and open, as progress of the motion.
+STOPS = [((*PICK.centre, 0.2), 1.6), ((*PICK.centre, 0.035), 1.6), (None, 0.8),
+         ((*PICK.centre, 0.25), 1.2), ((*PLACE.centre, 0.25), 2.0), ((*PLACE.centre, 0.06), 1.2)]
+
+
+def pick_and_place():
+    """The motion of the tool from the first pose of the arm; and its events."""
+    home = Arm().pose_at(Arm().home)
+    times, points, at, now = [], [], home[:3], 0.0
+    for goal, seconds in STOPS:
+        goal = at if goal is None else np.array(goal)
+        for t in np.arange(0.0, seconds, 0.01):
+            times.append(now + t)
+            points.append([*(at + smoothstep(t / seconds) * (goal - at)), *home[3:]])
+        at, now = goal, now + seconds
+    times.append(now)
+    points.append([*at, *home[3:]])
+    closes = sum(seconds for _, seconds in STOPS[:2]) / now
+    return (Demonstration(np.array(times), np.array(points), tool_manifold(None)),
+            [GripperEvent(0.0, 0.08, 0.0, 0.1), GripperEvent(closes + 0.01, 0.0, 20.0, 0.1),
+             GripperEvent(1.0, 0.08, 0.0, 0.1)])
+
+
+@pytest.fixture(scope='session')
+def picking(tmp_path_factory):
+    shown, events = pick_and_place()
+    path = tmp_path_factory.mktemp('picking') / 'skill.json'
+    Skill.learn(shown, 120).with_events(events).save(path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def shared_nodes(tmp_path_factory, picking):
+    with open_testbed(tmp_path_factory.mktemp('nodes'), picking) as made:
+        made.start(arm={'scene': 'pick_and_place'})
+        yield made
+
+
+def watch(running):
+    """States of the gripper, as they come."""
+    states = []
+    running.subscribe(GripperState, 'gripper/state', states.append)
+    running.wait('the gripper', lambda: bool(states))
+    return states
+
+
+def move(running, **goal):
+    client = ActionClient(running.node, MoveGripper, 'gripper/move')
+    running.wait('the action', client.server_is_ready)
+    sent = client.send_goal_async(MoveGripper.Goal(**goal))
+    running.wait('the goal', sent.done)
+    done = sent.result().get_result_async()
+    running.wait('the result', done.done, 30.0)
+    client.destroy()
+    return done.result().result
+
+
+def test_topic_and_action_move_the_fingers(running):
+    states = watch(running)
+    publisher = running.publisher(GripperCommand, 'gripper/command')
+    publisher.publish(GripperCommand(width=0.03))
+    running.wait('the width', lambda: abs(states[-1].width - 0.03) < 1e-3
+                 and not states[-1].moving)
+    result = move(running, width=0.06)
+    assert result.success and result.width == pytest.approx(0.06, abs=1e-3)
+    result = move(running, width=0.0, force=20.0)
+    assert not result.success and 'nothing between the fingers' in result.message
+    result = move(running, width=0.5)
+    assert not result.success and 'width is 0.5 m, expected 0 to 0.08 m' in result.message
+
+
+def test_a_skill_picks_the_cube_and_places_it(running):
+    states = watch(running)
+    running.client.execute()
+    result = running.client.result(60.0)
+    assert result.error_code == 0, result.error_string
+    assert any(state.holding for state in states)
+    assert states[-1].commands == 3 and states[-1].width == pytest.approx(0.08, abs=2e-3)
+    # While something was held, it was as wide as the cube.
+    held = [state.width for state in states if state.holding]
+    assert np.median(held) == pytest.approx(0.04, abs=2e-3)
+
+
+def test_a_pick_that_fails_ends_the_motion_with_the_reason(running, picking, tmp_path):
+    skill = Skill.load(picking)
+    early = tmp_path / 'early.json'
+    skill.with_events([GripperEvent(0.1, 0.0, 20.0, 0.1)]).save(early)
+    assert running.call(LoadSkill, f'{SERVER}/load_skill', path=str(early)).success
+    running.client.execute()
+    result = running.client.result(30.0)
+    assert result.error_code == result.GRIPPER_FAILED
+    assert 'there is nothing between the fingers' in result.error_string
+    running.wait_rest()
+    assert running.tool()[2] > 0.3
