@@ -50,11 +50,6 @@ class MeasuredInput:
         """Forget what has been measured."""
         self._newest = None
 
-    @property
-    def known(self) -> Measured | None:
-        """The newest measurement that was read."""
-        return self._newest
-
     def newest(self) -> Measured | None:
         """Read the newest measurement."""
         with self._lock:

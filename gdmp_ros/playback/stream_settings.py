@@ -3,7 +3,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gdmp_ros.errors import ParameterError
+import numpy as np
+
+from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.util.settings import setting
 
 
@@ -36,3 +38,10 @@ class StreamSettings:
             if low >= high:
                 raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
                                      f'workspace_max {axis}, {high:g} m')
+
+    def check_goal(self, pose: np.ndarray) -> None:
+        """:raises ManifoldError: if a goal position lies outside the workspace"""
+        for axis, value, least, most in zip('xyz', pose, self.workspace_min, self.workspace_max):
+            if not least <= value <= most:
+                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
+                                    f'{least:g} to {most:g} m')

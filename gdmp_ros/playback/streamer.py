@@ -41,6 +41,7 @@ class Streamer:
     :ivar player: None before there is a skill
     :ivar robot: what is known of the robot
     :ivar kinematics: of the arm; None if it is not known
+    :ivar bounds: of speed and acceleration
     :ivar active: whether ticks are made
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
@@ -76,7 +77,7 @@ class Streamer:
         self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
         self._used: Measured | None = None
         self._watches_joints = False
-        self._bounds = BoundedStream(settings)
+        self.bounds = BoundedStream(settings)
         self._last_tick, self.ticks, self.time = 0, 0, 0.0
         self._tracker = GoalTracker()
 
@@ -85,7 +86,7 @@ class Streamer:
         """Use other settings from now on; those of the player from the next motion on."""
         self.settings, self._player_settings = settings, player_settings
         self.robot.settings = robot_settings
-        self._bounds.configure(settings)
+        self.bounds.configure(settings)
         if self.player is not None:
             self.player.configure(player_settings)
 
@@ -93,11 +94,6 @@ class Streamer:
     def joints(self) -> int:
         """Number of the joints of which the references are; 0: they are of the tool."""
         return 0 if self.player is None else self.player.joints
-
-    @property
-    def bounded(self) -> int:
-        """Ticks in which the bounds of speed and acceleration were active."""
-        return self._bounds.bounded
 
     @property
     def mode(self) -> StreamMode:
@@ -172,7 +168,7 @@ class Streamer:
         :raises GdmpError: if it lies outside the workspace, or no skill is being executed
         """
         player = self._executing()
-        self.check_goal(pose)
+        self.settings.check_goal(pose)
         if player.playing.of_joints:
             player.go_to(place_for(self.kinematics, player.playing, pose, player.goal))
             return
@@ -189,7 +185,7 @@ class Streamer:
         :raises GdmpError: as `switch_goal_pose`, or if a number is not finite
         """
         player = self._executing()
-        self.check_goal(pose)
+        self.settings.check_goal(pose)
         if not np.isfinite(twist).all():
             raise ManifoldError('the twist of the goal has a NaN or infinite number')
         if player.playing.of_joints:
@@ -206,22 +202,10 @@ class Streamer:
         player = self._executing()
         player.goal_stiffness(player.tool.stiffness_factor(numbers))
 
-    def check_goal(self, pose: np.ndarray) -> None:
-        """:raises ManifoldError: if a goal position lies outside the workspace"""
-        for axis, value, least, most in zip('xyz', pose, self.settings.workspace_min,
-                                            self.settings.workspace_max):
-            if not least <= value <= most:
-                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
-                                    f'{least:g} to {most:g} m')
-
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
-        tool = None if self.player is None else self.player.tool
-        measured = self._input_of(tool).known
-        if measured is not None and measured.age <= self.settings.measured_pose_age:
-            return True
         try:
-            self._start_place(tool)
+            self._start_place(None if self.player is None else self.player.tool)
         except ParameterError:
             return not self.active
         return True
@@ -234,7 +218,7 @@ class Streamer:
         for one in (self._pose, self._joints):
             one.forget()
         self.robot.reset()
-        self._bounds.reset()
+        self.bounds.reset()
         self.lateness = LatenessRecorder(period_ns)
         self._last_tick = 0
         self.active = True
@@ -275,7 +259,7 @@ class Streamer:
         target = player.tick(dt)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
-        return None if target is None else self._bounds.apply(player.playing, target, dt)
+        return None if target is None else self.bounds.apply(player.playing, target, dt)
 
     def _use_pose(self, player: Player) -> None:
         """Let the player and the watch use where the robot is."""

@@ -16,6 +16,8 @@ MOVING_FORCE = 30.0
 ARMATURE, STIFFNESS, DAMPING = 0.1, 2000.0, 25.0
 #: The fingers have arrived if they are this near, or rest for this time [m, m/s, s].
 NEAR_M, STILL, STILL_S = 5e-4, 1e-3, 0.1
+#: Contact of what is held: time constant [s] and damping ratio.
+CONTACT = (0.004, 1.0)
 #: Friction of the pads: sliding, torsional, rolling.
 FRICTION = (1.5, 0.05, 1e-3)
 
@@ -38,7 +40,7 @@ def add_gripper(spec: mujoco.MjSpec) -> None:
         for geom in finger.geoms:
             # The pads touch each other when the fingers are closed.
             geom.pos[1] = side * geom.size[1]
-            geom.friction, geom.condim = FRICTION, 4
+            geom.friction, geom.condim, geom.solref = FRICTION, 4, CONTACT
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
         motor.ctrllimited, motor.ctrlrange = True, [-STRONGEST, STRONGEST]

@@ -120,7 +120,8 @@ def pick_and_place(spec: mujoco.MjSpec) -> None:
     cube.inertia = [CUBE_MASS * CUBE_EDGE ** 2 / 6.0] * 3
     # It collides with the arm and with what is solid.
     cube.add_geom(name='cube', type=_BOX, size=[half] * 3, rgba=_GREEN,
-                  contype=3, conaffinity=3, friction=[1.5, 0.05, 1e-3], condim=4)
+                  contype=3, conaffinity=3, friction=[1.5, 0.05, 1e-3], condim=4,
+                  solref=[0.004, 1.0])
 
 
 def hard_table(below: float) -> mujoco.MjSpec:

@@ -16,7 +16,7 @@ def identified(plant):
     loop = ClosedLoop(Arm(plant=plant), ControllerSettings(guard=GuardSettings()))
     start = loop.arm.data.qpos.copy()
     # Fewer and faster motions than on a robot: the arm is simulated.
-    loop.joint_motion = FrictionIdentification(loop.arm.limits, start, (0.1, 0.2), 0.1)
+    loop.joint_motion = FrictionIdentification(loop.arm.limits, start, (0.2, 0.4), 0.12)
     largest = 0.0
     while not loop.joint_motion.done:
         loop.tick()

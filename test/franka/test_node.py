@@ -8,6 +8,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from gdmp_ros.experiments.demo.run import run_demo
+from gdmp_ros.experiments.demo.tasks import run_task
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.testbed import NodeTestbed
@@ -74,11 +75,35 @@ def test_an_arm_that_ends_leaves_a_robot_that_holds(bed):
     bed.wait_mode(HOLD)
 
 
+FRICTION = """\
+/**/franka_arm:
+  ros__parameters:
+    friction_viscous: [0.21]
+    friction_dry: [1.137]
+"""
+
+
 @pytest.mark.long
 def test_the_letter_with_a_goal_switch(tmp_path):
-    """Without compensation of the dry friction that the robot has."""
-    assert run_demo(tmp_path / 'demo', 'GShape', CHOICE) == 0
+    """The dry friction is that of the server; `gdmp identify-friction` finds it within 2 %."""
+    friction = tmp_path / 'friction.yaml'
+    friction.write_text(FRICTION)
+    choice = ArmChoice('franka', protocol_server=True, friction=friction)
+    assert run_demo(tmp_path / 'demo', 'GShape', choice) == 0
     report = json.loads((tmp_path / 'demo' / 'report.json').read_text())
     assert report['arm'] == FRANKA
     assert all(report['limits'].values()), report['limits']
-    assert report['tracking']['position_rmse_m'] < 0.05
+    assert report['tracking']['position_rmse_m'] < 0.006
+    assert report['goal_switch']['final_position_error_m'] < 0.006
+    log = (tmp_path / 'demo' / 'logs' / 'protocol_server.log').read_text()
+    assert 'reflex' not in log.lower()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('task', ['pick', 'joints'])
+def test_a_task_that_was_shown_in_simulation(tmp_path, task):
+    friction = tmp_path / 'friction.yaml'
+    friction.write_text(FRICTION)
+    choice = ArmChoice('franka', protocol_server=True, friction=friction)
+    assert run_task(task, tmp_path / 'task', choice) == 0, (
+        (tmp_path / 'task' / 'report.json').read_text())

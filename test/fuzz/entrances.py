@@ -220,7 +220,7 @@ def tick(name: str) -> None:
     if name == 'server':
         made._tick(_ticks[name] * 1_000_000, 0.05, time.time_ns())
     elif name == 'sim':
-        made._advance(time.time_ns())
+        made._advance(time.time_ns(), time.time_ns())
     elif name == 'visualizer':
         made._update_handles()
         made._all_markers()
@@ -325,7 +325,7 @@ def topic_clock() -> Entrance:
     from rosgraph_msgs.msg import Clock
 
     def use(server: Any, message: Any) -> None:
-        server.set_parameters([_parameter('use_sim_time', True)])
+        server._clock_input = None, server._time_source.clock_callback
         server._clock_tick(message)
     valid = [Clock(clock=Time(sec=100, nanosec=i * 10 ** 6)) for i in range(3)]
     return _message(Clock, valid, 'server', use)
@@ -461,7 +461,8 @@ def action_execute() -> Entrance:
                               goal_stiffness=list((300.0 * np.eye(3)).ravel()),
                               position_tolerance=0.01, rotation_tolerance=0.01)
     return _message(ExecuteSkill.Goal, [ExecuteSkill.Goal(), whole], 'server',
-                    lambda server, goal: server._action._begin(goal))
+                    lambda server, goal: server._action._begin(goal, server._base.pose(
+                        goal.goal_pose) if goal.use_goal_pose else None))
 
 
 def services_of_the_simulation() -> Entrance:

@@ -1,4 +1,7 @@
 """A skill of the joints: learned from recorded joint states, streamed, followed; over DDS."""
+import json
+from pathlib import Path
+
 from gdmp_msgs.msg import MovingGoal, Reference, RobotState
 from gdmp_msgs.srv import LoadSkill
 from geometry_msgs.msg import PoseStamped
@@ -118,12 +121,13 @@ def test_tool_and_joints_alternate(running, joint_skill, skill_file):
 
 
 def test_the_adapter_makes_trajectories_of_them(running):
-    running.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {
-        'pose_topic': '', 'stiffness': 'none', 'joint_names': Arm().names,
-        'joint_trajectory_topic': 'controller/joint_trajectory'})
+    preset = Path(__file__).parents[2] / 'config/presets/joint_trajectory_controller.yaml'
+    running.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {}, [
+        '--params-file', str(preset), '-p', f'joint_names:={json.dumps(Arm().names)}'])
     try:
         made = []
-        running.subscribe(JointTrajectory, 'controller/joint_trajectory', made.append)
+        running.subscribe(JointTrajectory, 'joint_trajectory_controller/joint_trajectory',
+                          made.append)
         running.wait_log('adapter', 'converting', 60.0)
         running.spend(0.5)  # it reads where the joints are
         running.client.execute()

@@ -124,7 +124,8 @@ def test_launch_files_start_executables_and_set_parameters_that_exist(path):
     started = {node.targets[0].slice.value for node in ast.walk(tree)
                if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript)
                and getattr(node.targets[0].value, 'id', '') == 'wanted'}
-    assert started == {'panda_sim', 'franka_arm', 'trajectory_server', 'visualizer'}
+    assert started == {'panda_sim', 'franka_arm', 'franka_gripper', 'trajectory_server',
+                       'visualizer'}
     assert started <= set(setup['x'])
     given = {keyword.value.value for node in ast.walk(tree) if isinstance(node, ast.Call)
              for keyword in node.keywords

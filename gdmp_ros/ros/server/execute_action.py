@@ -86,7 +86,10 @@ class ExecuteAction:
             self._judge(execution, state)
 
     def _judge(self, execution: _Execution, state: ServerState) -> None:
-        holding = state.status == Status.HOLDING
+        holding, gripper = state.status == Status.HOLDING, self._streamer.gripper
+        if gripper is not None and gripper.problem:
+            self._finish(ExecuteSkill.Result.GRIPPER_FAILED, gripper.problem)
+            return
         if holding and self._cancelling:
             self._finish(ExecuteSkill.Result.CANCELED, 'stopped on request')
             return
@@ -98,10 +101,7 @@ class ExecuteAction:
             phase=state.phase, progress=state.progress, factors=state.factors,
             distance_to_goal=state.distance_to_goal, flags=state.flags,
             robot_distance=state.robot_distance))
-        gripper = self._streamer.gripper
-        if gripper is not None and gripper.problem:
-            self._give_up(ExecuteSkill.Result.GRIPPER_FAILED, gripper.problem)
-        elif 'held' in state.flags:
+        if 'held' in state.flags:
             self._finish(ExecuteSkill.Result.HELD, 'a step was not finite; the last state is held')
         elif holding and state.finished and 'not_settled' in state.flags:
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
@@ -211,7 +211,7 @@ class ExecuteAction:
             await self._node.wait_until(lambda: self._base.knows(header), 0.02,
                                         self._node.get_parameter('tf_timeout').value)
         pose = self._base.pose(goal.goal_pose)
-        self._streamer.check_goal(pose)
+        self._streamer.settings.check_goal(pose)
         return pose
 
     def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:

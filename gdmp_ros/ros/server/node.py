@@ -158,7 +158,11 @@ class TrajectoryServer(ManagedNode):
         return made
 
     def _clock_tick(self, message: ClockMessage) -> None:
-        self._clock_input[1](message)  # the time of the node
+        try:
+            self._clock_input[1](message)  # the time of the node
+        except (ValueError, OverflowError, RuntimeError) as error:  # rclpy: a negative time
+            self.streamer.refusals.add(f'/clock: {error}')
+            return
         now = message.clock.sec * NS + message.clock.nanosec
         # Every message is a tick on time.
         deadline = self.streamer.lateness.ticks * self._period_ns()

@@ -191,7 +191,7 @@ class ServerReport:
         self._last_diagnosis = (level, text)
         extra = {'skill': message.skill, 'refused': message.refused,
                  'last refusal': message.last_refusal,
-                 'references bounded': self._streamer.bounded,
+                 'references bounded': self._streamer.bounds.bounded,
                  'time jumps': self._streamer.jumps,
                  'scheduler': message.scheduler}
         self._diagnostics.publish(lateness_diagnostics(

@@ -1,0 +1,15 @@
+"""Tasks that are shown by hand, learned and executed, as commands."""
+import json
+
+import pytest
+
+from test.commands import gdmp
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('task', ['pick', 'joints'])
+def test_a_task_is_shown_learned_and_executed(tmp_path, task):
+    done = gdmp('demo', '--task', task, '--out', tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = json.loads((tmp_path / 'report.json').read_text())
+    assert report['succeeded'] and report['task'] == task and not report['error']
