@@ -1,5 +1,6 @@
 """Hand guiding: takes are recorded by service, and in a session at the terminal."""
 from diagnostic_msgs.msg import DiagnosticArray
+from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import RecorderState, RobotState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -59,7 +60,9 @@ def test_takes_are_started_stopped_and_discarded_by_service(running, tmp_path):
 def test_a_guided_arm_refuses_references_and_releases_a_hand_that_is_silent(running):
     begun = running.call(SetBool, f'{ARM}/teach', data=True).message
     assert 'only gravity is compensated' in begun
+    running.client.execute()
     running.wait('references to be refused', lambda: 'guided by hand' in running.log(ARM))
+    assert running.client.result(30.0).error_code == ExecuteSkill.Result.BLOCKED
     status = []
     running.subscribe(DiagnosticArray, '/diagnostics', lambda message: status.extend(
         one.message for one in message.status if one.name.startswith(ARM)))
@@ -82,8 +85,8 @@ def test_a_guided_arm_refuses_references_and_releases_a_hand_that_is_silent(runn
     running.wait('the hand to be released', lambda: 'waiting for a hand' in status[-1])
     ended = running.call(SetBool, f'{ARM}/teach', data=False).message
     assert ended == 'the arm holds its pose'
-    # The server still streams the first pose: the arm holds where the hand left it.
-    running.spend(0.3)
+    # The server still streams a pose away from it: the arm holds where the hand left it.
+    running.spend(1.0)
     left = running.tool()
     running.spend(1.0)
     assert np.linalg.norm(running.tool()[:3] - left[:3]) < 1e-3
