@@ -85,7 +85,8 @@ def test_a_force_against_the_motion_stops_it(reaction, mode, plant):
 
 
 @on_every_plant
-@pytest.mark.parametrize('force, along', [(10.0, False), (25.0, True)])
+@pytest.mark.parametrize('force, along', [(9.0, False), (25.0, True)])
 def test_a_small_force_or_one_along_the_motion_does_not(force, along, plant):
+    """While a joint turns round, dry friction / lever, 5.5 N, is not known: 9 N + 5.5 N < 15 N."""
     modes, _ = move_against(force, 'stop', along, plant)
     assert set(modes[10:]) == {ArmMode.FOLLOW}

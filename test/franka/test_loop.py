@@ -7,8 +7,10 @@ from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.franka import doctor
 from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
 from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.realtime.doctor import BAD, GOOD
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.tool import ToolTransform
 
@@ -127,6 +129,14 @@ def test_the_torque_rate_counts_from_command_to_command(loop):
     tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015,
                                           ArmMode.MOVE)
     assert np.abs(tick.torque).max() == pytest.approx(0.95, abs=1e-6)
+
+
+def test_the_doctor_judges_the_connection_and_names_a_missing_one(server):
+    found = {one.subject: one for one in doctor.examine('127.0.0.1', 3.0)}
+    assert set(found) == {'libfranka', 'round trip', 'lost cycles', 'jitter', "the robot's time"}
+    assert found['round trip'].level == GOOD
+    server.kill()
+    assert doctor.examine('127.0.0.1')[-1].level == BAD
 
 
 def test_what_cannot_be_reached_is_named():
