@@ -90,9 +90,10 @@ class ArmChoice:
     def server_parameters(self) -> dict[str, Any]:
         """Parameters of a trajectory server for it."""
         # Dry friction holds a Franka some millimetres from its goal, compensated or not.
-        tolerance = {'robot_position_tolerance': FRANKA_TOLERANCE} if self.kind == 'franka' else {}
+        franka = {'robot_position_tolerance': FRANKA_TOLERANCE, 'reach_model': 'fr3'}
         return {'measured_pose_topic': f'/{self.node}/measured_pose',
-                'arm_status_topic': f'/{self.node}/status', **tolerance}
+                'arm_status_topic': f'/{self.node}/status',
+                **(franka if self.kind == 'franka' else {})}
 
     @contextmanager
     def robot(self, folder: Path, gripper: bool = False) -> Iterator[None]:
