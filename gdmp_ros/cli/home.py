@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import add_arm_node, check_number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -21,8 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('position', type=float, nargs='*', metavar='RAD',
                         help='posture, one number for each joint (default: home)')
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='with its namespace (default %(default)s)')
+    add_arm_node(parser)
     parser.add_argument('--speed', type=float, default=0.5, metavar='RAD/S',
                         help='largest speed of a joint [rad/s] (default %(default)g)')
 

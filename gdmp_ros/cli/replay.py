@@ -16,7 +16,7 @@ import argparse
 import os
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import add_arm_node, check_number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -27,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of the references in the bag (default: the only one)')
     parser.add_argument('--to', default='', metavar='TOPIC',
                         help='on which they are sent (default: as recorded)')
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='that follows, with its namespace (default %(default)s)')
+    add_arm_node(parser)
     parser.add_argument('--wait', type=float, default=30.0, metavar='S',
                         help='timeout for the arm [s] (default %(default)g)')
 

@@ -7,11 +7,11 @@ import time
 
 import numpy as np
 
+from gdmp_ros.franka.protocol_server import PORT
 from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.realtime.doctor import BAD, FAIR, Finding, GOOD
 
-PORT = 1337
 #: Round trips that are measured, and the longest of a direct cable [s].
 TRIPS, LONG_TRIP_S = 5, 1e-3
 #: Share of cycles that may be lost, and 99th percentile of the jitter [s].

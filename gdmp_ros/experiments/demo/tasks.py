@@ -174,4 +174,3 @@ def _execute(bed: NodeTestbed, half_way: Callable[[], None]) -> str:
     half_way()
     result = bed.client.result(120.0)
     return '' if result.error_code == result.SUCCESSFUL else str(result.error_string)
-
