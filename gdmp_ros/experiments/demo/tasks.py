@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 import shutil
 from typing import Any
@@ -74,9 +75,11 @@ def run_task(task: str, folder: Path, arm: ArmChoice) -> int:
     print('learning', flush=True)
     learned = skill_from_bags(sorted((folder / 'takes').glob('take_*')), LearningSettings(
         frame=FRAME, stiffness='none', joint_topic='' if task == 'joints' else None))
+    skill = learned.skill
     if arm.kind == 'franka':  # the same joints in the same order, with other names
-        learned.skill.provenance.pop('joints', None)
-    learned.skill.save(folder / 'skill.json')
+        skill = replace(skill, provenance={
+            name: value for name, value in skill.provenance.items() if name != 'joints'})
+    skill.save(folder / 'skill.json')
     with (Domain() as domain, arm.robot(folder / 'logs', gripper=task == 'pick'),
           NodeTestbed(folder, domain.environment(), arm) as bed):
         document = {'pick': _pick, 'joints': _follow_joints}[task](bed)
