@@ -6,24 +6,28 @@ takes 2 µs. Their positions are found by serialising a message with known marks
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
 import struct
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
+from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.data.message_numbers import joint_target, reference_target
 from gdmp_ros.errors import DataError
-from gdmp_ros.ros.messages import checked_pose, NS
+from gdmp_ros.ros.messages import checked_pose, fill_reference, NS
 
 #: Serialised data; the name ``bytes`` is a method below.
 Buffer: TypeAlias = bytes
 _HEADER = 4  # bytes of CDR encapsulation; alignment is relative to its end
 _MARK = 1e-200
 _BYTES = (0, 165, 90, 255, 15, 240, 1)  # that an integer is set to, to find it
+_SECONDS, _NANOSECONDS = 0x5AA50F00, 0x3C3CC3C3  # that a stamp is set to, to find it
 
 
 def deserialized(data: Buffer, kind: Any) -> Any:
@@ -36,6 +40,20 @@ def deserialized(data: Buffer, kind: Any) -> Any:
         return deserialize_message(data, kind)
     except RuntimeError as error:
         raise DataError(f'not a {kind.__name__}: {error}') from None
+
+
+class _FrameCheck:
+    """Whether serialised messages have the encapsulation and the frame of another one."""
+
+    def __init__(self, data: Buffer, frame: str):
+        # Behind encapsulation and stamp the string of the frame, with its length.
+        self._begin = data[:_HEADER]
+        self._string = data[_HEADER + 8:_HEADER + 12 + len(frame.encode())]
+        self._ends = _HEADER + 8 + len(self._string)
+
+    def passes(self, data: Buffer) -> bool:
+        return (data[:_HEADER] == self._begin
+                and data[_HEADER + 8:self._ends] == self._string)
 
 
 class PoseReader:
@@ -58,7 +76,7 @@ class PoseReader:
         data = serialize_message(message)
         self._size, self._numbers = len(data), len(data) - 7 * 8
         # Encapsulation; behind the stamp the string of the frame.
-        self._begin, self._string = data[:_HEADER], data[_HEADER + 8:_HEADER + 12 + len(frame)]
+        self._frame = _FrameCheck(data, frame)
 
     def read(self, data: Buffer) -> np.ndarray:
         """
@@ -66,8 +84,7 @@ class PoseReader:
 
         :raises GdmpError: as `checked_pose`, `deserialized` and ``other``
         """
-        if (len(data) >= self._size and data[:_HEADER] == self._begin
-                and data[_HEADER + 8:_HEADER + 8 + len(self._string)] == self._string):
+        if len(data) >= self._size and self._frame.passes(data):
             x, y, z, qx, qy, qz, qw = struct.unpack_from('<7d', data, self._numbers)
             norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
             if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
@@ -76,19 +93,23 @@ class PoseReader:
 
 
 class SerializedTemplate:
-    """A serialised message in which stamp, counters, mode and numbers are replaced."""
+    """A serialised message in which stamps, counters, mode and numbers are replaced."""
 
-    def __init__(self, message: Any, count: int, fill: Callable[[Any, np.ndarray], None]):
+    def __init__(self, message: Any, count: int, fill: Callable[[Any, np.ndarray], None],
+                 headers: Sequence[Any] | None = None):
         """
         Find the positions of what is replaced: counters are ``sequence`` and ``tick``.
 
         :param message: with its strings (frame); they cannot change later
         :param count: number of numbers
         :param fill: writes the numbers to the message
+        :param headers: in the message, all with the same stamp; by default its own, if it has one
         """
         marks = _MARK * (1.0 + np.arange(count))
         fill(message, marks)
-        self._stamped = hasattr(message, 'header')
+        if headers is None:
+            headers = [message.header] if hasattr(message, 'header') else []
+        self._stamps = [_position_of_stamp(message, one.stamp) for one in headers]
         self._integers = [(_position_of(message, name), form)
                           for name, form in (('sequence', '<Q'), ('mode', '<B'), ('tick', '<Q'))
                           if hasattr(message, name)]
@@ -105,21 +126,72 @@ class SerializedTemplate:
 
         :param integers: of ``sequence``, ``mode`` and ``tick``, as far as the message has them
         """
-        if self._stamped:
-            struct.pack_into('<iI', self._data, _HEADER, stamp_ns // NS, stamp_ns % NS)
+        for position in self._stamps:
+            struct.pack_into('<iI', self._data, position, stamp_ns // NS, stamp_ns % NS)
         self._doubles[self._positions] = numbers
         for (position, form), value in zip(self._integers, integers):
             struct.pack_into(form, self._data, position, value)
         return bytes(memoryview(self._data)[:self._size])
 
-    def sequence_of(self, data: Buffer) -> int:
-        """Sequence number of a serialised message with these strings."""
-        return int(struct.unpack_from('<Q', data, self._integers[0][0])[0])
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return self._size
+
+    def integers_of(self, data: Buffer) -> list[int]:
+        """``sequence``, ``mode`` and ``tick`` of a serialised message, as far as it has them."""
+        return [struct.unpack_from(form, data, position)[0] for position, form in self._integers]
 
     def numbers_of(self, data: Buffer) -> np.ndarray:
         """Numbers of a serialised message with these strings."""
         count = (len(data) - _HEADER) // 8
         return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._positions])
+
+
+class ReceivedReference(NamedTuple):
+    """
+    A reference from a topic.
+
+    :ivar target: see `gdmp_ros.data.message_numbers`
+    :ivar stamp: [ns]
+    :ivar mode: a `StreamMode`
+    """
+
+    target: np.ndarray
+    frame: str
+    stamp: int
+    sequence: int
+    mode: int
+
+
+class ReferenceReader:
+    """Reads serialised references: quickly those of the tool in one frame, and all others."""
+
+    def __init__(self, frame: str):
+        """:param frame: ``frame_id`` that the references have"""
+        message = Reference()
+        message.header.frame_id = self._frame = frame
+        self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
+        self._check = _FrameCheck(self._template.bytes(np.zeros(TARGET_SIZE)), frame)
+
+    def read(self, data: Buffer) -> ReceivedReference:
+        """
+        Read a reference; whether it is a good one is not checked.
+
+        :raises DataError: if it is not a reference
+        """
+        template = self._template
+        # References of the joints are longer.
+        if len(data) == template.size and self._check.passes(data):
+            sequence, mode = template.integers_of(data)
+            return ReceivedReference(template.numbers_of(data), self._frame, stamp_ns_of(data),
+                                     sequence, mode)
+        message = deserialized(data, Reference)
+        header = message.header
+        return ReceivedReference(
+            joint_target(message) if message.joints else reference_target(message),
+            header.frame_id, header.stamp.sec * NS + header.stamp.nanosec, message.sequence,
+            message.mode)
 
 
 def stamp_ns_of(data: Buffer) -> int:
@@ -140,6 +212,17 @@ def _position_of(message: Any, name: str) -> int:
     if len(found) != 1:
         raise RuntimeError(f'unknown serialisation: {name} was found {len(found)} times')
     return found[0]
+
+
+def _position_of_stamp(message: Any, stamp: Any) -> int:
+    """First byte of a stamp in the serialised message."""
+    before = stamp.sec, stamp.nanosec
+    stamp.sec, stamp.nanosec = _SECONDS, _NANOSECONDS
+    data, mark = serialize_message(message), struct.pack('<iI', _SECONDS, _NANOSECONDS)
+    stamp.sec, stamp.nanosec = before
+    if data.count(mark) != 1:
+        raise RuntimeError(f'unknown serialisation: a stamp was found {data.count(mark)} times')
+    return int(data.index(mark))
 
 
 def _find(values: np.ndarray, mark: Any) -> int:

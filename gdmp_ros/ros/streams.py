@@ -1,10 +1,12 @@
 """Topics that are published in every tick."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 import numpy as np
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -49,6 +51,17 @@ def pose_stream(node: ManagedNode, topic: str, frame: str) -> Stream:
     message.header.frame_id = frame
     return Stream(node.add_publisher(PoseStamped, topic, 10),
                   SerializedTemplate(message, 7, fill_pose_stamped))
+
+
+def joints_stream(node: ManagedNode, topic: str, names: Sequence[str]) -> Stream:
+    """Stream of positions, velocities and torques (one after the other) as JointState."""
+    fields = ('position', 'velocity', 'effort')
+
+    def fill(message: JointState, numbers: np.ndarray) -> None:
+        for field, row in zip(fields, numbers.reshape(len(fields), -1)):
+            setattr(message, field, row.tolist())
+    return Stream(node.add_publisher(JointState, topic, 10),
+                  SerializedTemplate(JointState(name=list(names)), len(fields) * len(names), fill))
 
 
 def stiffness_stream(node: ManagedNode, topic: str) -> Stream:

@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.urdf import compose, links_of
+from gdmp_ros.sim.urdf import links_of
 
 
 class LinkFrames:
@@ -21,7 +21,7 @@ class LinkFrames:
         model, links = arm.model, links_of(arm, frame)
         self.fixed: list[tuple[str, str, np.ndarray]] = []
         self.moving: list[tuple[str, str]] = []
-        self._joints: list[tuple[np.ndarray, np.ndarray, int, bool]] = []
+        joints: list[tuple[np.ndarray, np.ndarray, int, bool]] = []
         for i, name in links.bodies.items():
             parent = links.bodies.get(int(model.body_parentid[i]))
             if i == 0 or parent is None:
@@ -32,9 +32,10 @@ class LinkFrames:
                 continue
             joint = int(model.body_jntadr[i])
             self.moving.append((parent, name))
-            self._joints.append((pose, model.jnt_axis[joint].copy(),
-                                 int(model.jnt_qposadr[joint]),
-                                 int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)))
+            joints.append((pose, model.jnt_axis[joint].copy(),
+                           int(model.jnt_qposadr[joint]),
+                           int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)))
+        self._prepare(joints)
         self._objects: list[int] = []
         for joint in range(model.njnt):
             if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE):
@@ -45,14 +46,30 @@ class LinkFrames:
             self.fixed.append((links.bodies[int(model.site_bodyid[s])], name,
                                np.concatenate([site.pos, site.quat])))
 
-    def at(self, position: np.ndarray) -> list[np.ndarray]:
-        """Poses of `moving` at positions of all joints and objects [rad, m]."""
-        result = []
-        for pose, axis, number, slides in self._joints:
-            step = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-            if slides:
-                step[:3] = position[number] * axis
-            else:
-                mujoco.mju_axisAngle2Quat(step[3:], axis, position[number])
-            result.append(compose(pose, step))
-        return result + [position[at:at + 7].copy() for at in self._objects]
+    def _prepare(self, joints: list[tuple[np.ndarray, np.ndarray, int, bool]]) -> None:
+        """What `at` needs of poses at zero, axes, numbers of the positions, and kinds."""
+        poses = np.array([pose for pose, *_ in joints]).reshape(-1, 7)
+        self._numbers = [number for _, _, number, _ in joints]
+        slides = np.array([slides for *_, slides in joints], dtype=bool)[:, None]
+        axes, turned = np.zeros((len(joints), 3)), np.zeros((len(joints), 4))
+        for i, (pose, axis, _, _) in enumerate(joints):
+            # The axis in the parent, and the quaternion after half a turn around it.
+            mujoco.mju_rotVecQuat(axes[i], axis, pose[3:])
+            mujoco.mju_mulQuat(turned[i], np.concatenate([[0.0], axes[i]]), pose[3:])
+        self._zero, self._turned = poses, turned
+        self._slide, self._half_turn = np.where(slides, axes, 0.0), np.where(slides, 0.0, 0.5)
+
+    def at(self, position: np.ndarray) -> np.ndarray:
+        """
+        Poses of `moving`, shape ``(links, 7)``.
+
+        :param position: of all joints and objects [rad, m]
+        """
+        joints = position[self._numbers][:, None]
+        half, count = self._half_turn * joints, len(self._numbers)
+        result = np.empty((len(self.moving), 7))
+        result[:count, :3] = self._zero[:, :3] + joints * self._slide
+        result[:count, 3:] = np.cos(half) * self._zero[:, 3:] + np.sin(half) * self._turned
+        for i, at in enumerate(self._objects, count):
+            result[i] = position[at:at + 7]
+        return result

@@ -349,6 +349,8 @@ def topic_hand_pose() -> Entrance:
 
 def topic_reference() -> Entrance:
     """Reference of the simulated arm."""
+    from rclpy.serialization import serialize_message
+
     def use(sim: Any, message: Any) -> None:
         # In every other input the clock says what the stamp says: it would refuse nearly all.
         stamp = message.header.stamp
@@ -356,7 +358,7 @@ def topic_reference() -> Entrance:
         if message.sequence % 2 == 0:
             now = stamp.sec * 10 ** 9 + stamp.nanosec
             sim.simulation.loop.controller.guard._sequence = 0
-        sim.simulation.take_reference(message, now)
+        sim.simulation.take_reference(serialize_message(message), now)
     return _reference('sim', use)
 
 

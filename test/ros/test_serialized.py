@@ -1,10 +1,22 @@
-"""Templates of serialised messages."""
-from gdmp_msgs.msg import RobotState
+"""Templates of serialised messages, and readers of them."""
+from gdmp_msgs.msg import Reference, RobotState
+from geometry_msgs.msg import TransformStamped
 import numpy as np
+import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from tf2_msgs.msg import TFMessage
 
+from gdmp_ros.control.joint_target import resting_joints
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.errors import DataError
 from gdmp_ros.ros import serialized
-from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED
+from gdmp_ros.ros.messages import (
+    fill_joint_reference,
+    fill_reference,
+    fill_robot_state,
+    ROBOT_STATE_FIXED,
+)
+from gdmp_ros.ros.serialized import deserialized, ReferenceReader, SerializedTemplate
 
 
 def padding_of(message, kind):
@@ -43,3 +55,48 @@ def test_padding_with_any_content_does_not_hide_a_field(monkeypatch, rng):
     assert (read.header.stamp.sec, read.header.stamp.nanosec) == (3, 7)
     fill_robot_state(message, numbers)
     assert read.position == message.position and read.commanded_wrench == message.commanded_wrench
+
+
+def reference(frame, numbers=None, joints=None):
+    message = Reference(sequence=41, mode=Reference.HOLDING)
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 345
+    if numbers is not None:
+        fill_reference(message, numbers)
+    if joints is not None:
+        fill_joint_reference(message, joints)
+    return message
+
+
+@pytest.mark.parametrize('frame', ['base', 'base_2', 'bast', '', 'prüfstand'])
+def test_references_of_the_frame_and_of_others_are_read_alike(monkeypatch, rng, frame):
+    numbers = rng.standard_normal(TARGET_SIZE)
+    slow = []
+    monkeypatch.setattr(serialized, 'deserialized',
+                        lambda data, kind: slow.append(0) or deserialized(data, kind))
+    for known in ('base', frame):
+        read = ReferenceReader(known).read(serialize_message(reference(frame, numbers)))
+        assert (read.target == numbers).all()
+        assert read[1:] == (frame, 12_000_000_345, 41, Reference.HOLDING)
+    assert len(slow) == (frame != 'base')
+
+
+def test_references_of_joints_and_what_is_no_reference(rng):
+    reader, joints = ReferenceReader('base'), resting_joints(rng.standard_normal(7), np.ones(7))
+    read = reader.read(serialize_message(reference('base', joints=joints)))
+    assert (read.target == joints).all() and read.sequence == 41
+    with pytest.raises(DataError, match='not a Reference'):
+        reader.read(serialize_message(reference('base'))[:200])
+
+
+def test_all_stamps_of_a_message_are_replaced(rng):
+    def fill(message, numbers):
+        for one, x in zip(message.transforms, numbers):
+            one.transform.translation.x = float(x)
+    message = TFMessage(transforms=[TransformStamped(child_frame_id='x' * i) for i in range(3)])
+    template = SerializedTemplate(message, 3, fill, [one.header for one in message.transforms])
+    numbers = rng.standard_normal(3)
+    read = deserialize_message(template.bytes(numbers, 7_000_000_009), TFMessage)
+    assert [(one.header.stamp.sec, one.header.stamp.nanosec) for one in read.transforms] == (
+        [(7, 9)] * 3)
+    assert [one.transform.translation.x for one in read.transforms] == numbers.tolist()

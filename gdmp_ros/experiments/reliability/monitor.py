@@ -77,7 +77,7 @@ class Monitor(Node):
         self._extremes, self._opened = Extremes(), time.monotonic()
 
     def _on_reference(self, data: bytes) -> None:
-        sequence = self._reference.sequence_of(data)
+        sequence = self._reference.integers_of(data)[0]
         if self.received:
             self.lost += max(sequence - self._sequence - 1, 0)
         self._sequence = sequence

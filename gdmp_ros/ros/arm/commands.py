@@ -6,16 +6,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from gdmp_msgs.msg import Reference
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_motion import JointMotion
 from gdmp_ros.control.modes import ArmMode
-from gdmp_ros.data.message_numbers import joint_target, reference_target
-from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.messages import NS, origin_of
+from gdmp_ros.control.reference_check import Origin
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.ros.messages import NS
 from gdmp_ros.ros.polling import take
+from gdmp_ros.ros.serialized import ReferenceReader
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
 
@@ -34,12 +34,17 @@ class ArmCommands:
     :ivar sequence: number of the reference that is followed, 0 before the first
     """
 
-    def __init__(self, control: ArmControl, references: Any):
-        """:param references: polled subscription (`gdmp_ros.ros.polling`)"""
+    def __init__(self, control: ArmControl, frame: str, references: Any):
+        """
+        Prepare.
+
+        :param frame: ``frame_id`` of the references
+        :param references: polled subscription of serialised references (`gdmp_ros.ros.polling`)
+        """
         self.control = control
         self.sequence = 0
         self.requests: deque[Callable[[], None]] = deque()
-        self._references = references
+        self._references, self._reader = references, ReferenceReader(frame)
         self._motion_requested = False
 
     def carry_out(self) -> None:
@@ -51,18 +56,22 @@ class ArmCommands:
         """Follow the references that have arrived until now."""
         # All in order: another publisher must not hide the one that is followed.
         for _ in range(MAX_REFERENCES):
-            message = take(self._references)
-            if message is None:
+            data = take(self._references)
+            if data is None:
                 break
-            self.take_reference(message, now_ns)
+            self.take_reference(data, now_ns)
 
-    def take_reference(self, message: Reference, now_ns: int) -> None:
-        """Follow a reference, or refuse it."""
+    def take_reference(self, data: bytes, now_ns: int) -> None:
+        """Follow a serialised reference, or refuse it."""
         guard = self.control.controller.guard
-        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-        target = joint_target(message) if message.joints else reference_target(message)
-        if guard.offer(target, origin_of(message, (now_ns - stamp) / NS)):
-            self.sequence = message.sequence
+        try:
+            one = self._reader.read(data)
+        except DataError as error:
+            guard.refuse(str(error))
+            return
+        origin = Origin(one.frame, (now_ns - one.stamp) / NS, one.sequence, one.mode)
+        if guard.offer(one.target, origin):
+            self.sequence = one.sequence
 
     def position(self) -> np.ndarray:
         """Present positions of the joints [rad]."""

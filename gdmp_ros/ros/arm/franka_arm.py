@@ -61,7 +61,8 @@ class FrankaArm(ArmNode):
         if self.given_tool is not None:
             loop.put_tool(self.given_tool)
         self.commands = FrankaCommands(
-            loop, self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES))
+            loop, p.frame_id,
+            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES, raw=True))
         self._clock_out = None
         if p.publish_clock:
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
@@ -90,13 +91,14 @@ class FrankaArm(ArmNode):
         if loop is None:
             return
         commands.requests.append(partial(_begin, loop))
+        worked = time.thread_time_ns()
         while self.active:
             commands.carry_out()
             measured = loop.wait()
             if measured is None:
                 time.sleep(SILENT_S)
                 continue
-            begun, arrived = time.thread_time_ns(), time.monotonic_ns()
+            arrived = time.monotonic_ns()
             stamp = self._stamp(loop)
             commands.take_references(stamp)
             tick = loop.answer(measured)
@@ -105,8 +107,10 @@ class FrankaArm(ArmNode):
                 self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
             robot_ns = round(loop.robot.seconds * NS)
             self.lateness.add(robot_ns, robot_ns + time.monotonic_ns() - arrived)
-            self._work.add(begun, time.thread_time_ns())
             self._yield(arrived)
+            # All that this thread has computed since the last cycle: reading, too.
+            worked, last = time.thread_time_ns(), worked
+            self._work.add(last, worked)
         loop.end()
 
     def _yield(self, arrived: int) -> None:
@@ -153,8 +157,8 @@ def _begin(loop: FrankaLoop) -> None:
 class FrankaCommands(ArmCommands):
     """What other nodes want of a Franka."""
 
-    def __init__(self, loop: FrankaLoop, references: Any):
-        super().__init__(loop, references)
+    def __init__(self, loop: FrankaLoop, frame: str, references: Any):
+        super().__init__(loop, frame, references)
         self._loop = loop
 
     def position(self) -> np.ndarray:

@@ -51,7 +51,7 @@ class PandaSim(ArmNode):
         loop.warm_up(loop.arm.measure(), loop.arm.period)
         self.commands = self.simulation = Simulation(
             loop, p.frame_id,
-            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
+            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES, raw=True),
             self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
         if p.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)

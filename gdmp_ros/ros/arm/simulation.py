@@ -38,11 +38,11 @@ class Simulation(ArmCommands):
         """
         Prepare.
 
-        :param frame: ``frame_id`` of hand poses
-        :param references: polled subscription (`gdmp_ros.ros.polling`)
+        :param frame: ``frame_id`` of references and hand poses
+        :param references: polled subscription of serialised references (`gdmp_ros.ros.polling`)
         :param hand_poses: polled subscription
         """
-        super().__init__(loop, references)
+        super().__init__(loop, frame, references)
         self.loop = loop
         self.hand_settings = hand_settings
         self.paused = False

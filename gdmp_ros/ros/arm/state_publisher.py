@@ -6,7 +6,6 @@ from functools import partial
 
 from gdmp_msgs.msg import RobotState
 import numpy as np
-from sensor_msgs.msg import JointState
 
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
@@ -15,12 +14,12 @@ from gdmp_ros.ros.messages import (
     fill_robot_state,
     ROBOT_STATE_FIXED,
     robot_state_numbers,
-    stamp_of,
 )
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.streams import (
     CHECK_EVERY,
     check_subscribers,
+    joints_stream,
     pose_stream,
     stiffness_stream,
     Stream,
@@ -57,10 +56,11 @@ class StatePublisher:
         self._pose = pose_stream(node, '~/measured_pose', frame)
         self._applied = stiffness_stream(node, '~/applied_stiffness')
         self._requested = stiffness_stream(node, '~/requested_stiffness')
-        self._joints = node.add_publisher(JointState, 'joint_states', 10)
-        self._joint_message = JointState(name=list(joints))
+        self._joints = joints_stream(node, 'joint_states', joints)
         self.tf = TfPublisher(node)
         self._viewer_every = viewer_every
+        self._for_viewers = (self._publish_pose, self._publish_links, self._publish_joints,
+                             self._publish_stiffness)
         self._ticks = 0
 
     def publish(self, tick: Tick, stamp_ns: int, sequence: int,
@@ -72,25 +72,33 @@ class StatePublisher:
         :param others: positions of a gripper and of objects
         """
         if self._ticks % CHECK_EVERY == 0:
-            check_subscribers(self._state, self._pose, self._applied, self._requested)
+            check_subscribers(self._state, self._pose, self._applied, self._requested,
+                              self._joints)
+            self.tf.check()
         self._ticks += 1
         if self._state.has_subscribers:
             state = self._state if tick.joints is None else self._joint_state
             state.publish(robot_state_numbers(tick), stamp_ns, sequence, tick.mode, self._ticks)
-        if self._ticks % self._viewer_every == 0:
-            self._publish_for_viewers(tick, stamp_ns, others)
+        # One after the other: all in one tick would make a long one.
+        for i, publish in enumerate(self._for_viewers):
+            if (self._ticks + i) % self._viewer_every == 0:
+                publish(tick, stamp_ns, others)
 
-    def _publish_for_viewers(self, tick: Tick, stamp_ns: int, others: np.ndarray) -> None:
-        measured = tick.measurement
+    def _publish_pose(self, tick: Tick, stamp_ns: int, _: np.ndarray) -> None:
         if self._pose.has_subscribers:
-            self._pose.publish(measured.pose, stamp_ns)
+            self._pose.publish(tick.measurement.pose, stamp_ns)
+
+    def _publish_stiffness(self, tick: Tick, *_: object) -> None:
         if self._applied.has_subscribers:
             self._applied.publish(tick.stiffness)
         if self._requested.has_subscribers:
             self._requested.publish(tick.requested)
-        self._joint_message.header.stamp = stamp_of(stamp_ns)
-        self._joint_message.position = measured.position.tolist()
-        self._joint_message.velocity = measured.velocity.tolist()
-        self._joint_message.effort = tick.torque.tolist()
-        self._joints.publish(self._joint_message)
-        self.tf.publish(np.concatenate([measured.position, others]), stamp_ns)
+
+    def _publish_joints(self, tick: Tick, stamp_ns: int, _: np.ndarray) -> None:
+        if self._joints.has_subscribers:
+            measured = tick.measurement
+            self._joints.publish(
+                np.concatenate([measured.position, measured.velocity, tick.torque]), stamp_ns)
+
+    def _publish_links(self, tick: Tick, stamp_ns: int, others: np.ndarray) -> None:
+        self.tf.publish(np.concatenate([tick.measurement.position, others]), stamp_ns)

@@ -40,6 +40,8 @@ def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed:
             raise GdmpError(f'waited {LONGEST_S:g} s for the motion, without success')
         if now - shown > SHOW_S:
             shown = now
+            if not service.service_is_ready():
+                raise GdmpError(f'{arm} has ended, or was cleaned up, while its joints moved')
             print(f'{arm}: moving, {now - begun:.0f} s', file=sys.stderr, flush=True)
     result = reply.result()
     if not result.success:
