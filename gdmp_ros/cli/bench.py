@@ -10,6 +10,7 @@ takes        several takes of real tasks, each left out once (needs the data: --
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
+franka       a cycle of a Franka over its protocol, compared with a client that only reads
 all          everything, with pictures
 
 examples:
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Benches; the module of each in `gdmp_ros.experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
-            'stream', 'loop')
+            'stream', 'loop', 'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import time
 
 import numpy as np
 
@@ -102,7 +101,7 @@ class FrankaLoop(ArmControl):
 
     def _between_arrivals(self) -> float:
         """Time since the last state arrived [s]."""
-        last, self._arrived = self._arrived, time.monotonic_ns()
+        last, self._arrived = self._arrived, self.robot.arrived
         return min(1e-9 * (self._arrived - last), LONGEST_S) if last else CYCLE_S
 
     def answer(self, measured: Measurement) -> Tick:

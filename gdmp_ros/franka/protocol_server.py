@@ -8,12 +8,14 @@ the environment of this package (``make setup`` makes it), or the interpreter th
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import hashlib
 import os
 from pathlib import Path
 import socket
 import sys
 import tempfile
+import time
 import xml.etree.ElementTree as ElementTree
 
 from gdmp_ros.errors import DataError, GdmpError
@@ -75,6 +77,26 @@ def _plant(dry_friction: float) -> Path:
     if not path.exists():
         write_text(path, text)
     return path
+
+
+def await_server(check: Callable[[], None], seconds: float = 30.0) -> None:
+    """
+    Wait until a server on this machine can be used.
+
+    :param check: called again and again; raises if the server has ended
+    :raises GdmpError: after ``seconds``
+    """
+    ends = time.monotonic() + seconds
+    while True:
+        check()
+        with socket.socket() as probe:
+            if probe.connect_ex(('127.0.0.1', PORT)) == 0:
+                break
+        if time.monotonic() > ends:
+            raise GdmpError(f'waited {seconds:g} s for the server of the protocol')
+        time.sleep(0.1)
+    # It takes one client, and has to see the end of this one.
+    time.sleep(1.5)
 
 
 def check_port() -> None:

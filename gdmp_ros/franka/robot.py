@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,8 @@ class FrankaRobot:
     One robot; only one thread at a time may use it.
 
     Torques are without gravity and the friction that the robot compensates itself.
+
+    :ivar arrived: when the last state arrived, steady time [ns]
     """
 
     def __init__(self, settings: FrankaSettings):
@@ -69,6 +72,7 @@ class FrankaRobot:
         :raises RobotStopped: if the robot does not answer
         """
         self._settings = settings
+        self.arrived = 0
         self._robot: Any = None
         self._control: Any = None
         self._state: Any = None
@@ -154,6 +158,7 @@ class FrankaRobot:
             else:
                 self._state, duration = self._control.readOnce()
                 elapsed = duration.to_sec()
+        self.arrived = time.monotonic_ns()
         state, model = self._state, self._model
         # libfranka stores matrices column by column.
         return Reading(

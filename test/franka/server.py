@@ -1,8 +1,5 @@
 """A server of the protocol as a process."""
-import socket
-import time
-
-from gdmp_ros.franka.protocol_server import PORT
+from gdmp_ros.franka.protocol_server import await_server
 from gdmp_ros.util.processes import ChildProcesses
 
 NAME = 'protocol_server'
@@ -23,15 +20,7 @@ class Server:
 
     def start(self, *arguments):
         self.children.start(NAME, 'gdmp_ros.franka.protocol_server', arguments)
-        ends = time.monotonic() + 30.0
-        while True:
-            self.children.check()
-            with socket.socket() as probe:
-                if probe.connect_ex(('127.0.0.1', PORT)) == 0:
-                    break
-            assert time.monotonic() < ends, self.log()
-            time.sleep(0.1)
-        time.sleep(1.5)  # it takes one client, and has to see the end of this one
+        await_server(self.children.check)
 
     def kill(self):
         self.children.kill(NAME)

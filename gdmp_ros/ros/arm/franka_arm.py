@@ -98,7 +98,7 @@ class FrankaArm(ArmNode):
             if measured is None:
                 time.sleep(SILENT_S)
                 continue
-            arrived = time.monotonic_ns()
+            arrived = loop.robot.arrived
             stamp = self._stamp(loop)
             commands.take_references(stamp)
             tick = loop.answer(measured)

@@ -1,7 +1,7 @@
 """Publishes the state of the arm."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from gdmp_msgs.msg import RobotState
@@ -59,8 +59,9 @@ class StatePublisher:
         self._joints = joints_stream(node, 'joint_states', joints)
         self.tf = TfPublisher(node)
         self._viewer_every = viewer_every
-        self._for_viewers = (self._publish_pose, self._publish_links, self._publish_joints,
-                             self._publish_stiffness)
+        self._for_viewers: tuple[Callable[[Tick, int, np.ndarray], None], ...] = (
+            self._publish_pose, self._publish_links, self._publish_joints,
+            self._publish_stiffness)
         self._ticks = 0
 
     def publish(self, tick: Tick, stamp_ns: int, sequence: int,
