@@ -7,9 +7,8 @@ import time
 
 import numpy as np
 
-from gdmp_ros.franka.protocol_server import PORT
 from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
-from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, PORT
 from gdmp_ros.realtime.doctor import BAD, FAIR, Finding, GOOD
 
 #: Round trips that are measured, and the longest of a direct cable [s].
@@ -59,8 +58,7 @@ def _round_trips(host: str) -> list[float] | None:
             return None
         trips.append(time.perf_counter() - begun)
         time.sleep(0.01)
-    # The server of a robot takes one client: it has to see the end of the last one.
-    time.sleep(1.5)
+    time.sleep(BETWEEN_CLIENTS_S)
     return trips
 
 

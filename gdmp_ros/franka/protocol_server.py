@@ -19,10 +19,11 @@ import time
 import xml.etree.ElementTree as ElementTree
 
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, PORT
 from gdmp_ros.util.atomic_write import write_text
 
 VERSION = '1.1.7'
-PORT, GRIPPER_PORT = 1337, 1338
+HOST = '127.0.0.1'
 #: Dry friction of the joints in public models of the robot [Nm].
 DRY_FRICTION = 1.137
 _MODEL = Path(__file__).parent.parent / 'sim' / 'models' / 'fr3.xml'
@@ -79,9 +80,9 @@ def _plant(dry_friction: float) -> Path:
     return path
 
 
-def await_server(check: Callable[[], None], seconds: float = 30.0) -> None:
+def await_server(check: Callable[[], None], host: str = HOST, seconds: float = 30.0) -> None:
     """
-    Wait until a server on this machine can be used.
+    Wait until a server can be used.
 
     :param check: called again and again; raises if the server has ended
     :raises GdmpError: after ``seconds``
@@ -90,20 +91,19 @@ def await_server(check: Callable[[], None], seconds: float = 30.0) -> None:
     while True:
         check()
         with socket.socket() as probe:
-            if probe.connect_ex(('127.0.0.1', PORT)) == 0:
+            if probe.connect_ex((host, PORT)) == 0:
                 break
         if time.monotonic() > ends:
             raise GdmpError(f'waited {seconds:g} s for the server of the protocol')
         time.sleep(0.1)
-    # It takes one client, and has to see the end of this one.
-    time.sleep(1.5)
+    time.sleep(BETWEEN_CLIENTS_S)
 
 
 def check_port() -> None:
     """:raises GdmpError: if another server runs"""
     with socket.socket() as probe:
         probe.settimeout(0.5)
-        if probe.connect_ex(('127.0.0.1', PORT)) == 0:
+        if probe.connect_ex((HOST, PORT)) == 0:
             raise GdmpError(f'port {PORT} is in use: another server of the protocol runs')
 
 

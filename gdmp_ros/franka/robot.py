@@ -3,13 +3,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import socket
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.franka.settings import FrankaSettings, JOINTS
+from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import pose_of, ToolTransform
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -17,6 +18,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 with optional_import(extra('franka')):
     import pylibfranka as libfranka
 
+#: Time to answer a connection [s].
+ANSWER_S = 1.0
 #: The binding knows no common base of these.
 _STOPPED = (libfranka.ControlException, libfranka.CommandException,
             libfranka.InvalidOperationException, libfranka.FrankaException)
@@ -118,6 +121,7 @@ class FrankaRobot:
         realtime = libfranka.RealtimeConfig
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
         self._robot = self._control = None
+        _find(settings.host)
         with _explained(settings.host):
             self._robot = libfranka.Robot(settings.host, config)
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
@@ -204,6 +208,20 @@ class FrankaRobot:
         self._control = None
         if not connected:
             self._robot = None
+
+
+def _find(host: str) -> None:
+    """
+    Look whether there is a robot; libfranka would wait for minutes, and keep the interpreter.
+
+    :raises RobotStopped: if nobody answers
+    """
+    try:
+        socket.create_connection((host, PORT), timeout=ANSWER_S).close()
+    except OSError as error:
+        raise RobotStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
+                           ) from None
+    time.sleep(BETWEEN_CLIENTS_S)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """The node ``franka_arm`` against a server of the robot's protocol, as processes."""
 import json
 
-from gdmp_msgs.msg import ArmStatus, RobotState
+from gdmp_msgs.msg import RobotState
 from gdmp_msgs.srv import MoveJoints
 import numpy as np
 import pytest
@@ -11,36 +11,18 @@ from gdmp_ros.experiments.demo.run import run_demo
 from gdmp_ros.experiments.demo.tasks import run_task
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.testbed import NodeTestbed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.dds_network import Domain
+from test.franka.bed import FrankaBed, FRICTION
 
 CHOICE = ArmChoice('franka', protocol_server=True)
 HOLD, FAULT = RobotState.HOLD, RobotState.FAULT
 
 
-class _Bed(NodeTestbed):
-    """A testbed that keeps what the arm says."""
-
-    def __init__(self, folder, environment):
-        super().__init__(folder, environment, CHOICE)
-        self.states, self.status = [], None
-        self.client.node.create_subscription(RobotState, f'/{FRANKA}/state', self.states.append,
-                                             100)
-        self.client.node.create_subscription(ArmStatus, f'/{FRANKA}/status', self._on_status, 10)
-
-    def _on_status(self, message):
-        self.status = message
-
-    def wait_mode(self, mode):
-        self.wait(f'mode {mode}', lambda: self.status is not None and self.status.mode == mode,
-                  60.0)
-
-
 @pytest.fixture
 def bed(server, tmp_path):
-    with Domain() as domain, _Bed(tmp_path, domain.environment()) as made:
-        made.server = server
+    with Domain() as domain, FrankaBed(
+            tmp_path, domain.environment(), CHOICE, server) as made:
         made.start_arm()
         made.wait_mode(HOLD)
         yield made
@@ -75,14 +57,6 @@ def test_an_arm_that_ends_leaves_a_robot_that_holds(bed):
     bed.wait_mode(HOLD)
 
 
-FRICTION = """\
-/**/franka_arm:
-  ros__parameters:
-    friction_viscous: [0.21]
-    friction_dry: [1.137]
-"""
-
-
 @pytest.mark.long
 def test_the_letter_with_a_goal_switch(tmp_path):
     """The dry friction is that of the server; `gdmp identify-friction` finds it within 2 %."""
@@ -100,9 +74,13 @@ def test_the_letter_with_a_goal_switch(tmp_path):
 
 
 @pytest.mark.long
-def test_a_pick_that_was_shown_in_simulation(tmp_path):
+@pytest.mark.parametrize('task', ['pick', 'joints'])
+def test_a_task_that_was_shown_in_simulation(tmp_path, task):
     friction = tmp_path / 'friction.yaml'
     friction.write_text(FRICTION)
     choice = ArmChoice('franka', protocol_server=True, friction=friction)
-    assert run_task('pick', tmp_path / 'task', choice) == 0, (
-        (tmp_path / 'task' / 'report.json').read_text())
+    code = run_task(task, tmp_path / 'task', choice)
+    report = json.loads((tmp_path / 'task' / 'report.json').read_text())
+    assert code == 0 and report['arm'] == FRANKA, report
+    if task == 'joints':
+        assert report['joint_rmse_rad'] < 0.005 and report['final_position_error_m'] < 0.003

@@ -15,10 +15,11 @@ import numpy as np
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.experiments import timing
+from gdmp_ros.franka.protocol_server import await_server, HOST
 from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.ros.arm_choice import ArmChoice
 
 TITLE = 'a cycle of a Franka at 1 kHz: our loop and a client that only reads and writes'
-HOST = '127.0.0.1'
 #: Longest measurement [s], and cycles after the begin that do not count.
 LONGEST_S, FIRST = 10.0, 200
 #: The circle: radius [m] and angular frequency [rad/s].
@@ -28,8 +29,6 @@ CLIENTS = ('bare', 'loop')
 
 def run(settings: timing.Settings) -> dict[str, Any]:
     """Figures of both clients, one after the other; none without the server."""
-    from gdmp_ros.franka.protocol_server import await_server
-    from gdmp_ros.ros.arm_choice import ArmChoice
     choice = ArmChoice('franka', protocol_server=True)
     try:
         choice.check()
