@@ -34,6 +34,9 @@ NS = 1_000_000_000
 STATE_LIMITS = 15
 #: Numbers of a robot state before those of its joints.
 ROBOT_STATE_FIXED = 99 + 32
+#: Entries of the diagnostics of a Franka.
+IN_TIME, LOST, CPU_TIME = ('commands in time', 'cycles lost',
+                           'CPU time of a cycle, 50 % and 99 % [us]')
 _UNUSED = np.zeros(ROBOT_STATE_FIXED - 99 - len(LIMITS))
 
 

@@ -9,6 +9,7 @@ import shutil
 import time
 from typing import Any, cast
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import psutil
 
@@ -27,6 +28,7 @@ from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST
 from gdmp_ros.ros.testbed import NodeTestbed, SERVER
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
@@ -42,6 +44,8 @@ GOAL_ROTATION_RAD = np.array([0.25, 0.2, 0.3])
 GOAL_STIFFNESS = np.diag([300.0, 700.0, 350.0])
 #: Recorded before the motion begins and after it has finished [s].
 LEAD_S, TAIL_S = 0.5, 1.0
+#: Duration of the measurement of a bare loop that is not beside the motion [s].
+BARE_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,7 @@ class Timeline:
     :ivar finished: end of the motion, wall time [ns]
     :ivar window: of the evaluation, steady time [ns]
     :ivar cpu: cores used by each process
+    :ivar diagnosed: what the arm said of itself on ``/diagnostics``
     """
 
     switched: int
@@ -71,6 +76,7 @@ class Timeline:
     window: tuple[int, int]
     scheduler: str
     cpu: dict[str, float]
+    diagnosed: list[dict[str, str]]
 
 
 def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
@@ -151,13 +157,27 @@ def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
         bed.children.start(f'bare_{name}', 'gdmp_ros.ros.bare_publisher', [name])
     bed.wait_log('bare_publish', 'publishing', 30.0)
     bed.spend(1.0)
+    bare = {}
+    if bed.arm.kind == 'franka':
+        # Not beside the motion of a robot, which needs the cores.
+        used = _cpu_seconds(bed)
+        bed.spend(BARE_S)
+        bare = {'bare': (_cpu_seconds(bed)['bare'] - used['bare']) / BARE_S}
+        for name in ('bare', 'bare_publish', 'bare_subscribe'):
+            bed.children.stop(name)
     timeline = _execute(bed, switch)
+    timeline.cpu.update(bare)
     for name in ('bare', SERVER, bed.arm.node):  # they write their lateness at the end
-        bed.children.stop(name)
+        if name in bed.children.processes:
+            bed.children.stop(name)
     return timeline
 
 
 def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
+    diagnosed: list[dict[str, str]] = []
+    bed.client.node.create_subscription(DiagnosticArray, '/diagnostics', lambda message: (
+        diagnosed.extend({one.key: one.value for one in status.values}
+                         for status in message.status if bed.arm.node in status.name)), 50)
     begun, used = time.monotonic_ns(), _cpu_seconds(bed)
     bed.spend(LEAD_S)
     print('executing the skill', flush=True)
@@ -177,13 +197,13 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     ended, used_then = time.monotonic_ns(), _cpu_seconds(bed)
     seconds = (ended - begun) * 1e-9
     return Timeline(switched, finished, (begun, ended), bed.state.scheduler,
-                    {name: (used_then[name] - used[name]) / seconds for name in used})
+                    {name: (used_then[name] - used[name]) / seconds for name in used}, diagnosed)
 
 
 def _cpu_seconds(bed: NodeTestbed) -> dict[str, float]:
     processes = {'server': SERVER, 'sim': bed.arm.node, 'bare': 'bare_publish'}
     return {name: sum(psutil.Process(bed.children.processes[process].pid).cpu_times()[:2])
-            for name, process in processes.items()}
+            for name, process in processes.items() if process in bed.children.processes}
 
 
 def _window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
@@ -206,7 +226,7 @@ def _report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm
                         'final_rotation_error_rad': goal.rotation,
                         'final_stiffness_distance': goal.stiffness, 'step_m': switch.step_m,
                         'step_rad': switch.step_rad, 'step_stiffness': switch.step_stiffness},
-        'arm': arm.node, 'limits': _limits(run, arm.limits),
+        'arm': arm.node, 'limits': _limits(run, arm.limits), **_robot_figures(timeline, arm),
         'environment': {'gdmp_ros': __version__, 'python': platform.python_version(),
                         'kernel': platform.release(), 'cpus': os.cpu_count(),
                         'numpy': np.__version__},
@@ -220,6 +240,21 @@ def _stream_figures(folder: Path, run: runs.Run, timeline: Timeline) -> dict[str
             'missed': server.missed, 'bare_missed': bare.missed, 'lost': runs.lost(run),
             'lateness_us': _micros(server), 'bare_lateness_us': _micros(bare),
             'scheduler': timeline.scheduler, 'cpu': timeline.cpu}
+
+
+def _robot_figures(timeline: Timeline, arm: ArmChoice) -> dict[str, Any]:
+    """Cycles of a Franka during the motion: commands in time, states lost, CPU time."""
+    if arm.kind != 'franka':
+        return {}
+    shown = [one for one in timeline.diagnosed if IN_TIME in one]
+    if not shown:
+        raise GdmpError('the arm has published no diagnostics')
+    in_time = [float(one[IN_TIME]) for one in shown]
+    p50, p99 = (float(number) for number in shown[-1][CPU_TIME].split(','))
+    return {'robot': {
+        'commands_in_time': float(np.mean(in_time)), 'least_in_100': min(in_time),
+        'cycles_lost': int(shown[-1][LOST]) - int(shown[0][LOST]),
+        'cycle_cpu_us': {'p50': p50, 'p99': p99}}}
 
 
 def _micros(figures: Punctuality) -> dict[str, float]:
@@ -256,7 +291,14 @@ def _print_table(document: dict[str, Any]) -> None:
     s, t, g = document['stream'], document['tracking'], document['goal_switch']
     late, bare = s['lateness_us'], s['bare_lateness_us']
     limits = ', '.join(name for name, held in document['limits'].items() if not held)
+    robot = document.get('robot')
+    of_robot = [] if robot is None else [
+        ['commands in time, mean / least share of 100', f'{robot["commands_in_time"]:.3f} / '
+         f'{robot["least_in_100"]:.2f}', ''],
+        ['CPU of a cycle, p50 / p99 [µs]', ' / '.join(
+            f'{robot["cycle_cpu_us"][k]:.0f}' for k in ('p50', 'p99')), '']]
     table('measured', ['', 'value', 'bare loop'], [
+        *of_robot,
         ['rate [Hz]', f'{s["rate_hz"]:.1f}', f'{s["bare_rate_hz"]:.1f}'],
         ['ticks missed', f'{s["missed"]} of {s["ticks"]}', s['bare_missed']],
         ['lateness p50 / p99 / max [µs]', ' / '.join(f'{late[k]:.0f}' for k in late),

@@ -20,7 +20,7 @@ from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import FRANKA
 from gdmp_ros.ros.arm.services import ArmServices
 from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
-from gdmp_ros.ros.messages import NS, stamp_of
+from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, NS, stamp_of
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
@@ -140,8 +140,8 @@ class FrankaArm(ArmNode):
         if loop is None:
             return {}
         work = self._work.punctuality(1000)
-        return {'commands in time': f'{loop.robot.success_rate:.3f}', 'cycles lost': loop.lost,
-                'CPU time of a cycle, 50 % and 99 % [us]': f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
+        return {IN_TIME: f'{loop.robot.success_rate:.3f}', LOST: loop.lost,
+                CPU_TIME: f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
 
     def described_arm(self) -> Arm:
         return self._model
