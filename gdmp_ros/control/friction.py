@@ -11,9 +11,12 @@ from gdmp_ros.control.settings import FrictionSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import kernel
 
-#: Torque of the spring, as a share of the dry friction, at which three quarters of the share at
-#: rest act: below, a stiffer spring would oscillate.
-REST_SCALE = 0.1
+#: Delay that a spring must bear which is helped over the dry friction [s]: that of a cycle and of
+#: a measured velocity, twice.
+REST_DELAY_S = 0.004
+#: Smallest torque of the spring at which three quarters of the share at rest act, as a share of
+#: the dry friction: below is noise.
+LEAST_SCALE = 0.02
 
 
 class Credit(NamedTuple):
@@ -56,7 +59,24 @@ def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarr
 
 
 @kernel
-def friction_torque(viscous, dry, speed, spring, smoothing, at_rest):
+def rest_scale(dry, at_rest, stiffness, inertia, damping_ratio):
+    """
+    Torque of the spring at which three quarters of the share at rest act [Nm].
+
+    The help makes the spring stiffer by ``1 + at_rest dry / scale``, and damps it no more. With a
+    delay it oscillates unless damping > delay × stiffness: the factor is at most
+    ``2 ζ √(m / k) / delay``.
+
+    :param dry: friction of the joint [Nm]
+    :param stiffness: of the spring at the joint [Nm/rad]
+    :param inertia: of the joint [kg m²]
+    """
+    most = 2.0 * damping_ratio * math.sqrt(inertia / max(stiffness, 1e-9)) / REST_DELAY_S - 1.0
+    return max(at_rest * dry / max(most, 1e-9), LEAST_SCALE * dry)
+
+
+@kernel
+def friction_torque(viscous, dry, speed, spring, smoothing, at_rest, scale):
     """
     Torque that compensates the friction of a joint [Nm].
 
@@ -68,11 +88,12 @@ def friction_torque(viscous, dry, speed, spring, smoothing, at_rest):
     :param spring: torque of the spring on the joint [Nm]
     :param smoothing: speed at which three quarters of the dry friction are compensated [rad/s]
     :param at_rest: share of the dry friction that is compensated at rest
+    :param scale: see `rest_scale`
     """
     moving = math.tanh(speed / smoothing)
     torque = viscous * speed + dry * moving
     if at_rest > 0.0 and dry > 0.0:
-        torque += at_rest * (1.0 - abs(moving)) * dry * math.tanh(spring / (REST_SCALE * dry))
+        torque += at_rest * (1.0 - abs(moving)) * dry * math.tanh(spring / scale)
     return torque
 
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.friction import friction_torque
+from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
@@ -152,7 +152,7 @@ def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
 
 
 @kernel
-def _add_friction(target, friction, gains, pull, solved, task_inertia, torque):
+def _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task_inertia, torque):
     """
     Add the joint friction (`friction_torque`) at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
 
@@ -167,8 +167,14 @@ def _add_friction(target, friction, gains, pull, solved, task_inertia, torque):
         speed = 0.0
         for j in range(6):
             speed += solved[i, j] * impulse[j]
+        stiffness = gains.posture_stiffness
+        for j in range(6):
+            for k in range(6):
+                stiffness += jacobian[j, i] * target[STIFFNESS + 6 * j + k] * jacobian[k, i]
+        scale = rest_scale(friction[1, i], gains.friction_at_rest, stiffness, inertia[i, i],
+                           target[DAMPING_RATIO])
         torque[i] += friction_torque(friction[0, i], friction[1, i], speed, pull[i],
-                                     gains.friction_smoothing, gains.friction_at_rest)
+                                     gains.friction_smoothing, gains.friction_at_rest, scale)
 
 
 def external_wrench(measured: Measurement, external: np.ndarray, singularity: float
@@ -237,5 +243,6 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
     if gains.feed_forward > 0.0:
         for i in range(n):
             pull[i] += torque[i]
-        _add_friction(target, friction, gains, pull, solved, task_inertia, torque)
+        _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task_inertia,
+                      torque)
     return scale, too_fast

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.friction import friction_torque
+from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.governor import CATCH_UP_S
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
 from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED, STIFFNESS_RATE
@@ -174,7 +174,9 @@ def joint_law(position, velocity, inertia, bias, friction, gain_numbers, referen
         spring = torque[i]
         torque[i] += bias[i] + damping * (rate - velocity[i])
         if gains.feed_forward > 0.0:
+            scale = rest_scale(friction[1, i], gains.friction_at_rest, reference[2 * n + i],
+                               inertia[i, i], reference[3 * n])
             torque[i] += friction_torque(friction[0, i], friction[1, i], rate, spring,
-                                         gains.friction_smoothing, gains.friction_at_rest)
+                                         gains.friction_smoothing, gains.friction_at_rest, scale)
             for j in range(n):
                 torque[i] += inertia[i, j] * mean[j]

@@ -1,16 +1,20 @@
 """The control law against what defines it: energies, modes, null spaces."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from gdmp_ros.control.impedance import damping_design, impedance_torque
-from gdmp_ros.control.settings import ImpedanceGains
+from gdmp_ros.control.settings import ControllerSettings, FrictionSettings, ImpedanceGains
 from gdmp_ros.control.spring import left_jacobian_inverse
-from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.control.target import resting_target, TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.plant import REAL
 from gdmp_ros.util.settings import numbers as numbers_of
 
 READY = Arm().data.qpos.copy()
@@ -125,3 +129,29 @@ def test_damping_takes_energy_out(rng):
     for _ in range(10):
         velocity = 0.2 * rng.standard_normal(7)
         assert torque_of(arm, target(pose), velocity) @ velocity < 0.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('dry', 'stiffness', 'ratio', 'farthest', 'fastest'), [
+    (1.1, 300.0, 0.7, 5e-4, 0.005), (1.1, 3000.0, 1.0, 1e-4, 0.005),
+    (0.0, 3000.0, 0.2, 1e-3, 0.02)])
+def test_a_spring_is_helped_over_friction_as_far_as_a_delay_allows(dry, stiffness, ratio, farthest,
+                                                                  fastest):
+    """
+    The friction is compensated, and in the last case it is not there.
+
+    With a fixed share of the dry friction as scale the first error was 0.8 mm, and the last arm oscillated.
+    """
+    arm = Arm(plant=replace(REAL, dry_friction=dry, delay=0.002))
+    loop = ClosedLoop(arm, ControllerSettings(friction=FrictionSettings(dry=(1.1,))))
+    wanted = resting_target(arm.measure().pose,
+                            np.diag([stiffness] * 3 + [0.07 * stiffness] * 3), ratio)
+    begun, speeds = wanted[:3].copy(), []
+    for k in range(4000):
+        wanted[:3] = begun + min(k / 1000.0, 1.0) * np.array([0.05, -0.04, 0.03])
+        assert loop.follow(wanted), loop.controller.guard.last_refusal
+        tick = loop.tick()
+        if k >= 3000:
+            speeds.append(arm.data.qvel[:7].copy())
+    assert np.linalg.norm(tick.measurement.pose[:3] - wanted[:3]) < farthest
+    assert np.sqrt(np.mean(np.square(speeds))) < fastest

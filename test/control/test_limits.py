@@ -302,7 +302,8 @@ def test_gravity_is_never_taken_from_a_fast_joint():
 
 @on_every_plant
 def test_active_limits_are_reported_once_with_excess_and_unit(plant):
-    loop = loop_with(plant, torque_slew=50.0)
+    # Noise of the measurements alone changes the torque by up to 500 Nm/s.
+    loop = loop_with(plant, torque_slew=50.0 if plant is CLEAN else 900.0)
     run(loop, [reference(loop, (0.02, 0, 0))] * 50)
     text = loop.controller.counters.recent()
     assert 'torque_rate by ' in text and text.count('Nm/s') == 1
