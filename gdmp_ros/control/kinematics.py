@@ -1,7 +1,12 @@
-"""Kinematics of a chain of revolute joints, from its Jacobian."""
+"""Kinematics of a chain of revolute joints."""
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.quaternion import multiply, rotate
 
 
 @kernel
@@ -47,3 +52,32 @@ def constant_velocity_acceleration(jacobian, velocity, acceleration):
                 acceleration[3] += rate * (y * jacobian[5, i] - z * jacobian[4, i])
                 acceleration[4] += rate * (z * jacobian[3, i] - x * jacobian[5, i])
                 acceleration[5] += rate * (x * jacobian[4, i] - y * jacobian[3, i])
+
+
+@kernel
+def chain_pose(frames, axes, position, end, pose):
+    """
+    Write the pose of the end of a chain of revolute joints.
+
+    :param frames: pose of each joint in the frame of the last one, at zero, shape ``(n, 7)``
+    :param axes: of the joints in their frames, shape ``(n, 3)``
+    :param position: of the joints [rad]
+    :param end: pose in the frame of the last joint
+    :param pose: written
+    """
+    step, moved, turn = np.empty(4), np.empty(3), pose[3:]
+    for i in range(7):
+        pose[i] = 1.0 if i == 3 else 0.0
+    for k in range(position.size + 1):
+        frame = frames[k] if k < position.size else end
+        rotate(turn, frame[:3], moved)
+        for i in range(3):
+            pose[i] += moved[i]
+        multiply(turn, frame[3:], turn)
+        if k == position.size:
+            break
+        half = 0.5 * position[k]
+        step[0] = math.cos(half)
+        for i in range(3):
+            step[1 + i] = math.sin(half) * axes[k, i]
+        multiply(turn, step, turn)

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from gdmp_ros.control.gripper import check_command, GripperCommand, GripperState, HELD_M
-from gdmp_ros.franka.robot import RobotStopped
+from gdmp_ros.franka.robot import FAILURES, RobotStopped
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 with optional_import(extra('franka')):
@@ -49,7 +49,7 @@ class FrankaGripper:
         self._state = GripperState(0.0, 0.0, False, False, 0)
         try:
             self._connect()
-        except libfranka.FrankaException as error:
+        except FAILURES as error:
             raise RobotStopped(f'{host}: the hand does not answer: {error}', False) from None
         self._open = True
         self._thread = threading.Thread(target=self._run, name='gripper', daemon=True)
@@ -91,7 +91,7 @@ class FrankaGripper:
                     self._connect()
                 self._work()
                 time.sleep(READ_S)
-            except libfranka.NetworkException as error:
+            except FAILURES as error:
                 self._hand, self._problem = None, f'the hand does not answer: {error}'
                 with self._lock:
                     self._next = None

@@ -12,8 +12,9 @@ from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.franka.robot import FrankaRobot, Reading, RobotStopped
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.chain import Chain
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import tool_at, ToolTransform
+from gdmp_ros.sim.tool import ToolTransform
 
 #: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
 CYCLE_S = 0.001
@@ -49,16 +50,19 @@ class FrankaLoop(ArmControl):
             the robot says: for a server of the protocol
         """
         self._wall_time, self._arrived = wall_time, 0
-        self._flange = Arm('fr3', 'flange', hand=False)
-        joints = replace(self._flange.limits, cycle=CYCLE_S)
+        flange = Arm('fr3', 'flange', hand=False)
+        self._chain = Chain(flange)
+        joints = replace(flange.limits, cycle=CYCLE_S)
         super().__init__(joints, np.zeros(len(joints.torque)), settings)
         self.robot = robot
         self.stopped, self.lost = 'the control has not begun', 0
         self._rotors = rotor_inertia * np.eye(len(joints.torque))
-        self._tool, self._dt = _END_EFFECTOR, CYCLE_S
+        self._dt = CYCLE_S
         self._sent = np.zeros_like(joints.torque)
         self._reading = robot.read()
         self._end_effector = robot.end_effector
+        self._end = self._chain.end_of(self._end_effector)
+        self._tool_end: np.ndarray | None = None
         self.measured = self._measurement()
         self.hold(self.measured)
         add_lever(self.measured.jacobian, np.zeros(3))
@@ -67,7 +71,7 @@ class FrankaLoop(ArmControl):
     @property
     def misplaced(self) -> float:
         """Distance between the tool that the robot reports and that of the model [m]."""
-        own = tool_at(self._flange.pose_at(self._reading.position), self._end_effector)
+        own = self._chain.pose_at(self._reading.position, self._end)
         return float(np.linalg.norm(own[:3] - self.robot.position))
 
     def begin(self) -> None:
@@ -152,7 +156,8 @@ class FrankaLoop(ArmControl):
         """
         self.check_tool()
         before = self.measured.pose
-        self._tool = _END_EFFECTOR if tool == _END_EFFECTOR else tool
+        self._tool_end = (None if tool == _END_EFFECTOR
+                          else self._chain.end_of(self._end_effector, tool))
         self.measured = self._measurement()
         self.controller.move_tool(before, self.measured.pose)
 
@@ -172,11 +177,10 @@ class FrankaLoop(ArmControl):
     def _measurement(self) -> Measurement:
         reading: Reading = self._reading
         jacobian = np.ascontiguousarray(reading.jacobian)
-        pose = tool_at(self._flange.pose_at(reading.position), self._end_effector)
+        pose = self._chain.pose_at(reading.position, self._end)
         acceleration = np.empty(6)
-        if self._tool is not _END_EFFECTOR:
-            at = pose
-            pose = tool_at(at, self._tool)
+        if self._tool_end is not None:
+            at, pose = pose, self._chain.pose_at(reading.position, self._tool_end)
             add_lever(jacobian, pose[:3] - at[:3])
         constant_velocity_acceleration(jacobian, reading.velocity, acceleration)
         return Measurement(reading.position, reading.velocity, pose, jacobian,

@@ -1,8 +1,7 @@
 """Access to a Franka robot: measure, command, recover."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 import socket
 import time
 from typing import Any, NamedTuple
@@ -20,9 +19,10 @@ with optional_import(extra('franka')):
 
 #: Time to answer a connection [s].
 ANSWER_S = 1.0
-#: The binding knows no common base of these.
-_STOPPED = (libfranka.ControlException, libfranka.CommandException,
-            libfranka.InvalidOperationException, libfranka.FrankaException)
+#: What the binding raises; it knows no common base of these.
+FAILURES = (libfranka.ControlException, libfranka.CommandException, libfranka.NetworkException,
+            libfranka.InvalidOperationException, libfranka.RealtimeException,
+            libfranka.FrankaException)
 
 
 class RobotStopped(GdmpError):
@@ -74,7 +74,7 @@ class FrankaRobot:
 
         :raises RobotStopped: if the robot does not answer
         """
-        self._settings = settings
+        self._settings, self._explained = settings, _Explained(settings.host, self._end)
         self.arrived = 0
         self._robot: Any = None
         self._control: Any = None
@@ -122,7 +122,7 @@ class FrankaRobot:
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
         self._robot = self._control = None
         _find(settings.host)
-        with _explained(settings.host):
+        with self._explained:
             self._robot = libfranka.Robot(settings.host, config)
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
             self._robot.set_collision_behavior(torques, torques, wrench, wrench)
@@ -136,7 +136,7 @@ class FrankaRobot:
         :param payload: in the frame of the flange
         :raises RobotStopped: if the robot does not answer
         """
-        with _explained(self._settings.host):
+        with self._explained:
             self._robot.set_load(payload.mass, list(payload.center),
                                  payload.matrix.ravel().tolist())
 
@@ -146,7 +146,7 @@ class FrankaRobot:
 
         :raises RobotStopped: if the robot refuses
         """
-        with _explained(self._settings.host):
+        with self._explained:
             self._control = self._robot.start_torque_control()
 
     def read(self) -> Reading:
@@ -156,7 +156,7 @@ class FrankaRobot:
         :raises RobotStopped: if the robot has ended the control
         """
         elapsed = 0.0
-        with _explained(self._settings.host, self._end):
+        with self._explained:
             if self._control is None:
                 self._state = self._robot.read_once()
             else:
@@ -183,7 +183,7 @@ class FrankaRobot:
             raise RobotStopped(f'{self._settings.host}: the robot is not controlled', True)
         command = libfranka.Torques(torque.tolist())
         command.motion_finished = last
-        with _explained(self._settings.host, self._end):
+        with self._explained:
             self._control.writeOnce(command)
         if last:
             self._control = None
@@ -196,7 +196,7 @@ class FrankaRobot:
         """
         if self._robot is None:
             self.connect()
-        with _explained(self._settings.host, self._end):
+        with self._explained:
             self._robot.automatic_error_recovery()
             self._state = self._robot.read_once()
 
@@ -224,20 +224,24 @@ def _find(host: str) -> None:
     time.sleep(BETWEEN_CLIENTS_S)
 
 
-@contextmanager
-def _explained(host: str, end: Callable[[bool], None] = lambda _: None) -> Iterator[None]:
-    """Name what libfranka reports."""
-    try:
-        yield
-    except libfranka.NetworkException as error:
-        end(False)
-        raise RobotStopped(f'{host}: the robot does not answer: {_text(error)}', False) from None
-    except libfranka.RealtimeException as error:
-        end(True)
-        raise RobotStopped(f'{host}: no real-time priority: {_text(error)}', True) from None
-    except _STOPPED as error:
-        end(True)
-        raise RobotStopped(f'{host}: the robot has stopped: {_text(error)}', True) from None
+class _Explained:
+    """Context that says what libfranka reports."""
+
+    def __init__(self, host: str, end: Callable[[bool], None]):
+        """:param end: called with whether the robot still answers, if it has ended the control"""
+        self._host, self._end = host, end
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if not isinstance(error, FAILURES):
+            return
+        connected = not isinstance(error, libfranka.NetworkException)
+        what = ('the robot does not answer' if not connected else 'no real-time priority'
+                if isinstance(error, libfranka.RealtimeException) else 'the robot has stopped')
+        self._end(connected)
+        raise RobotStopped(f'{self._host}: {what}: {_text(error)}', connected) from None
 
 
 def _text(error: Exception) -> str:

@@ -44,12 +44,16 @@ def pose_of(transform: np.ndarray) -> np.ndarray:
     return pose
 
 
+def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """Pose (x, y, z, qw, qx, qy, qz) of what is at ``inner`` in the frame of ``outer``."""
+    result = np.empty(7)
+    mujoco.mju_mulPose(result[:3], result[3:], outer[:3], outer[3:], inner[:3], inner[3:])
+    return result
+
+
 def tool_at(pose: np.ndarray, tool: ToolTransform) -> np.ndarray:
     """Pose of a tool whose site is at ``pose``."""
-    result = np.empty(7)
-    mujoco.mju_mulPose(result[:3], result[3:], pose[:3], pose[3:], np.array(tool.position, float),
-                       np.array(tool.rotation, float))
-    return result
+    return compose(pose, np.array([*tool.position, *tool.rotation], float))
 
 
 class Mount:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.tool import compose
 
 _GEOM = mujoco.mjtGeom
 _KINDS = {int(_GEOM.mjGEOM_SPHERE): 'sphere', int(_GEOM.mjGEOM_BOX): 'box',
@@ -251,12 +252,3 @@ def _words(numbers: np.ndarray) -> str:
 
 def _rotation(quaternion: np.ndarray) -> Rotation:
     return Rotation.from_quat(np.roll(quaternion, -1))
-
-
-def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """Pose in the frame of ``outer`` of what is at ``inner`` in it."""
-    rotation = np.zeros(4)
-    mujoco.mju_mulQuat(rotation, outer[3:], inner[3:])
-    position = np.zeros(3)
-    mujoco.mju_rotVecQuat(position, inner[:3], outer[3:])
-    return np.concatenate([outer[:3] + position, rotation])

@@ -140,7 +140,8 @@ def test_a_spring_is_helped_over_friction_as_far_as_a_delay_allows(dry, stiffnes
     """
     The friction is compensated, and in the last case it is not there.
 
-    With a fixed share of the dry friction as scale the first error was 0.8 mm, and the last arm oscillated.
+    With a fixed share of the dry friction as scale the first error was 0.8 mm, and the last arm
+    oscillated.
     """
     arm = Arm(plant=replace(REAL, dry_friction=dry, delay=0.002))
     loop = ClosedLoop(arm, ControllerSettings(friction=FrictionSettings(dry=(1.1,))))
