@@ -21,8 +21,8 @@ from test.franka.bed import FrankaBed, FRICTION
 from test.franka.server import Cable, Server
 
 HOLD, FOLLOW, FAULT = RobotState.HOLD, RobotState.FOLLOW, RobotState.FAULT
-#: An arm that only holds moves less than this [m].
-STILL_M = 1e-3
+#: An arm that only holds moves less than this in a second [m]: MuJoCo's dry friction creeps.
+STILL_M = 2e-3
 pytestmark = pytest.mark.long
 
 
@@ -109,7 +109,7 @@ def test_the_references_end_in_mid_motion(bed, skill):
     bed.begin(skill)
     bed.children.kill(SERVER)
     bed.wait_mode(HOLD)
-    bed.spend(1.0)  # in which it slows down
+    bed.spend(2.0)  # in which it slows down, and settles
     assert bed.still() < STILL_M
     bed.start_server(skill=str(skill))
     bed.wait_holding()

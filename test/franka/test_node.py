@@ -67,8 +67,10 @@ def test_the_letter_with_a_goal_switch(tmp_path):
     report = json.loads((tmp_path / 'demo' / 'report.json').read_text())
     assert report['arm'] == FRANKA
     assert all(report['limits'].values()), report['limits']
-    assert report['tracking']['position_rmse_m'] < 0.006
-    assert report['goal_switch']['final_position_error_m'] < 0.006
+    # In 20 runs at most 2.4 mm and 2.9 mm.
+    assert report['tracking']['position_rmse_m'] < 0.004
+    assert report['goal_switch']['final_position_error_m'] < 0.0035
+    assert report['robot']['commands_in_time'] > 0.9
     log = (tmp_path / 'demo' / 'logs' / 'protocol_server.log').read_text()
     assert 'reflex' not in log.lower()
 
