@@ -23,6 +23,10 @@ from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.signals import stop_event
 
+#: Longest time to finish the configuration when a process is to end [s]; ``launch`` sends the next
+#: signal after 5 s.
+PATIENCE_S = 2.0
+
 
 class _Spinner:
     """
@@ -39,6 +43,8 @@ class _Spinner:
         self._executor = SingleThreadedExecutor()
         for node in nodes:
             self._executor.add_node(node)
+        # The first node, or all of them, has been configured.
+        self._first, self._started = threading.Event(), threading.Event()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='callbacks', daemon=True)
 
@@ -51,8 +57,19 @@ class _Spinner:
             # The thread ends first: the executor cannot be shut down while it waits.
             self._ending.set()
             self._executor.wake()
+            self._end_start()
             self._thread.join()
             self._executor.shutdown()
+
+    def _end_start(self) -> None:
+        """End the process if its nodes are still configured, which may take half a minute."""
+        ends = time.monotonic() + PATIENCE_S
+        while self._thread.is_alive() and not self._started.is_set():
+            # What is active already is taken down in order.
+            if time.monotonic() > ends and not self._first.is_set():
+                print('ended while it was being configured', file=sys.stderr, flush=True)
+                os._exit(0)
+            time.sleep(0.02)
 
     def _make_reports(self, stop: threading.Event) -> None:
         due = time.monotonic()
@@ -64,15 +81,22 @@ class _Spinner:
                 continue
             due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
             for node in self._nodes:
-                with self._busy, raised_priority():
-                    _attempt(node, node.report)
+                # Not for ever: while nodes are configured, Ctrl-C must be seen.
+                if self._busy.acquire(timeout=REPORT_S):
+                    try:
+                        with raised_priority():
+                            _attempt(node, node.report)
+                    finally:
+                        self._busy.release()
 
     def _run(self) -> None:
         try:
             with self._busy:
                 for node in self._nodes:
-                    if node.get_parameter('autostart').value:
+                    if node.get_parameter('autostart').value and not self._ending.is_set():
                         node.autostart()
+                    self._first.set()
+            self._started.set()
             while True:
                 _attempt(self._nodes[0], self._execute_next)
         except (ConditionReachedException, ExternalShutdownException):
