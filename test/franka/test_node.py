@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
+from gdmp_ros.experiments import timing
+from gdmp_ros.experiments.bench import franka as bench
 from gdmp_ros.experiments.demo.run import run_demo
 from gdmp_ros.experiments.demo.tasks import run_task
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
@@ -73,6 +75,15 @@ def test_the_letter_with_a_goal_switch(tmp_path):
     assert report['robot']['commands_in_time'] > 0.9
     log = (tmp_path / 'demo' / 'logs' / 'protocol_server.log').read_text()
     assert 'reflex' not in log.lower()
+
+
+@pytest.mark.long
+def test_the_bench_measures_both_clients():
+    document = bench.run(timing.Settings(seconds=1.0))
+    assert 0.0 < document['bare']['cpu_50_us'] < document['loop']['cpu_50_us']
+    assert document['loop']['wall_50_us'] <= document['loop']['wall_99_us']
+    assert min(one['in_time'] for one in document.values()) > 0.5
+    assert len(bench.rows(document)) == 3
 
 
 @pytest.mark.long

@@ -16,10 +16,12 @@ from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.experiments import timing
 from gdmp_ros.franka.protocol_server import await_server, HOST
+from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
 from gdmp_ros.realtime.loop import RealtimeThread
 from gdmp_ros.ros.arm_choice import ArmChoice
+from gdmp_ros.util.terminal import progress
 
-TITLE = 'a cycle of a Franka at 1 kHz: our loop and a client that only reads and writes'
+TITLE = 'a cycle of a Franka at 1 kHz'
 #: Longest measurement [s], and cycles after the begin that do not count.
 LONGEST_S, FIRST = 10.0, 200
 #: The circle: radius [m] and angular frequency [rad/s].
@@ -36,11 +38,14 @@ def run(settings: timing.Settings) -> dict[str, Any]:
         return {'missing': str(error)}
     from gdmp_ros.franka.bare_client import exchange
     cycles = FIRST + round(1000.0 * min(settings.seconds, LONGEST_S))
-    with tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name, choice.robot(Path(name)):
+    with (tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name, choice.robot(Path(name)),
+          progress('clients', len(CLIENTS)) as step):
         await_server(lambda: None)
         bare = _in_loop_thread(lambda: exchange(HOST, cycles))
-        time.sleep(2.0)
+        step()
+        time.sleep(BETWEEN_CLIENTS_S)
         own = _in_loop_thread(lambda: _follow_circle(cycles))
+        step()
     return {'bare': _figures(*bare), 'loop': _figures(*own)}
 
 
@@ -99,7 +104,7 @@ def rows(document: dict[str, Any]) -> list[list[str]]:
     if 'missing' in document:
         return [['not measured'], [document['missing']]]
     lines = []
-    for client, title in zip(CLIENTS, ('reads and writes only', 'FrankaLoop')):
+    for client, title in zip(CLIENTS, ('reads and writes only', 'loop of franka_arm')):
         d = document[client]
         lines.append([title, *(f'{d[f"{name}_50_us"]:.0f} / {d[f"{name}_99_us"]:.0f}'
                                for name in ('cpu', 'wall')),

@@ -54,6 +54,7 @@ class Timeline:
 
 
 def window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
+    """Deadline and lateness of the ticks of a process in the time that is evaluated [ns]."""
     ticks = np.load(folder / f'{name}.npy')
     inside = (ticks[:, 0] >= timeline.window[0]) & (ticks[:, 0] <= timeline.window[1])
     # A loop that follows the clock of a robot has other deadlines: all of its ticks count.
@@ -61,7 +62,12 @@ def window(folder: Path, name: str, timeline: Timeline) -> np.ndarray:
 
 
 def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm: ArmChoice
-            ) -> dict[str, Any]:
+           ) -> dict[str, Any]:
+    """
+    Content of ``report.json``.
+
+    :raises GdmpError: if the arm has told nothing of itself
+    """
     began = int(run.reference_stamps[int(np.argmax(run.moving))])
     goal = run_analysis.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
@@ -125,6 +131,7 @@ def _limits(run: runs.Run, joints: JointLimits) -> dict[str, bool]:
 
 
 def print_table(document: dict[str, Any]) -> None:
+    """Show what `report` found."""
     s, t, g = document['stream'], document['tracking'], document['goal_switch']
     late, bare = s['lateness_us'], s['bare_lateness_us']
     limits = ', '.join(name for name, held in document['limits'].items() if not held)
