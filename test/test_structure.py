@@ -171,6 +171,7 @@ def reaches(name):
 LIBRARIES = {
     'gdmp_ros.kernels.compile': {'compiled._cache'},
     'gdmp_ros.kernels.intrinsics': {'made._getvalue'},
+    'gdmp_ros.ros.running': {'os._exit'},
 }
 
 

@@ -99,16 +99,20 @@ def test_torques_act_late_and_measurements_have_noise():
 def test_a_payload_is_told_without_a_step_and_the_letter_is_followed_again(letter):
     arm = Arm(plant=PlantSettings(1.1, 0.2, 0.001, 1e-5, 2e-3, 0.5))
     loop = ClosedLoop(arm, ControllerSettings(friction=FrictionSettings(dry=(1.1,))))
+    at_rest = []
     for _ in range(2000):
         before = loop.tick()
+        at_rest.append(before.torque)
+    noise = np.abs(np.diff(at_rest[1000:], axis=0)).max()
     arm.announce(Payload(0.5))
     torques, speeds = [before.torque], []
     for _ in range(2000):
         tick = loop.tick()
         torques.append(tick.torque)
         speeds.append(np.linalg.norm(tick.twist[:3]))
-    # 0.5 kg at an arm of half a metre take 2.5 Nm: in 0.5 s that is 5 mNm a tick.
-    assert np.abs(np.diff(torques, axis=0)).max() < 0.5 and max(speeds) < 0.1
+    # 0.5 kg at an arm of half a metre take 2.5 Nm: in 0.5 s that is 5 mNm a tick, beside noise.
+    assert np.abs(np.diff(torques, axis=0)).max() < 1.3 * noise + 0.005
+    assert noise < 0.8 and max(speeds) < 0.1
     assert tick.tank >= 3.0
     arm.announce(Payload(0.5))
     assert follow(letter, loop)[0] <= 3.0
