@@ -66,8 +66,9 @@ def test_a_replay_that_begins_at_the_robot_is_followed_to_its_end(shared_nodes, 
     assert np.linalg.norm(shared_nodes.tool()[:3] - run.poses[-1, :3]) < 2e-3
     path = np.array([[m.pose.position.x, m.pose.position.y, m.pose.position.z]
                      for m in shared_nodes.robot])
-    # As near to the references as the first time: it is a fast motion.
-    assert distance_of(run.references, path) < distance_of(run.references, run.poses[:, :3]) + 3e-3
+    # As near to the references as the first time: it is a fast motion, and this process may miss
+    # states for some milliseconds.
+    assert distance_of(run.references, path) < distance_of(run.references, run.poses[:, :3]) + 6e-3
 
 
 def test_a_transition_that_is_not_possible_is_answered(shared_nodes, recorded):

@@ -85,16 +85,21 @@ class _Replayer:
 
         :raises GdmpError: if there is none, or the topic is in use
         """
-        request, node = self._request, self._client.node
+        request = self._request
         self._client.wait(f'an arm that follows {request.topic}, and the status of {request.arm}',
                           lambda: (self._publisher.get_subscription_count() > 0
                                    and self._status is not None), request.wait)
         self._client.spend(DISCOVERY_S)
+        self._check_alone()
+
+    def _check_alone(self) -> None:
+        """:raises GdmpError: if somebody else publishes on the topic"""
+        topic, node = self._request.topic, self._client.node
         others = sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}'
-                        for one in node.get_publishers_info_by_topic(request.topic)
+                        for one in node.get_publishers_info_by_topic(topic)
                         if one.node_name != node.get_name())
         if others:
-            raise GdmpError(f'{", ".join(others)} publishes on {request.topic}: deactivate it '
+            raise GdmpError(f'{", ".join(others)} publishes on {topic}: deactivate it '
                             'first (ros2 lifecycle set NODE deactivate, then cleanup)')
 
     def send(self) -> None:
@@ -111,6 +116,8 @@ class _Replayer:
                     step(self._references.times[last] - shown)
                     shown = self._references.times[last]
                     self._check(self._references.modes[last], time.monotonic())
+                    # On a busy machine others are discovered late.
+                    self._check_alone()
         finally:
             self._ends = True
             thread.join()
