@@ -133,10 +133,15 @@ class NodeTestbed:
         self.client.wait_status('holding', START_UP_S)
 
     def wait_progress(self, value: float) -> None:
-        """Wait until a motion has reached a progress."""
+        """
+        Wait until a motion has reached a progress.
+
+        :raises GdmpError: if it has failed, or after 60 s
+        """
         self.client.state = None  # it may be of the motion before
 
         def reached() -> bool:
+            self.client.check_failure()
             state = self.client.state
             return state is not None and state.status == 'moving' and state.progress >= value
         self.client.wait(f'{value:.0%} of the motion', reached, 60.0)

@@ -68,6 +68,14 @@ class ServerClient(Client):
         """Whether the motion that was started has ended."""
         return self._result is not None and bool(self._result.done())
 
+    def check_failure(self) -> None:
+        """:raises GdmpError: if the motion that was started has ended without success"""
+        if self.done():
+            result = self._result.result().result
+            if result.error_code != result.SUCCESSFUL:
+                raise GdmpError(f'the motion ended with {result.error_code}: '
+                                f'{result.error_string}')
+
     def result(self, timeout: float) -> ExecuteSkill.Result:
         """Wait for the result of the action."""
         self.wait('the motion to finish', self._result.done, timeout)
