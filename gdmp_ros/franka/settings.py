@@ -7,8 +7,8 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.util.settings import setting
 
 JOINTS = 7
-#: Ports of a robot.
-PORT, GRIPPER_PORT = 1337, 1338
+#: Port of a robot.
+PORT = 1337
 #: Time after which a robot that takes one client has seen the end of the last one [s].
 BETWEEN_CLIENTS_S = 1.5
 

@@ -43,9 +43,8 @@ class _Spinner:
         self._executor = SingleThreadedExecutor()
         for node in nodes:
             self._executor.add_node(node)
-        # The first node, or all of them, has been configured.
-        self._first, self._started = threading.Event(), threading.Event()
-        self._ending = threading.Event()
+        # The first node has been configured; the thread is to end.
+        self._configured, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name='callbacks', daemon=True)
 
     def spin(self, stop: threading.Event) -> None:
@@ -57,19 +56,12 @@ class _Spinner:
             # The thread ends first: the executor cannot be shut down while it waits.
             self._ending.set()
             self._executor.wake()
-            self._end_start()
-            self._thread.join()
-            self._executor.shutdown()
-
-    def _end_start(self) -> None:
-        """End the process if its nodes are still configured, which may take half a minute."""
-        ends = time.monotonic() + PATIENCE_S
-        while self._thread.is_alive() and not self._started.is_set():
-            # What is active already is taken down in order.
-            if time.monotonic() > ends and not self._first.is_set():
+            if not self._configured.wait(PATIENCE_S):
+                # It may take half a minute. No node is active that would have to be taken down.
                 print('ended while it was being configured', file=sys.stderr, flush=True)
                 os._exit(0)
-            time.sleep(0.02)
+            self._thread.join()
+            self._executor.shutdown()
 
     def _make_reports(self, stop: threading.Event) -> None:
         due = time.monotonic()
@@ -95,13 +87,13 @@ class _Spinner:
                 for node in self._nodes:
                     if node.get_parameter('autostart').value and not self._ending.is_set():
                         node.autostart()
-                    self._first.set()
-            self._started.set()
+                    self._configured.set()
             while True:
                 _attempt(self._nodes[0], self._execute_next)
         except (ConditionReachedException, ExternalShutdownException):
             pass
         finally:
+            self._configured.set()
             with self._busy:
                 for node in self._nodes:
                     node.take_down()

@@ -75,7 +75,6 @@ class PoseReader:
         message.header.frame_id = frame
         data = serialize_message(message)
         self._size, self._numbers = len(data), len(data) - 7 * 8
-        # Encapsulation; behind the stamp the string of the frame.
         self._frame = _FrameCheck(data, frame)
 
     def read(self, data: Buffer) -> np.ndarray:

@@ -64,8 +64,9 @@ def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
     from gdmp_ros.franka.loop import FrankaLoop
     from gdmp_ros.franka.robot import FrankaRobot
     from gdmp_ros.franka.settings import FrankaSettings
-    robot = FrankaRobot(FrankaSettings(host=HOST))
-    loop = FrankaLoop(robot, 0.195, wall_time=True)
+    settings = FrankaSettings(host=HOST)
+    robot = FrankaRobot(settings)
+    loop = FrankaLoop(robot, settings.rotor_inertia, wall_time=True)
     figures = np.empty((cycles, 3))
     loop.begin()
     center, begun, worked = loop.measured.pose.copy(), robot.arrived, time.thread_time_ns()

@@ -21,7 +21,7 @@ class TfPublisher:
         self._node = node
         self._moving_out = node.add_publisher(TFMessage, '/tf', 100)
         self._fixed_out = node.add_publisher(TFMessage, '/tf_static', 1, latched=True)
-        # Together, because another thread describes the links than publishes them.
+        # One attribute, because one thread describes the links and another publishes them.
         self._moving: tuple[LinkFrames, Stream] | None = None
 
     def describe(self, links: LinkFrames) -> None:
@@ -39,7 +39,7 @@ class TfPublisher:
         self._moving = links, Stream(self._moving_out, template)
 
     def check(self) -> None:
-        """Find out whether somebody receives /tf."""
+        """Find out whether /tf has subscribers."""
         if self._moving is not None:
             self._moving[1].check()
 

@@ -93,7 +93,7 @@ class _Replayer:
         self._check_alone()
 
     def _check_alone(self) -> None:
-        """:raises GdmpError: if somebody else publishes on the topic"""
+        """:raises GdmpError: if another node publishes on the topic"""
         topic, node = self._request.topic, self._client.node
         others = sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}'
                         for one in node.get_publishers_info_by_topic(topic)
