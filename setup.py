@@ -48,7 +48,7 @@ setup(
         'composed = gdmp_ros.ros.composed:main',
         'franka_arm = gdmp_ros.ros.arm.franka_arm:main',
         'franka_gripper = gdmp_ros.ros.arm.franka_gripper:main',
-        'gdmp = gdmp_ros.cli.main:main',
+        'gdmp = gdmp_ros.cli.start:main',
         'panda_sim = gdmp_ros.ros.arm.panda_sim:main',
         'take_recorder = gdmp_ros.ros.recorder.node:main',
         'trajectory_server = gdmp_ros.ros.server.node:main',

@@ -3,7 +3,7 @@ import os
 import subprocess
 import sys
 
-GDMP = [sys.executable, '-m', 'gdmp_ros.cli.main']
+GDMP = [sys.executable, '-m', 'gdmp_ros.cli.start']
 
 
 def gdmp(*words, given=None, cwd=None, timeout=280, **environment):

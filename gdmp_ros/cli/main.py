@@ -170,7 +170,3 @@ def _warnings_as_notes() -> Iterator[None]:
 def _interrupted() -> int:
     print('interrupted', file=sys.stderr)
     return 130
-
-
-if __name__ == '__main__':
-    sys.exit(main())

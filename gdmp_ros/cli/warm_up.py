@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> None:
         return
     from gdmp_ros.kernels import cache_folder, remove_stale
     remove_stale()
-    other = subprocess.Popen(child_process.command('gdmp_ros.cli.main', 'warm-up', 'control'))
+    other = subprocess.Popen(child_process.command('gdmp_ros.cli.start', 'warm-up', 'control'))
     try:
         compile_motion()
         code = other.wait()

@@ -36,12 +36,13 @@ def noted_interrupts() -> Iterator[threading.Event]:
         raise KeyboardInterrupt
 
     # Another handler, or none in a background job, is left as it is.
+    before = signal.getsignal(signal.SIGINT)
     replaced = (threading.current_thread() is threading.main_thread()
-                and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+                and before in (signal.default_int_handler, signal.SIG_DFL))
     if replaced:
         signal.signal(signal.SIGINT, interrupt)
     try:
         yield noted
     finally:
         if replaced:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, before)

@@ -105,7 +105,7 @@ class LearningProcess:
                 raise ParameterError(f'{name!r} is not the name of a file')
         output = request.output or str(Path(tempfile.mkdtemp(prefix='gdmp-')) / 'skill.json')
         return output, child_process.command(
-            'gdmp_ros.cli.main', 'learn', f'--output={output}', '--json',
+            'gdmp_ros.cli.start', 'learn', f'--output={output}', '--json',
             f'--stiffness={parameters.learned_stiffness}',
             f'--n-basis={request.n_basis or parameters.n_basis or "auto"}',
             f'--connection={connection}', '--', *request.bags)
