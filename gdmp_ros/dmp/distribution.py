@@ -15,6 +15,7 @@ import warnings
 
 import numpy as np
 
+from gdmp_ros.dmp.ends import turned_variation, turns
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
@@ -104,7 +105,6 @@ class Distribution(Generic[S]):
             known = self._in_context(context)
             return known.condition(points) if len(points) else self._make(known._skill)
         wanted = self._wanted(points)
-        size = self._manifold.tangent_size
         factor = self._variation.factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
         shift, moved = np.zeros(factor.shape[0]), self._skill
@@ -122,7 +122,7 @@ class Distribution(Generic[S]):
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rest = _without_context(self._variation, factor @ root)
         # `_shifted` turned what the variation of the moved primitive refers to.
-        turned = _turned(rest, _turns(self._skill, moved), size)
+        turned = turned_variation(rest, turns(self._skill, moved))
         return self._make(replace(moved, variation=turned))
 
     def _in_context(self, context: Sequence[float] | np.ndarray) -> Distribution[S]:
@@ -139,7 +139,7 @@ class Distribution(Generic[S]):
                           GdmpWarning, stacklevel=3)
         moved = self._shifted(variation.factor[:, -count:] @ away)
         rest = _without_context(variation, variation.factor[:, :-count])
-        turned = _turned(rest, _turns(self._skill, moved), self._manifold.tangent_size)
+        turned = turned_variation(rest, turns(self._skill, moved))
         moved = replace(moved, variation=turned)
         return Distribution(moved, turned, self._make)
 
@@ -185,7 +185,7 @@ class Distribution(Generic[S]):
         goal = manifold.exp(skill.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
         weights = skill.weights + shift[2 * size:].reshape(-1, size)
         moved = replace(skill, start=start, goal=goal, frame=manifold.frame(start))
-        turn = _turns(skill, moved)[0]
+        turn = turns(skill, moved)[0]
         return replace(moved, weights=weights @ turn.T, velocity=turn @ skill.velocity)
 
 
@@ -235,23 +235,3 @@ def _gain(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
     found = rows @ rows.T + noise
     found[np.diag_indices_from(found)] += _REGULAR * np.trace(found) / len(found)
     return np.asarray(np.linalg.lstsq(found, rows, rcond=1e-15)[0].T)
-
-
-def _turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
-    manifold = before.manifold
-    carried = frame_of(before, after.start)
-    start = change_of_frame(manifold, carried, after.frame)
-    goal_frame = frame_of(before, before.goal)
-    carried = carry_frame(manifold, goal_frame, after.goal)[0]
-    goal = change_of_frame(manifold, carried, frame_of(after, after.goal))
-    return start, goal
-
-
-def _turned(variation: Variation, turns: tuple[np.ndarray, np.ndarray], size: int) -> Variation:
-    """The variation in the coordinates of a shifted primitive."""
-    start, goal = turns
-    parts = variation.factor.reshape(-1, size, variation.factor.shape[1])
-    turned = np.einsum('ij,kjr->kir', start, parts)
-    turned[1] = goal @ parts[1]
-    return replace(variation, factor=turned.reshape(variation.factor.shape))

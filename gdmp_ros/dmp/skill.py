@@ -11,11 +11,12 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
+from gdmp_ros.dmp.ends import between
 from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.primitive import Gains, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
-from gdmp_ros.dmp.via import through
+from gdmp_ros.dmp.via import through, warn_of_cost
 from gdmp_ros.errors import ParameterError
 
 
@@ -94,6 +95,18 @@ class Skill(Primitive):
         """
         return None if self.variation is None else Distribution(self, self.variation, Skill.of)
 
+    def between(self, start: np.ndarray | None = None, goal: np.ndarray | None = None) -> Skill:
+        """
+        Return a skill with another start and goal of its own.
+
+        It moves as a roll-out between them would. To pass via points there, call `through` after.
+
+        :param start: point; its own by default
+        :param goal: point; its own by default
+        :raises ManifoldError: if a point is not on the manifold
+        """
+        return Skill.of(between(self, start, goal))
+
     def through(self, points: Sequence[tuple[float, np.ndarray]],
                 factors: Sequence[str] | None = None) -> Skill:
         """
@@ -106,7 +119,9 @@ class Skill(Primitive):
         :param factors: names of the factors that have to pass; all by default
         :raises ParameterError: see `gdmp_ros.dmp.via.through`
         """
-        return Skill.of(through(self, points, factors))
+        changed = through(self, points, factors)
+        warn_of_cost(self, changed)
+        return Skill.of(changed)
 
     def with_events(self, events: Sequence[GripperEvent]) -> Skill:
         """

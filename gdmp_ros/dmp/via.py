@@ -49,7 +49,6 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
     # Earlier via points and the present end of the motion are via points too.
     kept = [s for s in skill.via if not np.isclose(s, moments, atol=1e-9).any()]
     via = tuple(sorted([*kept, *moments.tolist()]))
-    before = _largest_acceleration(skill)
     present = Rollout(skill).sample(skill.duration * np.array([*kept, 1.0])).points
     moments = np.concatenate([moments, kept, [1.0]])
     wanted.extend(present)
@@ -67,7 +66,6 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
         at = int(np.argmax(away[:, chosen].max(axis=1)))
         raise ParameterError(f'via point at s = {moments[at]:g} stays {away[at].max():.3g} away: '
                              'it is too far from the motion, or too close to another one in time')
-    _warn_of_cost(before, _largest_acceleration(skill))
     return skill
 
 
@@ -78,11 +76,13 @@ def _largest_acceleration(skill: Primitive) -> float:
     return max(skill.manifold.norm(state.point, state.acceleration) for state in states)
 
 
-def _warn_of_cost(before: float, after: float) -> None:
-    if after > COSTLY * before:
-        warnings.warn(f'via points: the largest acceleration grows from {before:.3g} to '
-                      f'{after:.3g}, {after / before:.1f} times; a point nearer to the motion, or '
-                      'further in time from the others, costs less', GdmpWarning, stacklevel=4)
+def warn_of_cost(before: Primitive, after: Primitive) -> None:
+    """Report via points that make the largest acceleration much larger, with a `GdmpWarning`."""
+    least, most = _largest_acceleration(before), _largest_acceleration(after)
+    if most > COSTLY * least:
+        warnings.warn(f'via points: the largest acceleration grows from {least:.3g} to '
+                      f'{most:.3g}, {most / least:.1f} times; a point nearer to the motion, or '
+                      'further in time from the others, costs less', GdmpWarning, stacklevel=3)
 
 
 def _columns(skill: Primitive, factors: Sequence[str] | None) -> tuple[list[int], np.ndarray]:

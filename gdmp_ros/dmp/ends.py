@@ -1,0 +1,55 @@
+"""The motion of a primitive between another start and another goal."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
+from gdmp_ros.dmp.variation import Variation
+
+
+def between(primitive: Primitive, start: np.ndarray | None = None,
+            goal: np.ndarray | None = None) -> Primitive:
+    """
+    Return a primitive with another start and goal; it moves as a roll-out between them would.
+
+    :param start: point; its own by default
+    :param goal: point; its own by default
+    :raises ManifoldError: if a point is not on the manifold
+    """
+    manifold = primitive.manifold
+    first = primitive.start if start is None else manifold.check_point(start)
+    last = primitive.goal if goal is None else manifold.check_point(goal)
+    moved = replace(primitive, start=first, frame=manifold.frame(first), goal=last)
+    by = turns(primitive, moved)
+    variation = primitive.variation
+    weights = primitive.weights
+    if primitive.connection == 'parallel':  # the published one has no frame for them
+        weights = weights @ by[0].T
+    return replace(moved, weights=weights, velocity=by[0] @ primitive.velocity,
+                   variation=None if variation is None else turned_variation(variation, by))
+
+
+def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
+    manifold = before.manifold
+    carried = frame_of(before, after.start)
+    start = change_of_frame(manifold, carried, after.frame)
+    goal_frame = frame_of(before, before.goal)
+    carried = carry_frame(manifold, goal_frame, after.goal)[0]
+    goal = change_of_frame(manifold, carried, frame_of(after, after.goal))
+    return start, goal
+
+
+def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -> Variation:
+    """
+    The variation in the coordinates of a shifted primitive.
+
+    :param by: see `turns`
+    """
+    start, goal = by
+    parts = variation.factor.reshape(-1, len(start), variation.factor.shape[1])
+    turned = np.einsum('ij,kjr->kir', start, parts)
+    turned[1] = goal @ parts[1]
+    return replace(variation, factor=turned.reshape(variation.factor.shape))
