@@ -128,8 +128,7 @@ def test_the_adapter_makes_trajectories_of_them(running):
         made = []
         running.subscribe(JointTrajectory, 'joint_trajectory_controller/joint_trajectory',
                           made.append)
-        running.wait_log('adapter', 'converting', 60.0)
-        running.spend(0.5)  # it reads where the joints are
+        running.wait_log('adapter', 'the joints of the robot are known', 60.0)
         running.client.execute()
         assert running.client.result(30.0).error_code == 0
         running.wait('trajectories', lambda: len(made) > 100)

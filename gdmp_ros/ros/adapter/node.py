@@ -131,10 +131,16 @@ class Adapter(ManagedNode):
         try:
             data = take_latest(self._measured)
             if data is not None:
-                self._pose_of_robot, self._robot = self._poses.read(data), True
+                self._pose_of_robot = self._poses.read(data)
+                if not self._robot:
+                    self.get_logger().info('the pose of the robot is known')
+                self._robot = True
             state = take_latest(self._joint_states) if self._names else None
             if state is not None:
+                known = len(self._posture) > 0
                 self._posture = joint_positions(state, self._names)
+                if not known:
+                    self.get_logger().info('the joints of the robot are known')
             if data is not None or state is not None:
                 self.guard.measure(0.0, Whereabouts(self._pose_of_robot, np.zeros(6),
                                                     self._posture, np.zeros(len(self._posture))))
