@@ -3,11 +3,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gdmp_ros.choices import ARMS, STORAGES
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:
     from gdmp_ros.ros.arm_choice import ArmChoice
@@ -92,6 +93,29 @@ def arm_choice(options: argparse.Namespace) -> ArmChoice:
     choice = ArmChoice(options.arm, options.host, options.protocol_server, options.friction)
     choice.check()
     return choice
+
+
+def check_output(path: Path | None, *suffixes: str) -> None:
+    """
+    Check the name of a file that is to be written, before any work is done.
+
+    :param path: its folder is made later, if it does not exist; None: nothing is written
+    :param suffixes: of which it must have one; any without them
+    :raises DataError: if it cannot be written there
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise DataError(f'{path}: is a folder, expected the name of a file')
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise DataError(f'{path}: expected a name that ends in {" or ".join(suffixes)}')
+    folder = path.absolute().parent
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise DataError(f'{path}: {folder} is no folder')
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise DataError(f'{path}: {folder} cannot be written')
 
 
 def check_number(name: str, value: float, low: float = -math.inf, high: float = math.inf,

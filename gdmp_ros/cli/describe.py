@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.arguments import check_output
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 
@@ -29,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Load the model and write it."""
+    check_output(options.output)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.urdf import urdf

@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> None:
         write_text(options.output / 'index.md', page(learned))
     except OSError as error:
         raise DataError(f'{options.output}: cannot write: {error.strerror}') from None
-    print(f'wrote {len(names)} skills, pictures and {options.output / "index.md"}')
+    count = 'a skill' if len(names) == 1 else f'{len(names)} skills'
+    print(f'wrote {count}, pictures and {options.output / "index.md"}')
 
 
 def page(learned: dict[str, Skill]) -> str:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gdmp_ros.choices import CONNECTIONS, ENDS, FITS, STIFFNESSES
-from gdmp_ros.cli.arguments import add_bags, add_parallel, add_stiffness_range
+from gdmp_ros.cli.arguments import add_bags, add_parallel, add_stiffness_range, check_output
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
@@ -87,6 +87,8 @@ def run(options: argparse.Namespace) -> None:
     """Learn, write the skill and report how accurately it reproduces the demonstrations."""
     from gdmp_ros.data.skill_from_bags import LearningSettings
     from gdmp_ros.data.takes import bags_in
+    if not options.each:
+        check_output(options.output)
     bags = [found for given in options.bags for found in bags_in(given)]
     settings = LearningSettings(
         options.n_basis, options.connection, options.tolerance, options.smooth,

@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from gdmp_ros.cli.arguments import check_output
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -17,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Roll the skill out and draw it."""
+    check_output(options.output, '.png', '.pdf', '.svg')
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.view import plots, skill_plots
     skill = Skill.load(options.skill)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_robot
+from gdmp_ros.cli.arguments import add_robot, check_output
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the page."""
+    check_output(options.output, '.html')
     with optional_import(extra('report')):
         from gdmp_ros.view import report_page
     what = report_page.write(options.bag, options.output, options.robot, options.skill)

@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import check_number, check_output
 from gdmp_ros.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Roll out until the motion is finished."""
+    check_output(options.output)
     check_number('dt', options.dt, above=0.0)
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
@@ -54,6 +55,7 @@ def run(options: argparse.Namespace) -> None:
     if options.output is None:
         _write(rollout, later, options, sys.stdout)
         return
+    options.output.absolute().parent.mkdir(parents=True, exist_ok=True)
     with options.output.open('w', newline='') as out:
         _write(rollout, later, options, out)
     print(f'wrote {options.output}')

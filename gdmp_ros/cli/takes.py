@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_pose_topic
+from gdmp_ros.cli.arguments import add_pose_topic, check_output
 from gdmp_ros.util.terminal import progress, table
 
 
@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Drop takes, then compare the others."""
+    check_output(options.plot, '.png', '.pdf', '.svg')
     from gdmp_ros.data import recordings, takes
     for name in options.drop:
         print(f'dropped: moved to {takes.drop(options.folder, name)}')

@@ -18,7 +18,7 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_bags, check_number
+from gdmp_ros.cli.arguments import add_bags, check_number, check_output
 from gdmp_ros.util.terminal import progress, table
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Try, print, write."""
+    check_output(options.plot, '.png', '.pdf', '.svg')
     check_number('--force', options.force, above=0.0)
     import numpy as np
 

@@ -72,6 +72,8 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
     path = Path(path)
     if not path.exists():
         raise DataError(f'{path}: no such bag')
+    if path.is_dir() and not (path / 'metadata.yaml').exists():
+        raise DataError(f'{path}: a folder without metadata.yaml: it is no rosbag2 recording')
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield reader

@@ -122,6 +122,14 @@ def takes_in(takes: Path) -> list[Path]:
     return found
 
 
+def next_name(takes: Path, prefix: str = 'take') -> str:
+    """Name of the next take in a folder: ``PREFIX_001``, and so on."""
+    start = f'{prefix}_'
+    used = [int(path.name[len(start):]) for path in takes.glob(f'{start}*')
+            if path.name[len(start):].isdigit()]
+    return f'{start}{max(used, default=0) + 1:03d}'
+
+
 def bags_in(path: Path) -> list[Path]:
     """
     Bag at a path, or all bags in a folder.

@@ -4,17 +4,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+import warnings
 
 import numpy as np
 
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.errors import DataError, ManifoldError
-from gdmp_ros.manifolds import Manifold
+from gdmp_ros.errors import DataError, GdmpWarning, ManifoldError
+from gdmp_ros.manifolds import Manifold, UnitQuaternion
 
 #: Stamps whose spacing varies by less than this fraction are uniform and used as they are.
 UNIFORM = 1e-4
 #: Fewest samples from which a second derivative can be computed.
 MIN_SAMPLES = 3
+#: Quaternions whose norm differs from 1 by at most this are normalised.
+ROUNDED = 1e-3
 #: Demonstrations with fewer samples are interpolated to this many before learning.
 MIN_RESAMPLED = 300
 
@@ -30,8 +33,9 @@ class Demonstration:
     """
     One demonstrated trajectory, validated.
 
-    Quaternion factors are made sign-continuous. Irregular stamps are kept, and resampled when a
-    skill is learned (`uniform`).
+    Quaternion factors are made sign-continuous, and normalised with a `GdmpWarning` if their norm
+    is 1 within `ROUNDED` only, as recorded numbers with few digits have it. Irregular stamps are
+    kept, and resampled when a skill is learned (`uniform`).
 
     :param times: increasing, shape ``(T,)`` [s]
     :param points: shape ``(T, *point_shape)``
@@ -52,6 +56,7 @@ class Demonstration:
             raise DataError(f'demonstration: points have shape {points.shape}, '
                             f'expected {(len(times), *self.manifold.point_shape)}')
         self._check_times(times)
+        _normalise_quaternions(self.manifold, points)
         for i, point in enumerate(points):
             try:
                 self.manifold.check_point(point)
@@ -144,3 +149,18 @@ class Demonstration:
 
     def _development(self) -> Development:
         return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))
+
+
+def _normalise_quaternions(manifold: Manifold, points: np.ndarray) -> None:
+    """Normalise what was rounded; what is further from 1 is left for the check of each point."""
+    rows = points.reshape(len(points), -1)
+    for factor, row in zip(manifold.factors, manifold.factor_table):
+        if not isinstance(factor, UnitQuaternion):
+            continue
+        numbers = rows[:, int(row['point']):int(row['point']) + 4]
+        norms = np.linalg.norm(numbers, axis=1)
+        off = float(np.abs(norms - 1.0).max())
+        if factor.tolerance < off <= ROUNDED:
+            numbers /= norms[:, None]
+            warnings.warn(f'the norms of the quaternions differ from 1 by up to {off:.1e}: they '
+                          'were normalised', GdmpWarning, stacklevel=4)

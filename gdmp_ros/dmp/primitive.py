@@ -108,6 +108,10 @@ class Primitive:
         if self.variation is not None:
             self.variation.check(self.n_basis, self.manifold.tangent_size)
 
+    def __repr__(self) -> str:
+        return (f'{type(self).__name__}({self.manifold!r}, {self.n_basis} basis functions, '
+                f'{self.duration:.4g} s)')
+
     @property
     def n_basis(self) -> int:
         """Number of basis functions."""

@@ -77,6 +77,10 @@ class Rollout:
             self._manifold, 'final velocity', final_velocity))
         self.begin(start, velocity, acceleration)
 
+    def __repr__(self) -> str:
+        return (f'Rollout(progress={self.progress:.4g}, speed={self.speed:.4g}, '
+                f'finished={self.finished}, skill={self.skill!r})')
+
     def begin(self, start: np.ndarray | None = None, velocity: np.ndarray | None = None,
               acceleration: np.ndarray | None = None, speed: float | None = None) -> None:
         """

@@ -179,3 +179,26 @@ def test_learning_finds_its_own_number_of_basis_functions_and_reports_the_fit(fo
     assert 10 <= report['n_basis'] <= 100 and report['mean_relative_error'] < 5e-3
     assert report['fit']['factors'] == ['position', 'orientation', 'stiffness']
     assert len(report['fit']['demonstrations'][0]['mean_error']) == 3
+
+
+@pytest.mark.parametrize('words, reason', [
+    (('plot', 'skill.json', '-o', 'demos'), 'is a folder'),
+    (('plot', 'skill.json', '-o', 'skill.txt'), 'a name that ends in .png'),
+    (('rollout', 'skill.json', '-o', 'demos'), 'is a folder'),
+    (('tune', 'demos', '--plot', 'skill.json/x.png'), 'skill.json is no folder'),
+    (('takes', 'demos', '--plot', 'demos'), 'is a folder'),
+    (('report', 'demos/GShape_1', '-o', 'page.txt'), 'a name that ends in .html'),
+    (('learn', 'demos', '-o', 'demos'), 'is a folder'),
+    (('describe', '-o', 'demos'), 'is a folder'),
+    (('inspect', 'demos'), 'no rosbag2 recording')])
+def test_what_cannot_be_written_is_refused_before_the_work(folder, words, reason):
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob('*')}
+    done = gdmp(*words, cwd=folder)
+    assert done.returncode == 1 and reason in done.stderr and len(done.stderr.splitlines()) == 1
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob('*')} == before
+
+
+def test_skills_and_roll_outs_are_printed_in_one_line(folder):
+    skill = gdmp_ros.Skill.load(folder / 'skill.json')
+    assert re.fullmatch(r'Skill\(.*, \d+ basis functions, [\d.]+ s\)', repr(skill))
+    assert repr(skill.rollout()).startswith('Rollout(progress=0, speed=1, finished=False, skill=')

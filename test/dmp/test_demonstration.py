@@ -3,15 +3,18 @@ import numpy as np
 import pytest
 
 from gdmp_ros import (
+    DataError,
     Demonstration,
     Euclidean,
+    GdmpWarning,
+    Product,
     Skill,
     Sphere,
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
 from gdmp_ros.dmp.evaluation import reproduction_error
-from test.motions import TOOL, wave
+from test.motions import motion, TOOL, wave
 
 
 @pytest.mark.parametrize('frequency, left', [(2.0, 0.5), (1.0, 16.0 / 17.0), (4.0, 1.0 / 17.0)])
@@ -55,3 +58,16 @@ def test_a_skill_is_learned_despite_noise_gaps_and_irregular_stamps(rng):
         TOOL.check_point(point)
     skill = Skill.learn(shown, smoothing=5.0, regularization=1e-3)
     assert reproduction_error(skill, clean)[0] < 0.01
+
+
+def test_rounded_quaternions_are_normalised_and_wrong_ones_refused(rng):
+    manifold = Product(Euclidean(3), UnitQuaternion())
+    shown = motion(manifold, rng)
+    rounded = shown.points.round(4)
+    with pytest.warns(GdmpWarning, match='by up to .*e-05: they were normalised'):
+        made = Demonstration(shown.times, rounded, manifold)
+    np.testing.assert_allclose(np.linalg.norm(made.points[:, 3:], axis=1), 1.0, atol=1e-12)
+    np.testing.assert_array_equal(made.points[:, :3], rounded[:, :3])
+    with pytest.raises(DataError, match='quaternion norm is 1.01'):
+        Demonstration(shown.times, np.hstack([rounded[:, :3], 1.01 * shown.points[:, 3:]]),
+                      manifold)

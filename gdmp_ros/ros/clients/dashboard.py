@@ -60,7 +60,7 @@ class Dashboard(Client):
             return [(self.server, 'silent')]
         left = ', '.join(f'{name} {value:.4g}'
                          for name, value in zip(s.factors, s.distance_to_goal))
-        rows = [(self.server, f'{s.status}, {s.progress:.0%}, tempo {s.speed:.2f}'),
+        rows = [(self.server, f'{s.status}, {min(s.progress, 1.0):.0%}, tempo {s.speed:.2f}'),
                 ('skill', s.skill or 'none'), ('distance to goal', left or 'none'),
                 ('rate', f'{s.rate_hz:.1f} Hz, {s.missed} of {s.ticks} ticks missed'),
                 ('lateness', f'p50 {s.lateness_p50_us:.0f}, p99 {s.lateness_p99_us:.0f}, largest '

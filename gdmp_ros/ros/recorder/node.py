@@ -108,7 +108,7 @@ class TakeRecorder(ManagedNode):
             raise ParameterError('the recorder is not active: activate it first')
         if self._writer is not None:
             raise ParameterError(f'{self._state.take} is being recorded: stop or discard it first')
-        name = self._next_name()
+        name = takes.next_name(self._folder, self.parameters.prefix)
         self._tap.begin()
         self._writer = BagWriter(self._folder / name, self.parameters.storage).open()
         self._begun = time.monotonic()
@@ -132,12 +132,6 @@ class TakeRecorder(ManagedNode):
                                  'ones with gdmp takes FOLDER --drop NAME')
         kept, self._kept = self._kept, None
         return f'moved to {takes.drop(kept.parent, kept.name)}'
-
-    def _next_name(self) -> str:
-        prefix = f'{self.parameters.prefix}_'
-        used = [int(name[len(prefix):]) for name in self.takes()
-                if name.startswith(prefix) and name[len(prefix):].isdigit()]
-        return f'{prefix}{max(used, default=0) + 1:03d}'
 
     def _finish(self, problem: str) -> str:
         """Close the take that is being recorded; a take without messages is not kept."""
