@@ -16,13 +16,14 @@ from gdmp_ros.experiments.reliability.faults import FAULTS
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
 #: A room may import from itself and from rooms before it.
 ROOMS = ('errors', 'choices', 'kernels', 'util', 'manifolds', 'dmp', 'learning', 'control',
-         'realtime', 'playback', 'data', 'sim', 'franka', 'view', 'ros', 'experiments', 'cli')
+         'realtime', 'playback', 'data', 'sim', 'franka', 'view', 'ros', 'studio', 'experiments',
+         'cli')
 #: Facade methods: they import from a later room when they are called (docs/design.md).
 FACADES = {('gdmp_ros.dmp.skill', 'gdmp_ros.learning.fit')}
 #: Rooms that may import a library.
 ONLY_IN = {'rclpy': {'ros', 'experiments'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
            'matplotlib': {'view', 'experiments'}, 'rosbags': {'data', 'ros'},
-           'numba': {'kernels'}, 'plotly': {'view'}}
+           'numba': {'kernels'}, 'plotly': {'view'}, 'viser': {'studio'}}
 #: Files that import by a string: from a list of the package, or outside of it.
 LISTS = {
     'gdmp_ros.cli.main': [f'gdmp_ros.cli.{name.replace("-", "_")}' for name in VERBS],

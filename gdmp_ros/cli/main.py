@@ -29,7 +29,9 @@ GROUPS = {
         'tune': 'suggest basis functions, gains, stiffness and limits',
         'inspect': 'show the contents of a bag or a skill file',
         'plot': 'draw a skill',
+        'check': 'check whether an arm can follow a skill',
         'rollout': 'roll a skill out, to another goal if asked, as CSV',
+        'studio': 'teach, see, change and run a skill in a browser',
         'gallery': 'make a gallery of skills with pictures',
     },
     'robot': {

@@ -48,26 +48,37 @@ class Reach:
             return str(error)
         return ''
 
-    def posture(self, pose: np.ndarray, near: np.ndarray) -> np.ndarray:
+    def posture(self, pose: np.ndarray, near: np.ndarray, starts: int = STARTS) -> np.ndarray:
         """
         Positions of the joints with which the tool is at a pose [rad].
 
         :param near: where the search begins: of several postures one near to it is found first
+        :param starts: postures from which it is searched before it counts as out of reach
         :raises ManifoldError: if the arm does not reach it
         """
-        found, problem = self._reached(pose, near)
+        found, problem = self._reached(pose, near, starts)
         if problem:
             raise ManifoldError(problem)
         return found
+
+    def towards(self, pose: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """
+        Come as near to a pose as one search from a posture does; for paths, sample by sample.
+
+        :param near: where the search begins [rad]
+        :returns: positions of the joints [rad], and how far the tool is from the pose [m, rad]
+        """
+        return self._search(np.clip(near, self._lower, self._upper), pose)
 
     def pose_at(self, position: np.ndarray) -> np.ndarray:
         """Pose of the tool (x, y, z, qw, qx, qy, qz) at positions of the joints [rad]."""
         return self._arm.pose_at(position)
 
-    def _reached(self, pose: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, str]:
+    def _reached(self, pose: np.ndarray, first: np.ndarray, starts: int = STARTS
+                 ) -> tuple[np.ndarray, str]:
         """The first posture that reaches a pose, and why there is none."""
         best, random = (np.inf, np.inf), np.random.default_rng(0)
-        for start in range(STARTS):
+        for start in range(starts):
             q, *away = self._search(
                 (first if start == 0 else random.uniform(self._lower, self._upper)).copy(), pose)
             best = min(best, (away[0], away[1]), key=lambda one: one[0] + 0.3 * one[1])

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -12,6 +13,9 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
+
+if TYPE_CHECKING:
+    from gdmp_ros.sim.path_check import PathCheck
 
 #: Skills that are drawn for a band.
 SAMPLES = 60
@@ -63,6 +67,29 @@ def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[G
     right.axvline(gain, color='0.5', lw=0.8, label=f'suggested: {gain:g}')
     right.set(xlabel='goal gain alpha_g [1]', ylim=(0.0, None))
     right.legend()
+    return figure
+
+
+def check_figure(found: PathCheck, positions: np.ndarray) -> Figure:
+    """
+    Draw where an arm can follow a path, and how near it comes to its limits.
+
+    :param positions: of the path [m], shape ``(T, 3)``
+    """
+    figure, axes = plots.panels(2, 3, (4.0, 3.0))
+    for panel, (first, second) in zip(axes[0], ((0, 1), (0, 2), (1, 2))):
+        panel.plot(positions[:, first], positions[:, second], color=plots.INK[0], lw=1.3,
+                   label='path')
+        wrong = np.where(found.wrong[:, None], positions, np.nan)
+        panel.plot(wrong[:, first], wrong[:, second], '.', color='#d01010', label='not followed')
+        panel.set(xlabel=f'{"xyz"[first]} [m]', ylabel=f'{"xyz"[second]} [m]')
+        panel.set_aspect('equal', 'datalim')
+    axes[0, 0].legend(fontsize=7)
+    for panel, margin in zip(axes[1], found.margins):
+        panel.plot(found.times, margin.values, color=plots.INK[0], lw=1.3)
+        panel.axhline(margin.least, color='#d01010', lw=0.8, ls='--', label='limit')
+        panel.set(xlabel='time [s]', ylabel=margin.label)
+        panel.legend(fontsize=7)
     return figure
 
 

@@ -1,0 +1,241 @@
+"""The studio itself: one thread that does what the page asks for, and shows what has changed."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+import threading
+import time
+from typing import Any, TypeVar
+import warnings
+
+import numpy as np
+import viser
+
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.path_check import PathChecker
+from gdmp_ros.sim.reach import Reach
+from gdmp_ros.studio.jobs import Jobs
+from gdmp_ros.studio.robot import Robot, RobotView
+from gdmp_ros.studio.scene import colour, Scene
+from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion
+from gdmp_ros.studio.workbench import Workbench
+
+#: Interval at which the robot is shown [s].
+REFRESH_S = 0.05
+#: What takes longer than a drag is computed when nothing has changed for this time [s].
+QUIET_S = 0.2
+#: Samples of a motion that are checked for reach.
+CHECKED = 50
+#: Past path of the tool [s].
+PAST_S = 10.0
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    Whether the arm can follow a motion.
+
+    :ivar wrong: samples at which it cannot, shape ``(T,)`` of the motion
+    :ivar text: for people
+    """
+
+    wrong: np.ndarray
+    text: str
+
+
+class Studio:
+    """
+    What the panels share.
+
+    One thread calls `run`; callbacks of the page only put work into `jobs`.
+
+    :ivar skill: the chosen skill with its changes; None without one
+    :ivar motion: that is shown: of the changed skill, or a recorded one; None without one
+    :ivar takes_folder: where takes are recorded
+    :ivar on_motion: called when the shown motion has changed
+    :ivar on_view: called with the newest view of the robot
+    :ivar on_quiet: called when what takes longer has been computed
+    """
+
+    def __init__(self, server: viser.ViserServer, bench: Workbench, robot: Robot, model: str,
+                 takes_folder: Path):
+        self.server, self.bench, self.robot = server, bench, robot
+        self.takes_folder, self.jobs = takes_folder, Jobs()
+        self._arm = Arm(model)
+        self._reach = Reach(Arm(model))
+        self._checker = PathChecker(Arm(model))
+        self.scene = Scene(server, Arm(model), Arm(model))
+        self.motion: ShownMotion | None = None
+        self.skill: Skill | None = None
+        self.verdict = Verdict(np.empty(0, dtype=bool), '')
+        self.view: RobotView | None = None
+        self.compared: set[str] = set()
+        self.on_motion: list[Callable[[], None]] = []
+        self.on_view: list[Callable[[RobotView | None], None]] = []
+        self.on_quiet: list[Callable[[], None]] = []
+        self._quiet_at = 0.0
+        self._past: list[tuple[float, np.ndarray]] = []
+
+    # Work
+
+    def run(self, ends: threading.Event) -> None:
+        """Do what the page asks for until the event is set."""
+        self.redraw()
+        due = time.monotonic()
+        while not ends.is_set():
+            work = self.jobs.take(max(min(due - time.monotonic(), REFRESH_S), 0.0))
+            if work is not None:
+                self._attempt(work)
+            if time.monotonic() >= due:
+                due = time.monotonic() + REFRESH_S
+                self._attempt(self._refresh)
+            if self._quiet_at and time.monotonic() >= self._quiet_at and work is None:
+                self._quiet_at = 0.0
+                self._attempt(self._complete)
+
+    def later(self, work: Callable[[], None], kind: str | None = None) -> Callable[[Any], None]:
+        """Callback of the page that leaves work to the studio's thread (`Jobs.put`)."""
+        async def callback(event: Any) -> None:
+            # What the studio itself writes to a field is no wish of a user.
+            if event.client_id is not None:
+                self.jobs.put(work, kind)
+        return callback  # type: ignore[return-value]
+
+    def background(self, title: str, work: Callable[[], T], done: Callable[[T], None]) -> None:
+        """
+        Work that takes long: in a thread of its own, with a notice while it lasts.
+
+        :param done: called with the result by the studio's thread
+        """
+        notice = [client.add_notification(title, '', loading=True, with_close_button=False)
+                  for client in self.server.get_clients().values()]
+
+        def carry_out() -> None:
+            try:
+                with warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter('always')
+                    result = work()
+                texts = [str(one.message) for one in caught]
+                self.jobs.put(lambda: finish(result, texts))
+            except GdmpError as error:
+                text = str(error)
+                self.jobs.put(lambda: self.notify('refused', text, 'red'))
+            finally:
+                for one in notice:
+                    with suppress(Exception):  # the browser may be gone
+                        one.remove()
+
+        def finish(result: T, texts: list[str]) -> None:
+            for text in texts:
+                self.notify('note', text, 'yellow')
+            done(result)
+        threading.Thread(target=carry_out, name=title, daemon=True).start()
+
+    def notify(self, title: str, text: str, paint: Any = 'blue') -> None:
+        """Tell all browsers something."""
+        for client in self.server.get_clients().values():
+            client.add_notification(title, text, color=paint,
+                                    auto_close_seconds=None if paint == 'red' else 6.0)
+
+    def _attempt(self, work: Callable[[], None]) -> None:
+        """Work whose refusal is shown, and does not end the studio."""
+        try:
+            work()
+        except (GdmpError, OSError) as error:
+            self.notify('refused', str(error), 'red')
+
+    # The shown motion
+
+    def change(self, work: Callable[[], None]) -> None:
+        """
+        Change the skill and show it; a change that is impossible is taken back.
+
+        :raises GdmpError: if it is impossible
+        """
+        changes = self.bench.changes
+        before = dict(vars(changes), via=dict(changes.via))
+        try:
+            work()
+            self.redraw()
+        except GdmpError:
+            vars(changes).update(before)
+            self.redraw()
+            raise
+
+    def redraw(self) -> None:
+        """Show the changed skill, or the recorded motion without one."""
+        bench = self.bench
+        shown = next(reversed(bench.runs.values()), (None, None))
+        self.skill = bench.edited() if bench.chosen else None
+        self.motion = shown[1] if self.skill is None else of_skill(self.skill)
+        self.scene.line('sent', None if shown[0] is None else shown[0].poses[:, :3], colour(5))
+        self.verdict = Verdict(np.empty(0, dtype=bool), '')
+        motion = self.motion
+        self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
+        self.scene.tube(None)
+        self._quiet_at = time.monotonic() + QUIET_S
+        for tell in self.on_motion:
+            tell()
+
+    def _complete(self) -> None:
+        """Show what takes longer than a drag: stiffness, tube, takes, reach."""
+        motion, bench, scene = self.motion, self.bench, self.scene
+        scene.stiffness(motion)
+        scene.tube(bench.tube() if bench.chosen else None)
+        if motion is not None:
+            self.verdict = self._checked(motion)
+            scene.line('path', motion.poses[:, :3], colour(1), self.verdict.wrong)
+        names = {f'take {take.path.name}': take for take in bench.takes if take.used}
+        for name in scene.lines('take '):
+            if name not in names:
+                scene.line(name, None, colour(4))
+        for name, take in names.items():
+            if name not in scene.lines('take '):
+                shown = of_demonstration(take.recording.demonstration)
+                scene.line(name, shown.poses[:, :3], (150, 150, 150))
+        for number, name in enumerate(bench.skills):
+            shown_skill = name in self.compared and name != bench.chosen
+            scene.line(f'skill {name}', of_skill(bench.skills[name]).poses[:, :3]
+                       if shown_skill else None, colour(number + 2))
+        for tell in self.on_quiet:
+            tell()
+
+    def _checked(self, motion: ShownMotion) -> Verdict:
+        """Whether the arm can follow the motion; one that was recorded has been followed."""
+        if motion.joints is not None:
+            return Verdict(np.zeros(len(motion.times), dtype=bool), '')
+        thin = motion.thinned(CHECKED)
+        found = self._checker.check(thin.times, thin.poses)
+        wrong = np.interp(motion.times, thin.times, found.wrong) > 0.0
+        return Verdict(wrong, '; '.join(found.problems()) or 'the arm can follow the whole path')
+
+    def posture_at(self, time_s: float) -> np.ndarray | None:
+        """Posture of the arm in the shown motion [rad]; None without a motion."""
+        motion = self.motion
+        if motion is None:
+            return None
+        at = motion.index(time_s)
+        if motion.joints is not None:
+            return np.asarray(motion.joints[at])
+        near = self._arm.home if self.view is None else self.view.joints
+        return self._reach.towards(motion.poses[at], near)[0]
+
+    # The robot
+
+    def _refresh(self) -> None:
+        self.view = view = self.robot.view()
+        self.scene.arm.show(None if view is None else view.joints)
+        if view is not None:
+            now = time.monotonic()
+            self._past.append((now, view.pose[:3]))
+            self._past = [one for one in self._past if one[0] > now - PAST_S]
+            still = np.ptp([one[1] for one in self._past], axis=0).max() < 1e-3
+            self.scene.line('past', None if still else np.array([one[1] for one in self._past]),
+                            colour(0))
+        for tell in self.on_view:
+            tell(view)

@@ -1,0 +1,117 @@
+"""What the page needs of a robot: simulated in this process, or behind running nodes."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from gdmp_ros.dmp.skill import Skill
+
+
+@dataclass(frozen=True)
+class RobotView:
+    """
+    What a robot does at present.
+
+    :ivar joints: positions [rad]
+    :ivar pose: of the tool (x, y, z, qw, qx, qy, qz)
+    :ivar goal: of the motion; None without one
+    :ivar status: of the stream of references, as in ``ServerState``
+    :ivar mode: of the arm, as in ``RobotState``
+    :ivar progress: of the motion, 1 at its nominal end
+    :ivar tempo: of the motion
+    :ivar distance: of the tool from the goal [m, rad]
+    :ivar tank: energy [J]
+    :ivar limited: limits that act at present, with by how much
+    :ivar recording: time of the take that is being recorded [s]; None without one
+    :ivar problem: why something was refused or ended; empty without a reason
+    :ivar rate: of its time to real time
+    """
+
+    joints: np.ndarray
+    pose: np.ndarray
+    goal: np.ndarray | None
+    status: str
+    mode: str
+    progress: float
+    tempo: float
+    distance: tuple[float, float]
+    tank: float
+    limited: tuple[str, ...]
+    recording: float | None
+    problem: str
+    rate: float
+
+
+class Robot(Protocol):
+    """
+    A robot that executes skills and can be guided by hand; all methods return at once.
+
+    :ivar name: for the page
+    """
+
+    name: str
+
+    def view(self) -> RobotView | None:
+        """What it does at present; None while nothing is known."""
+
+    def use(self, skill: Skill, name: str) -> None:
+        """
+        Use a skill for the next start.
+
+        :raises GdmpError: if the robot cannot use it
+        """
+
+    def start(self, goal: np.ndarray | None) -> None:
+        """
+        Start the skill, with another goal pose or its own.
+
+        :raises GdmpError: if it cannot be started
+        """
+
+    def stop(self) -> None:
+        """Stop the motion smoothly."""
+
+    def pause(self, paused: bool) -> None:
+        """Stop on the path, or go on."""
+
+    def set_tempo(self, tempo: float) -> None:
+        """Change the tempo of this motion and of the next ones."""
+
+    def switch_goal(self, pose: np.ndarray) -> None:
+        """
+        Switch the goal of the motion.
+
+        :raises GdmpError: if it is refused
+        """
+
+    def guide(self, guided: bool) -> None:
+        """Let the arm be guided by hand, or let it hold."""
+
+    def pull(self, pose: np.ndarray | None) -> None:
+        """Pull the tool of a guided arm to a pose; None lets go."""
+
+    def record(self, folder: Path) -> None:
+        """
+        Begin a take.
+
+        :raises GdmpError: if one is being recorded
+        """
+
+    def keep(self) -> Path:
+        """
+        End the take and write it; returns its bag.
+
+        :raises GdmpError: if there is none, or it cannot be written
+        """
+
+    def discard(self) -> None:
+        """Forget the take that is being recorded."""
+
+    def home(self) -> None:
+        """Move the arm to its home posture."""
+
+    def close(self) -> None:
+        """End everything that belongs to this robot."""

@@ -1,0 +1,127 @@
+"""The panel of the robot: start, stop, tempo, goal switches, state; and the time of the motion."""
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.studio.app import Studio
+from gdmp_ros.studio.robot import RobotView
+
+#: Interval of the text [s].
+_TEXT_S = 0.2
+MOVING = ('moving', 'paused')
+
+
+class RunPanel:
+    """Executes the changed skill on the robot."""
+
+    def __init__(self, studio: Studio):
+        self._studio, gui = studio, studio.server.gui
+        self._state = gui.add_markdown('waiting for the robot')
+        self._progress = gui.add_progress_bar(0.0)
+        gui.add_button('start', color='green').on_click(studio.later(self._start))
+        gui.add_button('stop', color='red').on_click(studio.later(studio.robot.stop))
+        self._paused = gui.add_checkbox('paused', False)
+        self._paused.on_update(studio.later(
+            lambda: studio.robot.pause(self._paused.value)))
+        self._tempo = gui.add_slider('tempo', 0.0, 2.0, 0.05, 1.0)
+        self._tempo.on_update(studio.later(
+            lambda: studio.robot.set_tempo(self._tempo.value), 'tempo'))
+        self._switch = gui.add_checkbox(
+            'switch the goal while it moves', True,
+            hint='a goal that is dragged, or typed, is sent to the robot at once')
+        gui.add_button('move to the home posture').on_click(studio.later(studio.robot.home))
+        self._text_due = 0.0
+        self._sent: np.ndarray | None = None
+        studio.on_view.append(self._show)
+        studio.on_motion.append(self._switch_goal)
+
+    def _start(self) -> None:
+        studio = self._studio
+        skill = studio.bench.edited()
+        studio.robot.use(skill, studio.bench.chosen)
+        self._sent = skill.goal[:7].copy()
+        self._paused.value = False
+        studio.robot.start(None)
+
+    def _switch_goal(self) -> None:
+        """Send a changed goal to a robot in motion."""
+        studio, view = self._studio, self._studio.view
+        if view is None or self._sent is None or not self._switch.value or not (
+                studio.bench.chosen and view.status in (*MOVING, 'holding')
+                and view.goal is not None):
+            return
+        goal = studio.bench.edited().goal[:7].copy()
+        if np.array_equal(goal, self._sent):
+            return
+        self._sent = goal
+        studio.robot.switch_goal(goal)
+
+    def _show(self, view: RobotView | None) -> None:
+        if time.monotonic() < self._text_due:
+            return
+        self._text_due = time.monotonic() + _TEXT_S
+        if view is None:
+            self._state.content = f'{self._studio.robot.name}: silent'
+            return
+        self._progress.value = float(np.clip(100.0 * view.progress, 0.0, 100.0))
+        p = view.pose
+        lines = [f'**{view.status}**, arm: {view.mode}, tempo {view.tempo:.2f}',
+                 f'tool at {p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f} m']
+        if view.goal is not None:
+            lines.append(f'{1e3 * view.distance[0]:.1f} mm and {view.distance[1]:.3f} rad from '
+                         'the goal')
+        lines.append(f'energy tank {view.tank:.1f} J; limits: '
+                     + (', '.join(view.limited) or 'none acts'))
+        if view.rate < 0.95:
+            lines.append(f'time passes at {view.rate:.2f} of real time')
+        if view.problem:
+            lines.append(f'**{view.problem}**')
+        self._state.content = '\n\n'.join(lines)
+
+
+class TimePanel:
+    """Shows the arm at one time of the shown motion, and plays it."""
+
+    def __init__(self, studio: Studio):
+        self._studio, gui = studio, studio.server.gui
+        self._slider = gui.add_slider('time [%]', 0.0, 100.0, 0.5, 0.0)
+        self._text = gui.add_markdown('')
+        self._play = gui.add_checkbox('play', False)
+        self._speed = gui.add_slider('playback speed', 0.1, 4.0, 0.1, 1.0)
+        self._slider.on_update(studio.later(self._show, 'time'))
+        self._last = time.monotonic()
+        studio.on_view.append(lambda _: self._advance())
+        studio.on_motion.append(self._hide)
+
+    def _advance(self) -> None:
+        now = time.monotonic()
+        passed, self._last = now - self._last, now
+        motion = self._studio.motion
+        if not self._play.value:
+            return
+        if motion is None:
+            self._play.value = False
+            raise DataError('there is no motion to play: open or learn a skill')
+        share = self._slider.value + 100.0 * passed * self._speed.value / motion.duration
+        self._slider.value = float(share % 100.0)
+        self._show()
+
+    def _show(self) -> None:
+        studio, motion = self._studio, self._studio.motion
+        if motion is None:
+            return
+        at = motion.index(0.01 * self._slider.value * motion.duration)
+        pose = motion.poses[at]
+        studio.scene.tool(pose)
+        studio.scene.ghost.show(studio.posture_at(motion.times[at]))
+        self._text.content = (f'{motion.times[at]:.2f} s: {pose[0]:.3f}, {pose[1]:.3f}, '
+                              f'{pose[2]:.3f} m')
+
+    def _hide(self) -> None:
+        """Do not show a posture of another motion."""
+        self._studio.scene.ghost.show(None)
+        self._studio.scene.tool(None)
+        self._text.content = ''

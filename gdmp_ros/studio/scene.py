@@ -1,0 +1,221 @@
+"""What the page draws in space: arm, paths, tubes, ellipsoids, handles."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+import trimesh
+import viser
+
+from gdmp_ros.playback.prediction import LIKELY
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.urdf import Shape, shapes
+from gdmp_ros.studio.shown_motion import ShownMotion
+from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
+
+#: Ellipsoids of the stiffness along a path.
+ELLIPSOIDS = 12
+#: First view: eye and point that it looks at [m], vertical field of view [deg].
+EYE, LOOKED_AT, FIELD_OF_VIEW = (1.5, -1.3, 0.95), (0.3, -0.1, 0.35), 45.0
+#: Thickness of lines [pixels].
+_LINE = 3.0
+_GHOST = (90, 140, 220)
+_Colour = tuple[int, int, int]
+_BALL = trimesh.creation.icosphere(subdivisions=2)
+
+
+def colour(number: int) -> _Colour:
+    """Colour of the ``number``-th curve, as in the figures."""
+    text = INK[number % len(INK)].lstrip('#')
+    return int(text[:2], 16), int(text[2:4], 16), int(text[4:], 16)
+
+
+class ArmModel:
+    """An arm, one node for each body."""
+
+    def __init__(self, scene: viser.SceneApi, arm: Arm, name: str, tint: _Colour | None = None):
+        """
+        Draw it.
+
+        :param arm: is moved to the postures that are shown
+        :param tint: colour of all its parts, which can be looked through then
+        """
+        self._arm, self._shown = arm, np.empty(0)
+        bodies: dict[int, list[Shape]] = {}
+        for shape in shapes(arm):
+            bodies.setdefault(shape.body, []).append(shape)
+        self._root = scene.add_frame(name, show_axes=False)
+        self._frames = {}
+        for body, parts in bodies.items():
+            place = f'{name}/{arm.model.body(body).name}'
+            self._frames[body] = scene.add_frame(place, show_axes=False)
+            colours = {tuple(part.colour) for part in parts}
+            for number, painted in enumerate(sorted(colours)):
+                mesh = trimesh.util.concatenate([_mesh(part) for part in parts
+                                                 if tuple(part.colour) == painted])
+                shade = tint or tuple(int(255 * value) for value in painted[:3])
+                scene.add_mesh_simple(f'{place}/{number}', mesh.vertices, mesh.faces, color=shade,
+                                      opacity=None if tint is None else 0.35, flat_shading=False,
+                                      cast_shadow=tint is None)
+
+    def show(self, joints: np.ndarray | None) -> None:
+        """Show a posture [rad]; None hides the arm."""
+        if self._root.visible != (joints is not None):
+            self._root.visible = joints is not None
+        if joints is None or np.array_equal(joints, self._shown):
+            return
+        self._shown = joints.copy()
+        self._arm.reset(joints)
+        data = self._arm.data
+        for body, frame in self._frames.items():
+            frame.position, frame.wxyz = data.xpos[body].copy(), data.xquat[body].copy()
+
+
+def _mesh(shape: Shape) -> trimesh.Trimesh:
+    if shape.kind == 'box':
+        mesh = trimesh.creation.box(shape.size)
+    elif shape.kind == 'sphere':
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.5 * shape.size[0])
+    else:
+        mesh = trimesh.creation.cylinder(0.5 * shape.size[0], shape.size[2], sections=24)
+    mesh.apply_transform(trimesh.transformations.quaternion_matrix(shape.pose[3:]))
+    mesh.apply_translation(shape.pose[:3])
+    return mesh
+
+
+class Scene:
+    """
+    The scene of one page.
+
+    :ivar arm: that the robot is
+    """
+
+    def __init__(self, server: viser.ViserServer, arm: Arm, ghost: Arm):
+        """:param ghost: the same model again; shown where the arm would be"""
+        self._scene = server.scene
+        self._scene.set_up_direction('+z')
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = EYE, LOOKED_AT, np.radians(FIELD_OF_VIEW)
+        self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5,
+                             plane='xy')
+        self._scene.add_frame('/base', axes_length=0.1, axes_radius=0.003)
+        self.arm = ArmModel(self._scene, arm, '/arm')
+        self.ghost = ArmModel(self._scene, ghost, '/ghost', _GHOST)
+        self.ghost.show(None)
+        self._tool = self._scene.add_frame('/tool', axes_length=0.07, axes_radius=0.003,
+                                           visible=False)
+        self._lines: dict[str, Any] = {}
+        self._batches: dict[str, Any] = {}
+        self._handles: dict[str, Any] = {}
+
+    def line(self, name: str, positions: np.ndarray | None, paint: _Colour,
+             wrong: np.ndarray | None = None) -> None:
+        """
+        Draw a path, or remove it.
+
+        :param positions: shape ``(T, 3)`` [m]; None removes the line
+        :param wrong: whether a sample is drawn red
+        """
+        if positions is None or len(positions) < 2:
+            found = self._lines.pop(name, None)
+            if found is not None:
+                found.remove()
+            return
+        pairs = np.stack([positions[:-1], positions[1:]], axis=1).astype(np.float32)
+        colours = np.full((*pairs.shape[:2], 3), paint, dtype=np.uint8)
+        if wrong is not None:
+            colours[wrong[:-1]] = (220, 20, 20)
+        if name in self._lines:
+            self._lines[name].points, self._lines[name].colors = pairs, colours
+        else:
+            self._lines[name] = self._scene.add_line_segments(
+                f'/lines/{name}', pairs, colours, thickness=_LINE, thickness_units='screen')
+
+    def stiffness(self, motion: ShownMotion | None) -> None:
+        """Ellipsoids along a motion, long where the arm is stiff; the longest has one length."""
+        if motion is None or motion.stiffness is None:
+            self._ellipsoids('stiffness', None, None, colour(2), 0.35)
+            return
+        at = evenly(motion.poses[:, :3], ELLIPSOIDS)
+        matrices = motion.stiffness[at]
+        largest = float(np.linalg.eigvalsh(matrices).max())
+        self._ellipsoids('stiffness', motion.poses[at, :3], matrices * ELLIPSOID_M / largest,
+                         colour(2), 0.35)
+
+    def tube(self, likely: tuple[np.ndarray, np.ndarray] | None) -> None:
+        """Ellipsoids in which 95 % of takes lie; None removes them."""
+        if likely is None:
+            self._ellipsoids('takes', None, None, colour(3), 0.15)
+            return
+        poses, covariances = likely
+        values, axes = np.linalg.eigh(covariances[:, :3, :3])
+        roots = np.einsum('tij,tj,tkj->tik', axes, np.sqrt(np.maximum(values, 1e-10)), axes)
+        self._ellipsoids('takes', poses[:, :3], LIKELY * roots, colour(3), 0.15)
+
+    def _ellipsoids(self, name: str, positions: np.ndarray | None, matrices: np.ndarray | None,
+                    paint: _Colour, opacity: float) -> None:
+        if positions is None or matrices is None:
+            found = self._batches.pop(name, None)
+            if found is not None:
+                found.remove()
+            return
+        lengths, axes = np.linalg.eigh(matrices)
+        # The axes become a rotation.
+        axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+        turns = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
+        if name in self._batches:
+            batch = self._batches[name]
+            batch.batched_positions = positions.astype(np.float32)
+            batch.batched_wxyzs = turns.astype(np.float32)
+            batch.batched_scales = lengths.astype(np.float32)
+        else:
+            self._batches[name] = self._scene.add_batched_meshes_simple(
+                f'/ellipsoids/{name}', _BALL.vertices, _BALL.faces, turns, positions,
+                batched_scales=lengths, batched_colors=paint, opacity=opacity, lod='off',
+                cast_shadow=False, receive_shadow=False)
+
+    def tool(self, pose: np.ndarray | None) -> None:
+        """Show axes at a pose of the tool; None hides them."""
+        self._tool.visible = pose is not None
+        if pose is not None:
+            self._tool.position, self._tool.wxyz = pose[:3], pose[3:]
+
+    def handle(self, name: str, pose: np.ndarray | None,
+               moved: Callable[[np.ndarray, bool], None] | None = None, scale: float = 0.16,
+               turns: bool = True) -> None:
+        """
+        Put a handle that can be dragged to a pose; None removes it.
+
+        :param moved: called with the pose while it is dragged, and whether it is released
+        :param turns: whether it can be turned too
+        """
+        found = self._handles.get(name)
+        if pose is None:
+            if found is not None:
+                found.remove()
+                del self._handles[name]
+            return
+        if found is not None:
+            found.position, found.wxyz = pose[:3], pose[3:]
+            return
+        made = self._scene.add_transform_controls(
+            f'/handles/{name}', scale, disable_rotations=not turns, depth_test=False,
+            position=pose[:3], wxyz=pose[3:])
+        self._scene.add_label(f'/handles/{name}/label', name)
+        self._handles[name] = made
+        if moved is not None:
+            # On the event loop: in a pool of threads events may overtake each other.
+            async def event(update: viser.TransformControlsEvent) -> None:
+                target = update.target
+                moved(np.concatenate([target.position, target.wxyz]), update.phase == 'end')
+            made.on_update(event)
+
+    def lines(self, prefix: str) -> Sequence[str]:
+        """Names of lines."""
+        return [name for name in self._lines if name.startswith(prefix)]
+
+    def handles(self, prefix: str) -> Sequence[str]:
+        """Names of handles."""
+        return [name for name in self._handles if name.startswith(prefix)]

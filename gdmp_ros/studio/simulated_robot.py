@@ -1,0 +1,224 @@
+"""A simulated arm in a thread of this process, with the server's streamer. No ROS."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+import queue
+import threading
+import time
+
+import numpy as np
+
+from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.tick import Tick
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.manifolds.quaternion import pose_distance
+from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamer import NS, Streamer
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.hand import Hand
+from gdmp_ros.sim.reach import Reach
+from gdmp_ros.studio.recorded_take import RecordedTake
+from gdmp_ros.studio.robot import RobotView
+
+#: Ticks are computed in batches, so that the thread wakes 100 times a second [s].
+BATCH_S = 0.01
+#: A pause of the computer is not made up for [s].
+LONGEST_S = 0.1
+#: Samples of a take: every so many ticks.
+SAMPLE_EVERY = 2
+#: A limit is shown for this time after it acted [s].
+SHOWN_S = 0.5
+#: Largest speed of a joint on the way home [rad/s].
+HOME_SPEED = 0.5
+#: Time over which the rate to real time is measured [s].
+_RATE_S = 1.0
+
+
+class SimulatedRobot:
+    """A `gdmp_ros.studio.robot.Robot`: an arm in MuJoCo with its controller, in real time."""
+
+    def __init__(self, model: str = ''):
+        """:raises DataError: if the model cannot be loaded"""
+        arm = Arm(model)
+        self.name = f'simulated {model or "Panda"}'
+        self._loop = ClosedLoop(arm)
+        self._loop.warm_up(arm.measure(), arm.period)
+        pose = MeasuredInput(lambda: (self._pose.copy(), 0.0), 'the simulation')
+        joints = MeasuredInput(lambda: (self._joints.copy(), 0.0), 'the simulation',
+                               'positions of the joints')
+        self._pose, self._joints = arm.measure().pose.copy(), arm.data.qpos.copy()
+        self._streamer = Streamer(round(arm.period * NS), pose, StreamSettings(),
+                                  PlayerSettings(), kinematics=Reach(Arm(model)), joints=joints)
+        self._streamer.activate(round(arm.period * NS))
+        self._take: RecordedTake | None = None
+        self._acted: dict[int, tuple[float, float]] = {}
+        self._problem, self._refused = '', 0
+        self._view: RobotView | None = None
+        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._rate, self._ends = 1.0, threading.Event()
+        self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ends.set()
+        self._thread.join(5.0)
+
+    def view(self) -> RobotView | None:
+        view = self._view
+        return view if view is None else replace(view, problem=self._problem)
+
+    # Skills
+
+    def use(self, skill: Skill, name: str) -> None:
+        self._streamer.use(skill, name)
+
+    def start(self, goal: np.ndarray | None) -> None:
+        if self._loop.hand_guided or self._loop.moves_joints:
+            raise ParameterError('the arm is guided by hand, or on its way home: wait, or end it')
+        self._problem = ''
+        self._streamer.begin(goal_pose=goal)
+
+    def stop(self) -> None:
+        self._loop.end_joint_motion('stopped')
+        player = self._streamer.player
+        if player is not None and player.status in (Status.MOVING, Status.PAUSED):
+            player.stop()
+
+    def pause(self, paused: bool) -> None:
+        self._streamer.loaded().pause(paused)
+
+    def set_tempo(self, tempo: float) -> None:
+        if self._streamer.player is not None:
+            self._streamer.player.set_speed(tempo)
+
+    def switch_goal(self, pose: np.ndarray) -> None:
+        self._streamer.switch_goal_pose(pose)
+
+    # The arm
+
+    def guide(self, guided: bool) -> None:
+        self.stop()
+        self._commands.put(lambda: self._guide(guided))
+
+    def pull(self, pose: np.ndarray | None) -> None:
+        hand = None if pose is None else Hand(pose)
+        self._commands.put(lambda: self._pull(hand))
+
+    def home(self) -> None:
+        self.stop()
+        self._commands.put(self._go_home)
+
+    def record(self, folder: Path) -> None:
+        if self._take is not None:
+            raise ParameterError('a take is being recorded: keep or discard it first')
+        self._take = RecordedTake(folder)
+
+    def keep(self) -> Path:
+        if self._take is None:
+            raise ParameterError('no take is being recorded')
+        take, self._take = self._take, None
+        return take.write()
+
+    def discard(self) -> None:
+        self._take = None
+
+    # The thread
+
+    def _run(self) -> None:
+        period, due = self._loop.arm.period, time.monotonic()
+        begun, ticks = due, 0
+        while not self._ends.wait(max(due - time.monotonic(), 0.0)):
+            due += BATCH_S
+            if time.monotonic() - due > LONGEST_S:
+                due = time.monotonic()
+            try:
+                while not self._commands.empty():
+                    self._commands.get()()
+                for _ in range(round(BATCH_S / period)):
+                    tick = self._tick()
+            except GdmpError as error:
+                self._recover(str(error))
+                continue
+            ticks += round(BATCH_S / period)
+            now = time.monotonic()
+            if now - begun > _RATE_S:
+                self._rate, begun, ticks = ticks * period / (now - begun), now, 0
+            self._view = self._viewed(tick)
+
+    def _tick(self) -> Tick:
+        loop, arm = self._loop, self._loop.arm
+        target = self._streamer.tick(round((arm.time + 1.0) * NS), LONGEST_S)
+        if target is not None and not loop.hand_guided and not loop.moves_joints:
+            loop.follow(target)
+        moved = loop.moves_joints
+        tick = loop.tick()
+        if moved and not loop.moves_joints:
+            self._problem = loop.joint_motion_problem
+            self._hold()
+        self._pose, self._joints = tick.measurement.pose.copy(), tick.measurement.position.copy()
+        for number in np.flatnonzero(tick.violation > 0.0):
+            self._acted[int(number)] = arm.time, float(tick.violation[number])
+        if self._take is not None and self._streamer.ticks % SAMPLE_EVERY == 0:
+            self._take.add(arm.time, self._pose)
+        return tick
+
+    def _viewed(self, tick: Tick) -> RobotView:
+        streamer, now = self._streamer, self._loop.arm.time
+        player, take = streamer.player, self._take
+        if streamer.refusals.count > self._refused:
+            self._refused, self._problem = streamer.refusals.count, streamer.refusals.last
+        moves = player is not None and player.rollout is not None
+        goal = player.goal if player is not None and moves else None
+        away = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
+        limited = tuple(f'{LIMITS[number].name} by {most:.2g} {LIMITS[number].unit}'
+                        for number, (at, most) in sorted(self._acted.items())
+                        if now - at < SHOWN_S)
+        rollout = None if player is None else player.rollout
+        return RobotView(
+            self._joints, self._pose, goal,
+            'idle' if player is None else str(player.status), tick.mode.name.lower(),
+            0.0 if rollout is None else rollout.progress,
+            0.0 if rollout is None else rollout.speed,
+            (0.0, 0.0) if away is None else (float(away[0]), float(away[1])), float(tick.tank),
+            limited, None if take is None else take.duration, self._problem, self._rate)
+
+    def _guide(self, guided: bool) -> None:
+        loop = self._loop
+        if loop.hand_guided == guided:
+            return
+        loop.hand_guided = guided
+        self._pull(None)
+        if not guided:
+            self._hold()
+
+    def _hold(self) -> None:
+        """Hold the arm where it is, and let the streamer begin there."""
+        self._loop.hold(self._loop.arm.measure())
+        self._streamer.activate(round(self._loop.arm.period * NS))
+
+    def _pull(self, hand: Hand | None) -> None:
+        loop = self._loop
+        loop.hand = hand if loop.hand_guided else None
+        if loop.hand is None:
+            loop.arm.push(np.zeros(6))
+
+    def _go_home(self) -> None:
+        self._guide(False)
+        loop = self._loop
+        loop.joint_motion = PostureMotion(loop.joints, loop.arm.measure().position, loop.arm.home,
+                                          HOME_SPEED)
+
+    def _recover(self, problem: str) -> None:
+        """Put the arm back to its first posture after its simulation has become unstable."""
+        self._problem = problem
+        self._loop.hand_guided = False
+        self._loop.reset()
+        self._streamer.activate(round(self._loop.arm.period * NS))

@@ -1,0 +1,188 @@
+"""The panel of the skill: its numbers, start, goal, via points, and files."""
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from gdmp_ros.data import exchange
+from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.errors import DataError
+from gdmp_ros.studio.app import Studio
+from gdmp_ros.view.style import INK
+
+NONE = 'none yet'
+#: Spacing of an exported motion [s].
+EXPORT_STEP_S = 0.01
+_AXES = 'xyz'
+
+
+class SkillPanel:
+    """Shows the chosen skill and changes it."""
+
+    def __init__(self, studio: Studio):
+        self._studio, gui = studio, studio.server.gui
+        self._choice = gui.add_dropdown('skill', (NONE,))
+        self._choice.on_update(studio.later(self._choose))
+        self._numbers = gui.add_markdown('')
+        self._verdict = gui.add_markdown('')
+        with gui.add_folder('start and goal'):
+            self._goal = gui.add_vector3('goal [m]', (0.0, 0.0, 0.0), step=0.001)
+            self._start = gui.add_vector3('start [m]', (0.0, 0.0, 0.0), step=0.001)
+            self._duration = gui.add_number('duration [s]', 1.0, min=SHORTEST_DURATION, step=0.05)
+            gui.add_button('undo all changes').on_click(studio.later(self._undo))
+        with gui.add_folder('via points', expand_by_default=False):
+            self._at = gui.add_slider('at [% of the motion]', 1, 99, 1, 50)
+            gui.add_button('add a via point').on_click(studio.later(self._add_via))
+            gui.add_button('remove the via points').on_click(studio.later(self._remove_via))
+        with gui.add_folder('over time', expand_by_default=False):
+            nothing = np.zeros(2)
+            series = [viser.uplot.Series(label='time [s]')] + [
+                viser.uplot.Series(label=f'{axis} [m]', stroke=INK[i], width=2)
+                for i, axis in enumerate(_AXES)]
+            self._plot = gui.add_uplot(
+                (np.array([0.0, 1.0]), nothing, nothing, nothing), tuple(series),
+                scales={'x': viser.uplot.Scale(time=False)}, height=220)
+        with gui.add_folder('files'):
+            self._file = gui.add_text('file', 'skill.json')
+            gui.add_button('save the skill').on_click(studio.later(self._save))
+            gui.add_button('export the motion as CSV').on_click(studio.later(self._export))
+        self._compared = gui.add_folder('compare', visible=False)
+        self._boxes: dict[str, viser.GuiCheckboxHandle] = {}
+        for handle, change in ((self._goal, self._type_goal), (self._start, self._type_start),
+                               (self._duration, self._type_duration)):
+            handle.on_update(studio.later(partial(studio.change, change), change.__name__))
+        studio.on_motion.append(self._show)
+        studio.on_quiet.append(self._show_verdict)
+
+    # What the user does
+
+    def _choose(self) -> None:
+        if self._choice.value != NONE:
+            self._studio.bench.choose(self._choice.value)
+            self._studio.redraw()
+
+    def _type_goal(self) -> None:
+        self._move('goal', np.array(self._goal.value))
+
+    def _type_start(self) -> None:
+        self._move('start', np.array(self._start.value))
+
+    def _type_duration(self) -> None:
+        self._studio.bench.changes.duration = float(self._duration.value)
+
+    def _move(self, which: str, numbers: np.ndarray) -> None:
+        """Move the start or the goal to a pose, or to a position."""
+        bench = self._studio.bench
+        pose = getattr(bench.edited(), which)[:7].copy()
+        pose[:len(numbers)] = numbers
+        setattr(bench.changes, which, pose)
+
+    def _drag(self, which: str, pose: np.ndarray, released: bool) -> None:
+        studio = self._studio
+        studio.jobs.put(lambda: studio.change(lambda: self._move(which, pose)),
+                        None if released else f'drag {which}')
+
+    def _drag_via(self, progress: float, pose: np.ndarray, released: bool) -> None:
+        studio = self._studio
+        studio.jobs.put(
+            lambda: studio.change(lambda: studio.bench.changes.via.update(
+                {progress: pose[:3].copy()})), None if released else f'via {progress}')
+
+    def _undo(self) -> None:
+        self._studio.bench.choose(self._studio.bench.chosen)
+        self._studio.redraw()
+
+    def _add_via(self) -> None:
+        studio, progress = self._studio, 0.01 * self._at.value
+        rollout = studio.bench.edited().rollout(duration=1.0)
+        position = rollout.advance(progress).point.reshape(-1)[:3].copy()
+        studio.change(lambda: studio.bench.add_via(progress, position))
+
+    def _remove_via(self) -> None:
+        studio = self._studio
+        studio.change(studio.bench.changes.via.clear)
+
+    def _save(self) -> None:
+        path = Path(self._file.value).expanduser()
+        self._studio.bench.save(path)
+        self._studio.notify('saved', str(path.absolute()), 'green')
+
+    def _export(self) -> None:
+        path = Path(self._file.value).expanduser().with_suffix('.csv')
+        try:
+            exchange.write_csv(path, exchange.motion(self._studio.bench.edited(), EXPORT_STEP_S))
+        except OSError as error:
+            raise DataError(f'{path}: cannot write: {error.strerror}') from None
+        self._studio.notify('exported', str(path.absolute()), 'green')
+
+    def _compare(self, name: str) -> None:
+        compared = self._studio.compared
+        (compared.add if self._boxes[name].value else compared.discard)(name)
+        self._studio.redraw()
+
+    # What the page shows
+
+    def _show(self) -> None:
+        studio, bench = self._studio, self._studio.bench
+        names = tuple(bench.skills) or (NONE,)
+        if self._choice.options != names:
+            self._choice.options = names
+            self._add_boxes()
+        self._choice.value = bench.chosen or NONE
+        self._verdict.content = ''
+        motion = studio.motion
+        if motion is None:
+            self._numbers.content = 'open a skill, or teach one: tab *teach*'
+            return
+        first, last = motion.poses[0], motion.poses[-1]
+        seconds = motion.duration
+        skill = studio.skill
+        if skill is not None:
+            first, last, seconds = skill.start[:7], skill.goal[:7], skill.duration
+        via = len(bench.changes.via)
+        self._numbers.content = (
+            f'path {motion.length:.3f} m in {seconds:.2f} s, at most '
+            f'{motion.speed:.2f} m/s; ends at {last[0]:.3f}, {last[1]:.3f}, {last[2]:.3f} m'
+            + (f'; {bench.skill.n_basis} functions' if bench.chosen else '')
+            + (f'; {via} via points' if via else '')
+            + (' (changed, not saved)' if bench.changes else ''))
+        self._goal.value, self._start.value = tuple(last[:3]), tuple(first[:3])
+        self._duration.value = float(seconds)
+        self._plot.data = (motion.times, *motion.poses[:, :3].T)
+        self._show_handles(first, last)
+
+    def _show_handles(self, first: np.ndarray, last: np.ndarray) -> None:
+        studio, bench = self._studio, self._studio.bench
+        scene = studio.scene
+        if not bench.chosen or studio.motion is None:
+            for name in ('goal', 'start', *scene.handles('via')):
+                scene.handle(name, None)
+            return
+        scene.handle('goal', last, partial(self._drag, 'goal'))
+        scene.handle('start', first, partial(self._drag, 'start'), scale=0.1)
+        wanted = {f'via {100 * s:.0f} %': (s, position)
+                  for s, position in bench.changes.via.items()}
+        for name in scene.handles('via'):
+            if name not in wanted:
+                scene.handle(name, None)
+        for name, (s, position) in wanted.items():
+            scene.handle(name, np.array([*position, 1.0, 0.0, 0.0, 0.0]),
+                         partial(self._drag_via, s), scale=0.1, turns=False)
+
+    def _show_verdict(self) -> None:
+        verdict = self._studio.verdict
+        self._verdict.content = ('**' + verdict.text + '**' if verdict.wrong.any()
+                                 else verdict.text)
+
+    def _add_boxes(self) -> None:
+        names = list(self._studio.bench.skills)
+        self._compared.visible = len(names) > 1
+        with self._compared:
+            for name in names:
+                if name not in self._boxes:
+                    box = self._studio.server.gui.add_checkbox(name, False)
+                    box.on_update(self._studio.later(partial(self._compare, name)))
+                    self._boxes[name] = box

@@ -1,0 +1,242 @@
+"""What a user works on: takes, skills, and the changes of one skill. No page and no robot."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gdmp_ros.data import bags, recordings, runs, takes
+from gdmp_ros.data.recordings import Recording
+from gdmp_ros.data.skill_from_bags import LearnedSkill, LearningSettings, skill_from_bags
+from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.dmp.via import through
+from gdmp_ros.errors import DataError
+from gdmp_ros.playback.prediction import likely_path
+from gdmp_ros.studio.shown_motion import check_shown, of_run, ShownMotion
+
+#: Ellipsoids along a tube.
+TUBE = 24
+
+
+@dataclass
+class Take:
+    """
+    A recorded demonstration.
+
+    :ivar used: whether a skill is learned from it
+    """
+
+    path: Path
+    recording: Recording
+    used: bool = True
+
+
+@dataclass
+class Changes:
+    """
+    What the user has changed in a skill.
+
+    :ivar start: pose (x, y, z, qw, qx, qy, qz); None for that of the skill
+    :ivar goal: the same
+    :ivar via: positions by progress, 0 to 1 [m]
+    :ivar duration: [s]; None for that of the skill
+    """
+
+    start: np.ndarray | None = None
+    goal: np.ndarray | None = None
+    via: dict[float, np.ndarray] = field(default_factory=dict)
+    duration: float | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.via) or any(one is not None for one in (self.start, self.goal,
+                                                                 self.duration))
+
+
+class Workbench:
+    """
+    Takes and skills, and the changes of the chosen skill.
+
+    :ivar takes: in their order
+    :ivar skills: by name
+    :ivar runs: what was sent and what the arm did, by name of the bag
+    :ivar chosen: name of the skill that is changed; empty without one
+    :ivar changes: of that skill
+    """
+
+    def __init__(self) -> None:
+        self.takes: list[Take] = []
+        self.skills: dict[str, Skill] = {}
+        self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
+        self.chosen = ''
+        self.changes = Changes()
+
+    def open_skill(self, path: Path) -> str:
+        """
+        Load a skill file, and choose the first.
+
+        :returns: its name
+        :raises DataError: if it cannot be loaded, or is not one of a pose
+        """
+        skill = Skill.load(path)
+        check_shown(skill)
+        return self.add(path.stem, skill)
+
+    def add(self, name: str, skill: Skill) -> str:
+        """Add a skill; choose it if it is the first. Returns its name, which is free."""
+        free, number = name, 1
+        while free in self.skills:
+            number += 1
+            free = f'{name} ({number})'
+        self.skills[free] = skill
+        if not self.chosen:
+            self.choose(free)
+        return free
+
+    def choose(self, name: str) -> None:
+        """Change another skill from now on; changes that were not saved are lost."""
+        self.chosen, self.changes = name, Changes()
+
+    def open_take(self, path: Path) -> Take:
+        """
+        Read a take.
+
+        :raises DataError: naming bag, topic, sample and reason
+        """
+        take = Take(path, recordings.read(path))
+        self.takes.append(take)
+        return take
+
+    def drop(self, take: Take) -> Path:
+        """Put a take aside, where nothing is learned from it; returns its new path."""
+        moved = takes.drop(take.path.parent, take.path.name)
+        self.takes.remove(take)
+        return moved
+
+    def learning(self, settings: LearningSettings) -> Callable[[], LearnedSkill]:
+        """
+        Learning from the takes that are used, for a thread of its own; see `take_in`.
+
+        :raises DataError: if there are none
+        """
+        used = [take.path for take in self.takes if take.used]
+        if not used:
+            raise DataError('no take is used: record one, or tick one')
+
+        def learned() -> LearnedSkill:
+            result = skill_from_bags(used, settings)
+            check_shown(result.skill)
+            return result
+        return learned
+
+    def take_in(self, learned: LearnedSkill) -> str:
+        """Add a skill that has been learned, and choose it; returns its name."""
+        count = len(learned.demonstrations)
+        name = self.add(f'learned from {count} take{"s" if count > 1 else ""}', learned.skill)
+        self.choose(name)
+        return name
+
+    def comparison(self) -> list[takes.Take]:
+        """Each take compared with the others; empty with fewer than two."""
+        if len(self.takes) < 2:
+            return []
+        return takes.compare([take.recording for take in self.takes])
+
+    @property
+    def skill(self) -> Skill:
+        """
+        The chosen skill without changes.
+
+        :raises DataError: without one
+        """
+        if not self.chosen:
+            raise DataError('there is no skill yet: learn one from takes, or open a file')
+        return self.skills[self.chosen]
+
+    def edited(self) -> Skill:
+        """
+        The chosen skill with the changes.
+
+        :raises GdmpError: if a via point cannot be met
+        """
+        skill, changes = self.skill, self.changes
+        if changes.duration is not None:
+            skill = Skill.of(replace(skill, duration=max(changes.duration, SHORTEST_DURATION)))
+        if changes.start is not None or changes.goal is not None:
+            skill = skill.between(*(None if pose is None else _with_pose(point, pose)
+                                    for point, pose in ((skill.start, changes.start),
+                                                        (skill.goal, changes.goal))))
+        if changes.via:
+            points = [(s, _with_pose(skill.goal, position))
+                      for s, position in sorted(changes.via.items())]
+            skill = Skill.of(through(skill, points, ['position']))
+        return skill
+
+    def tube(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """
+        How takes vary around the changed skill (`gdmp_ros.playback.prediction.likely_path`).
+
+        None for a skill of a single take, and with via points, which no take showed.
+        """
+        if self.skill.distribution is None or self.changes.via:
+            return None
+        skill = self.edited()
+        return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
+
+    def add_via(self, progress: float, position: np.ndarray) -> None:
+        """
+        Let the changed skill pass through a position [m].
+
+        :raises GdmpError: if it cannot; nothing has changed then
+        """
+        before = dict(self.changes.via)
+        self.changes.via[progress] = np.asarray(position, dtype=float)
+        try:
+            self.edited()
+        except Exception:
+            self.changes.via = before
+            raise
+
+    def save(self, path: Path) -> None:
+        """
+        Write the changed skill as a file.
+
+        :raises DataError: if it cannot be written
+        """
+        if path.is_dir() or path.suffix != '.json':
+            raise DataError(f'{path}: expected the name of a file that ends in .json')
+        try:
+            path.absolute().parent.mkdir(parents=True, exist_ok=True)
+            self.edited().save(path)
+        except OSError as error:
+            raise DataError(f'{path}: cannot write: {error.strerror}') from None
+
+
+def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """A point with another pose, or another position."""
+    result = np.array(point, dtype=float)
+    result[:len(pose)] = pose
+    return result
+
+
+def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -> Workbench:
+    """
+    Open skill files, takes, folders of takes, and recorded runs.
+
+    :param step: called after each source
+    :raises DataError: naming what cannot be read
+    """
+    bench = Workbench()
+    for source in sources:
+        if source.suffix == '.json' and not source.is_dir():
+            bench.open_skill(source)
+        else:
+            for bag in takes.bags_in(source):
+                if all(runs.streams(bags.topics(bag))):
+                    bench.runs[bag.name] = of_run(bag)
+                else:
+                    bench.open_take(bag)
+        step()
+    return bench

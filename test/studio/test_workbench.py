@@ -1,0 +1,96 @@
+"""What the studio works on, without a page."""
+import numpy as np
+import pytest
+
+from gdmp_ros import Skill, SpecialOrthogonal
+from gdmp_ros.data import lasa, recordings
+from gdmp_ros.data.skill_from_bags import LearningSettings
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.studio.jobs import Jobs
+from gdmp_ros.studio.shown_motion import of_skill, SAMPLES
+from gdmp_ros.studio.workbench import opened
+from test.motions import motion
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp('studio')
+    for number, shown in enumerate(lasa.robot_demonstrations('GShape')[:3], 1):
+        recordings.write(path / 'takes' / f'take_{number:03d}', shown, 'panda_link0',
+                         recordings.EPOCH_NS)
+    Skill.learn(lasa.robot_demonstrations('GShape')[:3], 30).save(path / 'skill.json')
+    return path
+
+
+@pytest.fixture
+def bench(folder):
+    return opened([folder / 'skill.json', folder / 'takes'])
+
+
+def test_a_changed_goal_and_via_points_are_in_the_saved_skill(bench, tmp_path):
+    goal = bench.skill.goal[:7].copy()
+    goal[1] += 0.05
+    bench.changes.goal = goal
+    position = bench.edited().rollout(duration=1.0).advance(0.5).point[:3] + [0.0, 0.0, 0.03]
+    bench.add_via(0.5, position)
+    bench.changes.duration = 3.0
+    bench.save(tmp_path / 'new' / 'changed.json')
+    saved = Skill.load(tmp_path / 'new' / 'changed.json')
+    shown = of_skill(saved)
+    assert saved.duration == 3.0 and len(shown.times) == SAMPLES
+    np.testing.assert_allclose(shown.poses[-1, :3], goal[:3], atol=1e-3)
+    passed = saved.rollout(duration=1.0).advance(0.5).point[:3]
+    np.testing.assert_allclose(passed, position, atol=1e-5)
+
+
+def test_a_via_point_that_cannot_be_met_changes_nothing(bench):
+    bench.add_via(0.5, bench.skill.rollout(duration=1.0).advance(0.5).point[:3])
+    with pytest.raises(GdmpError, match='via point'):
+        bench.add_via(1.5, np.zeros(3))
+    assert list(bench.changes.via) == [0.5]
+
+
+def test_the_tube_follows_the_changes(bench):
+    poses, covariances = bench.tube()
+    assert np.linalg.eigvalsh(covariances[len(poses) // 2, :3, :3]).min() > 0.0
+    bench.changes.goal = np.concatenate([bench.skill.goal[:3] + 0.05, bench.skill.goal[3:7]])
+    # At its nominal end the motion still moves to a goal that was changed.
+    np.testing.assert_allclose(bench.tube()[0][-1, :3], bench.changes.goal[:3], atol=5e-3)
+
+
+def test_takes_that_are_used_are_learned_and_one_is_dropped(bench, folder):
+    assert len(bench.comparison()) == 3
+    bench.takes[0].used = False
+    name = bench.take_in(bench.learning(LearningSettings(n_basis=20, stiffness='none'))())
+    assert bench.chosen == name == 'learned from 2 takes'
+    assert bench.skill.n_basis == 20
+    moved = bench.drop(bench.takes[0])
+    assert moved.parent.name == 'dropped' and len(bench.takes) == 2
+    for take in bench.takes:
+        take.used = False
+    with pytest.raises(DataError, match='no take is used'):
+        bench.learning(LearningSettings())
+    moved.rename(folder / 'takes' / moved.name)
+
+
+def test_what_cannot_be_opened_is_named(tmp_path):
+    Skill.learn(motion(SpecialOrthogonal(3), np.random.default_rng(0)), 10).save(
+        tmp_path / 'rotation.json')
+    with pytest.raises(DataError, match='a pose reference needs'):
+        opened([tmp_path / 'rotation.json'])
+    with pytest.raises(DataError, match='nowhere'):
+        opened([tmp_path / 'nowhere'])
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(DataError, match='neither a rosbag2 folder'):
+        opened([tmp_path / 'empty'])
+
+
+def test_of_the_same_kind_only_the_newest_job_waits():
+    jobs, done = Jobs(), []
+    for number in range(5):
+        jobs.put(lambda number=number: done.append(number), 'drag')
+    jobs.put(lambda: done.append('button'))
+    jobs.put(lambda: done.append('drag again'), 'drag')
+    while (work := jobs.take(0.0)) is not None:
+        work()
+    assert done == ['button', 'drag again']
