@@ -1,49 +1,79 @@
 """Convert demonstrations and skills from and to other formats.
 
-Demonstrations: rosbag2 folders, CSV (time,x,y,z,qw,qx,qy,qz, k11,k12,… of a stiffness) and NumPy
-archives (times, points). Skills: ours, and CartesianDMP in movement_primitives' JSON. A skill that
-is converted to a demonstration becomes its motion. The name of the result determines its format:
-.csv, .npz, .json (a skill), anything else a rosbag2 folder; --as overrides it.
+Demonstrations: rosbag2 folders, tables (.csv), NumPy archives (.npz), MATLAB (.mat), HDF5 (.h5,
+.hdf5; also robomimic), Parquet, LeRobot data sets (version 3). Skills: ours, and CartesianDMP in
+movement_primitives' JSON. A skill that is converted to a demonstration becomes its motion; with
+--rollouts several that vary as its takes did.
+
+What the arrays and columns of other programs mean is guessed from their names, and stated. --key,
+--quaternion and --rate-hz say it. A file with several episodes: data.hdf5#2 is the third one.
+
+The name of the result determines its format: .csv, .npz, .hdf5 (robomimic), .json (a skill),
+anything else a rosbag2 folder; --as overrides it. Several demonstrations become several bags.
 
 examples:
   gdmp convert takes/take_001 -o take.csv
-  gdmp convert take.csv -o takes/take_009
+  gdmp convert optitrack.csv -o take --quaternion xyzw --scale 0.001
+  gdmp convert data.mat -o take --key points=traj --rate-hz 100
+  gdmp convert takes -o dataset --as lerobot --rate-hz 30 --task "write a G"
+  gdmp convert skill.json -o rollouts.hdf5 --rollouts 50 --rate-hz 20
   gdmp convert skill.json -o motion.npz --rate-hz 200
   gdmp convert skill.json -o cartesian_dmp.json --as movement_primitives
-  gdmp convert cartesian_dmp.json -o skill.json
 """
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from gdmp_ros.cli.arguments import add_bag_output, check_number
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 if TYPE_CHECKING:
+    from gdmp_ros.data.foreign import Import
     from gdmp_ros.dmp.demonstration import Demonstration
     from gdmp_ros.dmp.skill import Skill
 
-FORMATS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives')
-_BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.json': 'skill'}
+FORMATS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives', 'lerobot', 'robomimic')
+_BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.json': 'skill', '.h5': 'robomimic',
+              '.hdf5': 'robomimic'}
+_ROLES = ('times', 'points', 'position', 'orientation', 'stiffness')
+T = TypeVar('T')
+#: Frames per second without --rate-hz.
+RATE_HZ = 100.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('source', type=Path, metavar='FROM')
+    parser.add_argument('sources', type=Path, nargs='+', metavar='FROM')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='TO')
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
-    parser.add_argument('--rate-hz', type=float, default=100.0, metavar='HZ',
-                        help='samples per second of the motion of a skill (default %(default)g)')
+    parser.add_argument('--key', action='append', default=[], metavar='ROLE=NAME',
+                        help=f'name of an array; roles: {", ".join(_ROLES)}')
+    parser.add_argument('--quaternion', choices=('wxyz', 'xyzw'), default='',
+                        help='order of the numbers of quaternions in the source')
+    parser.add_argument('--scale', type=float, default=1.0, metavar='X',
+                        help='factor of the positions, 0.001 for millimetres')
+    parser.add_argument('--offset', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+                        metavar=('X', 'Y', 'Z'), help='added to the scaled positions [m]')
+    parser.add_argument('--rate-hz', type=float, metavar='HZ',
+                        help='samples per second: of a source without times, of the motion of a '
+                             f'skill, of a data set (default {RATE_HZ:g})')
+    parser.add_argument('--task', default='a demonstrated motion', metavar='TEXT',
+                        help='what is done, in words, for LeRobot')
+    parser.add_argument('--rollouts', type=int, default=1, metavar='N',
+                        help='motions of a skill of several takes that vary as the takes did')
     add_bag_output(parser)
     parser.add_argument('--force', action='store_true', help='replace an existing file')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Convert; nothing is written unless the source is valid."""
-    check_number('--rate-hz', options.rate_hz, 1.0, 10_000.0)
+    """Convert; nothing is written unless the sources are valid."""
+    if options.rate_hz is not None:
+        check_number('--rate-hz', options.rate_hz, 1.0, 10_000.0)
+    check_number('--rollouts', options.rollouts, 1, 100_000)
+    check_number('--scale', options.scale, above=0.0)
     if options.output.exists() and not options.force:
         raise DataError(f'{options.output}: exists already; use --force to replace it')
     try:
@@ -56,22 +86,46 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _convert(options: argparse.Namespace, target: str) -> None:
-    from gdmp_ros.data import exchange, recordings
+    from gdmp_ros.data import exchange, lerobot, robomimic
     from gdmp_ros.dmp.skill import Skill
-    source, output = options.source, options.output
+    output, rate = options.output, options.rate_hz or RATE_HZ
     if target == 'movement_primitives':
-        deviation = exchange.to_movement_primitives(output, _skill(source))
+        deviation = exchange.to_movement_primitives(output, _skill(_only(options.sources)))
         print(f'the pose only; its motion deviates by at most {1e3 * deviation:.1f} mm')
         return
-    shown, frame = _demonstration(options)
+    found = [one for source in options.sources for one in _demonstrations(options, source)]
+    shown = [demonstration for demonstration, _ in found]
     if target == 'skill':
-        Skill.learn(shown, provenance={'converted from': str(source)}).save(output)
+        names = [str(source) for source in options.sources]
+        Skill.learn(shown, provenance={'converted from': names}).save(output)
     elif target == 'bag':
-        recordings.overwrite(output, shown, frame, recordings.EPOCH_NS, options.storage)
-    elif target == 'csv':
-        exchange.write_csv(output, shown)
+        _write_bags(options, found)
+    elif target == 'lerobot':
+        if output.exists():
+            raise DataError(f'{output}: exists; a data set is not replaced')
+        lerobot.write(output, shown, rate, options.task)
+    elif target == 'robomimic':
+        robomimic.write(output, shown, rate)
     else:
-        exchange.write_npz(output, shown)
+        write = exchange.write_csv if target == 'csv' else exchange.write_npz
+        write(output, _only(shown))
+
+
+def _only(found: list[T]) -> T:
+    """:raises DataError: unless there is exactly one"""
+    if len(found) != 1:
+        raise DataError(f'there are {len(found)} demonstrations, but the result holds one: name '
+                        'an episode, such as data.hdf5#0, or convert to bags, LeRobot or HDF5')
+    return found[0]
+
+
+def _write_bags(options: argparse.Namespace, found: list[tuple[Demonstration, str]]) -> None:
+    from gdmp_ros.data import recordings
+    output = options.output
+    for number, (shown, frame) in enumerate(found, 1):
+        bag = output if len(found) == 1 else output / f'take_{number:03d}'
+        bag.parent.mkdir(parents=True, exist_ok=True)
+        recordings.overwrite(bag, shown, frame, recordings.EPOCH_NS, options.storage)
 
 
 def _skill(source: Path) -> Skill:
@@ -82,21 +136,55 @@ def _skill(source: Path) -> Skill:
     return Skill.load(source)
 
 
-def _demonstration(options: argparse.Namespace) -> tuple[Demonstration, str]:
-    """The source as a demonstration, and its frame."""
-    from gdmp_ros.data import exchange, recordings
-    from gdmp_ros.dmp.skill import Skill
-    source, frame = options.source, options.frame
+def _demonstrations(options: argparse.Namespace, source: Path
+                    ) -> list[tuple[Demonstration, str]]:
+    """The demonstrations in a source, and their frames."""
+    from gdmp_ros.data import episodes, exchange, recordings, takes
+    if episodes.is_foreign(source):
+        return [(_imported(one, options), options.frame) for one in episodes.sources(source)]
     if not source.exists():
         raise DataError(f'{source}: no such bag or file')
     if source.is_dir():
-        recording = recordings.read(source)
-        return recording.demonstration, recording.frame
-    if source.suffix == '.csv':
-        return exchange.read_csv(source), frame
-    if source.suffix == '.npz':
-        return exchange.read_npz(source), frame
+        read = [recordings.read(bag) for bag in takes.bags_in(source)]
+        return [(one.demonstration, one.frame) for one in read]
     if exchange.is_foreign(source):
-        return exchange.from_movement_primitives(source), frame
-    skill = Skill.load(source)
-    return exchange.motion(skill, 1.0 / options.rate_hz), skill.provenance.get('frame', frame)
+        return [(exchange.from_movement_primitives(source), options.frame)]
+    return _motions(options, source)
+
+
+def _imported(source: Path, options: argparse.Namespace) -> Demonstration:
+    from gdmp_ros.data import episodes
+    found = episodes.read(source, _import(options))
+    if found.notes:
+        print(f'{source}: {"; ".join(found.notes)}')
+    return found.demonstration
+
+
+def _import(options: argparse.Namespace) -> Import:
+    """What is said about the arrays of the source."""
+    from gdmp_ros.data.foreign import Import
+    keys = {}
+    for pair in options.key:
+        role, _, name = pair.partition('=')
+        if role not in _ROLES or not name:
+            raise ParameterError(f'--key {pair}: expected ROLE=NAME with a role of '
+                                 f'{", ".join(_ROLES)}')
+        keys[role] = name
+    return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset))
+
+
+def _motions(options: argparse.Namespace, source: Path) -> list[tuple[Demonstration, str]]:
+    """The motion of a skill, or several that vary as its takes did."""
+    import numpy as np
+
+    from gdmp_ros.data import exchange
+    from gdmp_ros.dmp.skill import Skill
+    skill, step = Skill.load(source), 1.0 / (options.rate_hz or RATE_HZ)
+    frame = skill.provenance.get('frame', options.frame)
+    if options.rollouts == 1:
+        return [(exchange.motion(skill, step), frame)]
+    around, rng = skill.distribution, np.random.default_rng(0)
+    if around is None:
+        raise DataError(f'{source}: a skill of a single take does not know how takes vary: '
+                        '--rollouts needs one of several')
+    return [(exchange.motion(around.sample(rng), step), frame) for _ in range(options.rollouts)]

@@ -74,6 +74,21 @@ def read_csv(path: Path) -> Demonstration:
     return _demonstration(path, table[:, 0], table[:, 1:], size)
 
 
+def is_own(path: Path) -> bool:
+    """Whether a table or an archive has the columns or arrays that are written here."""
+    try:
+        if path.suffix == '.csv':
+            with path.open() as text:
+                first = text.readline().strip().split(',')
+            return first in [columns(size) for size in (0, 3, 6)]
+        if path.suffix == '.npz':
+            with np.load(path, allow_pickle=False) as found:
+                return set(found.files) == {'times', 'points'}
+    except (OSError, ValueError, UnicodeDecodeError, EOFError):
+        return False
+    return False
+
+
 def write_npz(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as an archive of ``times`` and ``points``."""
     _stiffness_size(demonstration, path)

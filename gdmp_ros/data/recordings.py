@@ -5,26 +5,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
+import warnings
 
 import numpy as np
 
-from gdmp_ros.data import bags
+from gdmp_ros.data import bags, episodes
 from gdmp_ros.data.gripper_events import commands_in, during
+from gdmp_ros.data.resting import without_rest
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.errors import DataError, GdmpError, ManifoldError
+from gdmp_ros.errors import DataError, GdmpError, GdmpWarning, ManifoldError
 from gdmp_ros.learning.take_stiffness import stiffness_of_each
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
+#: ``frame_id`` of poses without one.
+FRAME = 'panda_link0'
 #: Stamp of the first sample of recordings that have no stamps of their own [ns].
 EPOCH_NS = 1_700_000_000 * bags.NS
-#: Rest at the ends of a demonstration is cut off if it is longer than this [s]. At rest every
-#: factor stays within its goal tolerance.
-REST_S = 0.1
 #: Relative tolerance for the coupling of a 6×6 matrix, and for changes of its rotational block.
 UNCOUPLED = 1e-6
 
@@ -98,6 +99,9 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
     """
     Read pose and stiffness, if the bag has one; rest at both ends is cut off.
 
+    Files of other programs are read too (`gdmp_ros.data.episodes`), with a `GdmpWarning` that says
+    what was guessed.
+
     :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; by default the only such topic
     :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); by default the
         only such topic. A Reference contains its stiffness
@@ -105,6 +109,8 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
         in the frame of the poses; empty: none is read
     :raises DataError: naming bag, topic, sample and reason
     """
+    if episodes.is_foreign(Path(bag)):
+        return _imported(Path(bag))
     with bags.opened(bag) as reader:
         found = bags.topics_in(reader)
         pose_topic = pose_topic or _only(bag, found, 'pose', bags.POSE, bags.REFERENCE)
@@ -120,7 +126,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
         felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
         commands = commands_in(reader, str(bag))
     whole = _joined(poses, matrices)
-    kept = _without_rest(whole, f'{poses.bag}, topic {poses.topic}')
+    kept = without_rest(whole, f'{poses.bag}, topic {poses.topic}')
     times = whole.times[kept]
     demonstration = Demonstration(times - times[0], whole.points[kept], whole.manifold)
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
@@ -150,7 +156,7 @@ def read_joints(bag: str | Path, topic: str = '') -> Recording:
                               manifold)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
-    kept = _without_rest(whole, where)
+    kept = without_rest(whole, where)
     times = whole.times[kept]
     return Recording(Demonstration(times - times[0], whole.points[kept], manifold), str(bag),
                      series.frame, None, joints=series.names,
@@ -246,6 +252,18 @@ def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.
                             for column in felt.values.T])
 
 
+def _imported(source: Path) -> Recording:
+    """An episode of another program."""
+    found = episodes.read(source)
+    if found.notes:
+        warnings.warn(f'{source}: {"; ".join(found.notes)}', GdmpWarning, stacklevel=3)
+    whole = found.demonstration
+    kept = without_rest(whole, str(source))
+    times = whole.times[kept]
+    return Recording(Demonstration(times - times[0], whole.points[kept], whole.manifold),
+                     str(source), FRAME, None)
+
+
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
     columns = [bags.checked_poses(poses)]
     if matrices is not None:
@@ -256,31 +274,6 @@ def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:
         return Demonstration(times, np.hstack(columns), manifold)
     except GdmpError as error:
         raise DataError(f'{poses.bag}, topic {poses.topic}: {error}') from None
-
-
-def _without_rest(demonstration: Demonstration, where: str) -> slice:
-    """The samples without rest longer than `REST_S` at either end, but for one sample of it."""
-    first = _resting(demonstration)
-    last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
-    if last - first < 2:
-        raise DataError(f'{where}: nothing moves: every sample is within the goal '
-                        'tolerance of the first')
-    return slice(first, last + 1)
-
-
-def _reversed(demonstration: Demonstration) -> Demonstration:
-    return Demonstration(demonstration.times[-1] - demonstration.times[::-1],
-                         demonstration.points[::-1], demonstration.manifold)
-
-
-def _resting(demonstration: Demonstration) -> int:
-    """Index of the last sample of the rest at the beginning; 0 without rest."""
-    points = demonstration.flat_points
-    tolerances = [factor.goal_tolerance for factor in demonstration.manifold.factors]
-    origin = np.broadcast_to(points[0], points.shape)
-    moved = (demonstration.manifold.factor_distances(origin, points) > tolerances).any(axis=1)
-    last = int(np.argmax(moved)) - 1 if moved.any() else len(points) - 1
-    return last if demonstration.times[last] - demonstration.times[0] > REST_S else 0
 
 
 def overwrite(bag: Path, demonstration: Demonstration, frame: str, start_ns: int,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.data import episodes
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
@@ -132,10 +133,12 @@ def next_name(takes: Path, prefix: str = 'take') -> str:
 
 def bags_in(path: Path) -> list[Path]:
     """
-    Bag at a path, or all bags in a folder.
+    Bag at a path, all bags in a folder, or all episodes of a file of another program.
 
     :raises DataError: if a folder has none
     """
+    if episodes.is_foreign(path):
+        return episodes.sources(path)
     if path.is_file() or (path / 'metadata.yaml').exists() or not path.is_dir():
         return [path]
     return takes_in(path)

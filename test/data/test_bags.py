@@ -186,7 +186,7 @@ def test_missing_topics_wrong_types_and_missing_bags_are_refused(tmp_path):
     with pytest.raises(DataError, match='no topic holds a pose'):
         recordings.read(tmp_path / 'forces')
     (tmp_path / 'folder').mkdir()
-    with pytest.raises(DataError, match='damaged or not a rosbag2 recording'):
+    with pytest.raises(DataError, match='it is no rosbag2 recording'):
         recordings.read(tmp_path / 'folder')
 
 

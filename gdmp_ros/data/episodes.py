@@ -1,0 +1,77 @@
+"""
+Demonstrations in files of other programs, one after the other.
+
+A file or a LeRobot data set may have several episodes: ``data.hdf5#2`` is its third one.
+"""
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from gdmp_ros.data import exchange, foreign, lerobot, robomimic, tables
+from gdmp_ros.data.foreign import Import, Imported
+from gdmp_ros.errors import DataError
+
+#: What separates a file from the number of its episode.
+MARK = '#'
+
+
+def is_foreign(source: Path) -> bool:
+    """Whether a source is one of another program, and no recording."""
+    path, _ = _parts(source)
+    return path.suffix.lower() in tables.SUFFIXES or (path.is_dir() and lerobot.is_dataset(path))
+
+
+def sources(path: Path) -> list[Path]:
+    """
+    All episodes of a file or data set, as sources.
+
+    :raises DataError: if it cannot be read
+    """
+    path, number = _parts(path)
+    count = len(_episodes(path, _stamp(path)))
+    if number is not None or count == 1:
+        return [path if number is None else Path(f'{path}{MARK}{number}')]
+    return [Path(f'{path}{MARK}{i}') for i in range(count)]
+
+
+def read(source: Path, settings: Import | None = None) -> Imported:
+    """
+    Read an episode.
+
+    :raises DataError: naming the file and what is missing in it
+    """
+    path, number = _parts(source)
+    settings = settings or Import()
+    if (number is None and settings == Import(rate_hz=settings.rate_hz)
+            and exchange.is_own(path)):
+        own = exchange.read_csv if path.suffix == '.csv' else exchange.read_npz
+        return Imported(own(path), ())
+    found = _episodes(path, _stamp(path))
+    if not 0 <= (number or 0) < len(found):
+        raise DataError(f'{path}: there is no episode {number}, it has {len(found)}')
+    return foreign.demonstration(str(source), found[number or 0], settings)
+
+
+def _parts(source: Path) -> tuple[Path, int | None]:
+    """File and number of the episode."""
+    name, mark, number = str(source).rpartition(MARK)
+    if mark and number.isdigit() and not source.exists():
+        return Path(name), int(number)
+    return source, None
+
+
+def _stamp(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        raise DataError(f'{path}: no such file') from None
+
+
+@lru_cache(maxsize=2)
+def _episodes(path: Path, _: int) -> list[dict]:
+    """Arrays of every episode; all are in the same file, so it is read once."""
+    if path.is_dir():
+        return lerobot.episodes(path)
+    arrays = tables.read_arrays(path)
+    return robomimic.episodes(arrays) or [arrays]

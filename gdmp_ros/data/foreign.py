@@ -1,0 +1,212 @@
+"""Demonstrations of a tool in arrays of other programs: what is what is guessed, and stated."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import re
+
+import numpy as np
+
+from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import DataError, GdmpError
+
+ORDERS = ('wxyz', 'xyzw')
+#: What an array can be.
+ROLES = ('times', 'points', 'position', 'orientation', 'stiffness')
+#: Words in names, by role.
+_WORDS = {'times': {'t', 'time', 'times', 'timestamp', 'timestamps', 'stamp', 'seconds', 'sec'},
+          'position': {'pos', 'position', 'positions', 'xyz', 'translation', 'p'},
+          'orientation': {'quat', 'quaternion', 'quaternions', 'orientation', 'rotation', 'rot',
+                          'q', 'ori'},
+          'stiffness': {'stiffness', 'k'},
+          'points': {'points', 'pose', 'poses', 'trajectory', 'traj', 'state'}}
+#: Words in names of what has axes too, but is no pose.
+_OTHERS = {'v', 'vel', 'velocity', 'twist', 'linear', 'angular', 'omega', 'f', 'force', 'torque',
+           'tau', 'next', 'action', 'actions', 'wrench', 'a', 'acc', 'acceleration', 'goal',
+           'target', 'camera', 'image'}
+#: Largest time that is taken for seconds; larger ones are nanoseconds.
+_SECONDS = 1e12
+
+
+@dataclass(frozen=True)
+class Import:
+    """
+    How arrays become a demonstration; what is not given is guessed.
+
+    :ivar keys: names of arrays by role, one of `ROLES`
+    :ivar quaternion: order of the numbers of quaternions, one of `ORDERS`; empty: by the names
+    :ivar rate_hz: samples per second, where no times are found; None: there must be times
+    :ivar scale: factor of the positions, such as 0.001 for millimetres
+    :ivar offset: added to the scaled positions [m]
+    """
+
+    keys: Mapping[str, str] = field(default_factory=dict)
+    quaternion: str = ''
+    rate_hz: float | None = None
+    scale: float = 1.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """
+    A demonstration and how it was found.
+
+    :ivar notes: what was guessed, for people
+    """
+
+    demonstration: Demonstration
+    notes: tuple[str, ...]
+
+
+def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import) -> Imported:
+    """
+    Find times, positions, orientations and a stiffness.
+
+    :param where: the file, for messages
+    :raises DataError: naming the arrays, if something is missing or invalid
+    """
+    search = _Search(where, arrays, settings)
+    position, orientation, stiffness = search.pose()
+    times = search.times(len(position))
+    scaled = settings.scale * position + np.asarray(settings.offset)
+    points = np.hstack([scaled, orientation])
+    if stiffness is not None:
+        points = np.hstack([points, stiffness])
+    size = {0: None, 9: 3, 36: 6}[0 if stiffness is None else stiffness.shape[1]]
+    try:
+        made = Demonstration(times - times[0], points, tool_manifold(size))
+    except GdmpError as error:
+        raise DataError(f'{where}: {error}') from None
+    return Imported(made, tuple(search.notes))
+
+
+class _Search:
+    """Looks for arrays by their names and shapes."""
+
+    def __init__(self, where: str, arrays: Mapping[str, np.ndarray], settings: Import):
+        self._where, self._arrays, self._settings = where, dict(arrays), settings
+        self.notes: list[str] = []
+        for role, name in settings.keys.items():
+            if name not in self._arrays:
+                raise DataError(f'{where}: no array is called {name!r} ({role}); there are '
+                                f'{self._listed()}')
+
+    def pose(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Position, orientation (w first) and stiffness, one row for each sample."""
+        if 'points' not in self._settings.keys:
+            position = self._vector('position', 'xyz')
+            orientation = self._vector('orientation', 'wxyz')
+            if position is not None and orientation is not None:
+                return position, orientation, self._stiffness()
+            self.notes.clear()
+        points = self._one('points', (7, 16, 43))
+        if points is None:
+            raise DataError(f'{self._where}: no position and orientation were found; name them '
+                            'with --key position=NAME --key orientation=NAME, or --key '
+                            f'points=NAME. There are {self._listed()}')
+        name, rows = points
+        rest = rows[:, 7:]
+        return (rows[:, :3], _w_first(rows[:, 3:7], self._order(name, ORDERS[0])),
+                rest if rest.size else None)
+
+    def _stiffness(self) -> np.ndarray | None:
+        """Stiffness matrices row by row, in one array or in columns k11, k12, and so on."""
+        found = self._one('stiffness', (9, 36))
+        if found is not None:
+            return found[1]
+        for size in (6, 3):
+            entries = [f'k{i}{j}' for i in range(1, size + 1) for j in range(1, size + 1)]
+            named = {name.lower().rpartition('.')[2]: name for name in reversed(self._arrays)}
+            if all(entry in named for entry in entries):
+                self.notes.append(f'stiffness: {named[entries[0]]} to {named[entries[-1]]}')
+                return np.column_stack([self._arrays[named[entry]].reshape(-1)
+                                        for entry in entries])
+        return None
+
+    def times(self, count: int) -> np.ndarray:
+        """Times of the samples [s]."""
+        rate = self._settings.rate_hz
+        named = [name for name in self._named('times') if self._arrays[name].size == count]
+        if not named and rate is not None:
+            return np.arange(count) / rate
+        if not named:
+            raise DataError(f'{self._where}: no times were found; give --rate-hz, or --key '
+                            f'times=NAME. There are {self._listed()}')
+        times = self._arrays[named[0]].reshape(-1)
+        if np.abs(times).max() > _SECONDS:
+            self.notes.append(f'{named[0]} is taken as nanoseconds')
+            return np.asarray(1e-9 * (times - times[0]))
+        return times
+
+    def _named(self, role: str) -> list[str]:
+        """Names of arrays that may have a role."""
+        given = self._settings.keys.get(role)
+        if given:
+            return [given]
+        return [name for name in self._arrays
+                if _words(name) & _WORDS[role] and not _words(name) & _OTHERS]
+
+    def _one(self, role: str, widths: Sequence[int]) -> tuple[str, np.ndarray] | None:
+        """The array of a role with one of these widths."""
+        given = role in self._settings.keys
+        for name in self._named(role):
+            rows = self._arrays[name]
+            rows = rows.reshape(len(rows), -1)
+            if rows.shape[1] not in widths and rows.shape[0] in widths:
+                rows = rows.T  # MATLAB often has samples in columns
+            if rows.shape[1] in widths:
+                if not given:
+                    self.notes.append(f'{role}: {name}')
+                return name, rows
+            if given:
+                raise DataError(f'{self._where}: {name} has shape {self._arrays[name].shape}, '
+                                f'expected {" or ".join(map(str, widths))} numbers a sample')
+        return None
+
+    def _vector(self, role: str, axes: str) -> np.ndarray | None:
+        """A position, or an orientation (w first), in one array or in columns."""
+        found = self._one(role, (len(axes),))
+        if found is not None:
+            name, rows = found
+            return rows if role == 'position' else _w_first(rows, self._order(name, ORDERS[1]))
+        columns = self._columns(role, axes)
+        if columns is None:
+            return None
+        self.notes.append(f'{role}: {", ".join(columns)}')
+        return np.column_stack([self._arrays[name].reshape(-1) for name in columns])
+
+    def _columns(self, role: str, axes: str) -> list[str] | None:
+        """Names of the columns of a vector, in the order of ``axes``."""
+        found: dict[str, str] = {}
+        for name in self._arrays:
+            match = re.fullmatch(r'(.*?)[ ._/-]*([a-z]*?)([wxyz])', name.strip().lower())
+            if match is None:
+                continue
+            before = _words(match.group(1)) | {match.group(2)}
+            if before & _OTHERS:
+                continue
+            turned = bool(before & _WORDS['orientation'])
+            if turned == (role == 'orientation') and match.group(3) in axes:
+                found.setdefault(match.group(3), name)
+        return [found[axis] for axis in axes] if len(found) == len(axes) else None
+
+    def _order(self, name: str, usual: str) -> str:
+        if self._settings.quaternion:
+            return self._settings.quaternion
+        self.notes.append(f'quaternions in {name} are taken as {usual}; else: --quaternion')
+        return usual
+
+    def _listed(self) -> str:
+        shown = [f'{name} {array.shape}' for name, array in self._arrays.items()]
+        more = f' and {len(shown) - 12} more' if len(shown) > 12 else ''
+        return (', '.join(shown[:12]) + more) or 'no arrays of numbers'
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split(r'[^a-z0-9]+', name.lower()))
+
+
+def _w_first(rows: np.ndarray, order: str) -> np.ndarray:
+    return rows if order == 'wxyz' else rows[:, [3, 0, 1, 2]]

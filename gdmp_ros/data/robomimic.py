@@ -1,0 +1,84 @@
+"""Data sets of robomimic: episodes in one HDF5 file. No images."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import json
+from pathlib import Path
+
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import DataError
+from gdmp_ros.util.optional_imports import extra, optional_import
+
+GROUP = 'data'
+POSITION, ORIENTATION, STIFFNESS = 'robot0_eef_pos', 'robot0_eef_quat', 'stiffness'
+
+
+def episodes(arrays: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+    """
+    Arrays of each episode, without the way to it; empty if these are not episodes.
+
+    :param arrays: of an HDF5 file, such as ``data/demo_0/actions``
+    """
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for name, array in arrays.items():
+        group, _, rest = name.removeprefix(f'{GROUP}/').partition('/')
+        if name.startswith(f'{GROUP}/') and rest:
+            found.setdefault(group, {})[rest] = array
+    order = sorted(found, key=lambda group: (len(group), group))
+    return [found[group] for group in order]
+
+
+def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
+    """
+    Write demonstrations of a tool as episodes.
+
+    Observations are position and orientation (x, y, z, w), as robosuite calls them, and a
+    stiffness; the action is the pose, and stiffness, of the next frame.
+
+    :raises DataError: if they are no poses, or the file cannot be written
+    """
+    with optional_import(extra('datasets')):
+        import h5py
+    if not shown or any(one.manifold.point_size not in (7, 16, 43) for one in shown):
+        raise DataError(f'{path}: only poses with or without a stiffness can be written')
+    partial = path.with_name(f'.{path.name}.partial')
+    try:
+        with h5py.File(partial, 'w') as file:
+            data = file.create_group(GROUP)
+            total = 0
+            for number, one in enumerate(shown):
+                total += _write_episode(data.create_group(f'demo_{number}'), one, rate_hz)
+            data.attrs['total'] = total
+            data.attrs['env_args'] = json.dumps(
+                {'env_name': 'gdmp', 'type': 1, 'env_kwargs': {'control_freq': rate_hz}})
+        partial.replace(path)
+    except OSError as error:
+        raise DataError(f'{path}: cannot write: {error.strerror or error}') from None
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _write_episode(group: object, shown: Demonstration, rate_hz: float) -> int:
+    """Write an episode; returns its number of frames."""
+    count = max(int(np.floor(shown.duration * rate_hz + 1e-6)) + 1, 2)
+    times = shown.times[0] + np.minimum(np.arange(count) / rate_hz, shown.duration)
+    rows = shown.at(times).reshape(count, -1)
+    later = np.vstack([rows[1:], rows[-1:]])
+    done = np.zeros(count, dtype=int)
+    done[-1] = 1
+    arrays = {'actions': later, 'rewards': done.astype(float), 'dones': done, 'states': rows,
+              'timestamps': times - times[0], **_observed('obs', rows),
+              **_observed('next_obs', later)}
+    for name, array in arrays.items():
+        group.create_dataset(name, data=array)  # type: ignore[attr-defined]
+    group.attrs['num_samples'] = count  # type: ignore[attr-defined]
+    return count
+
+
+def _observed(group: str, rows: np.ndarray) -> dict[str, np.ndarray]:
+    found = {f'{group}/{POSITION}': rows[:, :3], f'{group}/{ORIENTATION}': rows[:, [4, 5, 6, 3]]}
+    if rows.shape[1] > 7:
+        found[f'{group}/{STIFFNESS}'] = rows[:, 7:]
+    return found

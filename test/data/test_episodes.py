@@ -1,0 +1,170 @@
+"""Files and data sets of other programs: read with stated guesses, written so that they read."""
+import json
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import savemat
+
+from gdmp_ros import Skill
+from gdmp_ros.cli.main import main
+from gdmp_ros.data import episodes, lasa, lerobot, recordings, robomimic
+from gdmp_ros.data.foreign import Import
+from gdmp_ros.errors import DataError
+from test.commands import gdmp
+
+RATE_HZ = 50.0
+
+
+@pytest.fixture(scope='module')
+def shown():
+    return lasa.robot_demonstrations('GShape')[:3]
+
+
+def frames(one, rate_hz=RATE_HZ):
+    times = np.arange(int(one.duration * rate_hz + 1e-6) + 1) / rate_hz
+    return times, one.at(one.times[0] + times).reshape(len(times), -1)
+
+
+def check_equal(found, one, rate_hz=RATE_HZ):
+    """The same numbers as at the frames of a demonstration, to 1e-6."""
+    times, points = frames(one, rate_hz)
+    np.testing.assert_allclose(found.times, times, atol=1e-6)
+    signs = np.sign(np.sum(found.points[:, 3:7] * points[:, 3:7], axis=1))
+    points[:, 3:7] *= signs[:, None]
+    np.testing.assert_allclose(found.points, points, atol=1e-6, rtol=1e-6)
+
+
+def test_lerobot_and_back(shown, tmp_path):
+    lerobot.write(tmp_path / 'set', shown, RATE_HZ, 'write a letter')
+    found = episodes.sources(tmp_path / 'set')
+    assert [str(one)[-2:] for one in found] == ['#0', '#1', '#2']
+    for source, one in zip(found, shown):
+        check_equal(episodes.read(source).demonstration, one)
+
+
+def test_lerobot_has_what_its_readers_look_for(shown, tmp_path):
+    folder = tmp_path / 'set'
+    lerobot.write(folder, shown, RATE_HZ, 'write a letter')
+    info = json.loads((folder / 'meta/info.json').read_text())
+    assert info['codebase_version'] == 'v3.0' and info['fps'] == 50
+    assert info['total_episodes'] == 3 and info['splits'] == {'train': '0:3'}
+    table = pq.read_table(folder / info['data_path'].format(chunk_index=0, file_index=0))
+    assert table.num_rows == info['total_frames'] and set(table.column_names) == set(
+        info['features'])
+    rows = pq.read_table(folder / lerobot.EPISODES).to_pylist()
+    for number, row in enumerate(rows):
+        inside = np.asarray(table['episode_index'])[row['dataset_from_index']:
+                                                    row['dataset_to_index']]
+        assert (inside == number).all() and len(inside) == row['length']
+        assert row['tasks'] == ['write a letter']
+        assert len(row['stats/observation.state/mean']) == 16
+    state = np.array(table['observation.state'].to_pylist())
+    action = np.array(table['action'].to_pylist())
+    count = rows[0]['length']
+    np.testing.assert_array_equal(action[:count - 1], state[1:count])
+    statistics = json.loads((folder / 'meta/stats.json').read_text())
+    np.testing.assert_allclose(statistics['action']['max'], action.max(axis=0), rtol=1e-6)
+
+
+def test_robomimic_and_back(shown, tmp_path):
+    robomimic.write(tmp_path / 'set.hdf5', shown, RATE_HZ)
+    with h5py.File(tmp_path / 'set.hdf5') as file:
+        demo = file['data/demo_1']
+        assert demo.attrs['num_samples'] == len(demo['actions']) == len(demo['dones'])
+        assert json.loads(file['data'].attrs['env_args'])['env_kwargs']['control_freq'] == RATE_HZ
+        np.testing.assert_array_equal(demo['next_obs/robot0_eef_pos'][:-1],
+                                      demo['obs/robot0_eef_pos'][1:])
+    for source, one in zip(episodes.sources(tmp_path / 'set.hdf5'), shown):
+        check_equal(episodes.read(source).demonstration, one)
+
+
+def test_a_skill_is_learned_from_an_episode_and_its_roll_outs_written(shown, tmp_path):
+    lerobot.write(tmp_path / 'set', shown, 100.0, 'write a letter')
+    done = gdmp('learn', 'set', '-o', 'skill.json', cwd=tmp_path)
+    assert done.returncode == 0 and 'set#2' in done.stdout
+    skill = Skill.load(tmp_path / 'skill.json')
+    direct = Skill.learn(shown, 'auto')
+    assert np.linalg.norm(skill.goal[:3] - direct.goal[:3]) < 2e-3
+    for result in ('again', 'rollouts.hdf5'):
+        words = ['convert', str(tmp_path / 'skill.json'), '-o', str(tmp_path / result),
+                 '--rate-hz', '20', '--rollouts', '5']
+        assert main(words + (['--as', 'lerobot'] if result == 'again' else [])) == 0
+        read = [episodes.read(one).demonstration for one in episodes.sources(tmp_path / result)]
+        ends = np.array([one.points[-1, :3] for one in read])
+        assert len(read) == 5 and 1e-4 < ends.std(axis=0).max() < 0.1
+
+
+def test_columns_are_found_by_their_names(shown, tmp_path):
+    times, points = frames(shown[0])
+    table = np.column_stack([times, 1e3 * points[:, :3], points[:, [4, 5, 6, 3]],
+                             np.gradient(points[:, 0])])
+    (tmp_path / 'a.csv').write_text('\n'.join(
+        ['field.time;pose.position.x;pose.position.y;pose.position.z;pose.orientation.x;'
+         'pose.orientation.y;pose.orientation.z;pose.orientation.w;twist.linear.x',
+         *(';'.join(f'{value:.9f}' for value in row) for row in table)]))
+    found = episodes.read(tmp_path / 'a.csv', Import(scale=1e-3))
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-6)
+    assert 'position: pose.position.x, pose.position.y, pose.position.z' in found.notes
+
+
+@pytest.mark.parametrize('suffix', ['npz', 'mat', 'h5'])
+def test_arrays_are_named_by_key_and_guesses_are_stated(shown, tmp_path, suffix):
+    times, points = frames(shown[0])
+    path, arrays = tmp_path / f'a.{suffix}', {'traj': points[:, [0, 1, 2, 4, 5, 6, 3]]}
+    if suffix == 'npz':
+        np.savez(path, **arrays)
+    elif suffix == 'mat':
+        savemat(path, {'traj': arrays['traj'].T})
+    else:
+        with h5py.File(path, 'w') as file:
+            file.create_dataset('traj', data=arrays['traj'])
+    with pytest.raises(DataError, match=r'no times were found; give --rate-hz.*traj'):
+        episodes.read(path, Import({'points': 'traj'}, 'xyzw'))
+    found = episodes.read(path, Import({'points': 'traj'}, 'xyzw', RATE_HZ))
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
+    assert found.notes == ()
+    guessed = episodes.read(path, Import(rate_hz=RATE_HZ))
+    assert 'points: traj' in guessed.notes
+    assert any('taken as wxyz' in note for note in guessed.notes)
+    with pytest.raises(DataError, match="no array is called 'pose'.*there are traj"):
+        episodes.read(path, Import({'points': 'pose'}))
+
+
+def test_the_command_converts_and_says_what_it_guessed(shown, tmp_path):
+    _, points = frames(shown[0])
+    np.savez(tmp_path / 'a.npz', position=points[:, :3], quat=points[:, [4, 5, 6, 3]])
+    done = gdmp('convert', 'a.npz', '-o', 'take', '--rate-hz', RATE_HZ, cwd=tmp_path)
+    assert done.returncode == 0 and 'quaternions in quat are taken as xyzw' in done.stdout
+    read = recordings.read(tmp_path / 'take').demonstration
+    assert np.abs(read.points[-1, :3] - points[-1, :3]).max() < 1e-3
+    robomimic.write(tmp_path / 'set.hdf5', shown, RATE_HZ)
+    several = gdmp('convert', 'set.hdf5', '-o', 'one.csv', cwd=tmp_path)
+    assert several.returncode == 1 and 'set.hdf5#0' in several.stderr or 'data.hdf5#0' in \
+        several.stderr
+    assert gdmp('convert', 'set.hdf5#1', '-o', 'one.csv', cwd=tmp_path).returncode == 0
+    assert gdmp('convert', 'set.hdf5', '-o', 'bags', cwd=tmp_path).returncode == 0
+    assert sorted(path.name for path in (tmp_path / 'bags').iterdir()) == [
+        'take_001', 'take_002', 'take_003']
+
+
+@pytest.mark.parametrize('damage, reason', [
+    (lambda folder: (folder / 'meta/info.json').write_text('{'), 'info.json: damaged'),
+    (lambda folder: (folder / 'meta/info.json').write_text(
+        (folder / 'meta/info.json').read_text().replace('v3.0', 'v2.1')), 'version v2.1'),
+    (lambda folder: next((folder / 'data').rglob('*.parquet')).write_bytes(b'PAR1'), 'damaged'),
+    (lambda folder: next((folder / 'data').rglob('*.parquet')).unlink(), 'no files in data')])
+def test_a_damaged_data_set_is_named(shown, tmp_path, damage, reason):
+    lerobot.write(tmp_path / 'set', shown[:1], RATE_HZ, 'write')
+    damage(tmp_path / 'set')
+    with pytest.raises(DataError, match=reason):
+        episodes.sources(tmp_path / 'set')
+
+
+def test_nothing_half_written_is_left(shown, tmp_path):
+    with pytest.raises(DataError, match='a whole number'):
+        lerobot.write(tmp_path / 'set', shown, 29.97, 'write')
+    with pytest.raises(DataError, match='only poses'):
+        robomimic.write(tmp_path / 'set.hdf5', [], RATE_HZ)
+    assert list(tmp_path.iterdir()) == []
