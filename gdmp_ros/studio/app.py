@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 import threading
 import time
@@ -14,7 +15,7 @@ import numpy as np
 import viser
 
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import GdmpError
+from gdmp_ros.errors import GdmpError, GdmpWarning
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import PathChecker
 from gdmp_ros.sim.reach import Reach
@@ -22,12 +23,13 @@ from gdmp_ros.studio.jobs import Jobs
 from gdmp_ros.studio.robot import Robot, RobotView
 from gdmp_ros.studio.scene import colour, Scene
 from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion
-from gdmp_ros.studio.workbench import Workbench
+from gdmp_ros.studio.workbench import tube, Workbench
 
 #: Interval at which the robot is shown [s].
 REFRESH_S = 0.05
-#: What takes longer than a drag is computed when nothing has changed for this time [s].
-QUIET_S = 0.2
+#: What takes longer than a drag is computed when nothing has changed for this time, and while
+#: something is dragged for the second one [s].
+QUIET_S, DRAGGED_S = 0.2, 1.0
 #: Samples of a motion that are checked for reach.
 CHECKED = 50
 #: Past path of the tool [s].
@@ -48,14 +50,19 @@ class Verdict:
     text: str
 
 
+NOT_CHECKED = Verdict(np.empty(0, dtype=bool), '')
+
+
 class Studio:
     """
     What the panels share.
 
-    One thread calls `run`; callbacks of the page only put work into `jobs`.
+    One thread calls `run`; callbacks of the page only put work into `jobs`. A second one computes
+    what takes longer than a drag.
 
     :ivar skill: the chosen skill with its changes; None without one
     :ivar motion: that is shown: of the changed skill, or a recorded one; None without one
+    :ivar guided: whether the user guides the arm: the handles of the skill are hidden then
     :ivar takes_folder: where takes are recorded
     :ivar on_motion: called when the shown motion has changed
     :ivar on_view: called with the newest view of the robot
@@ -65,16 +72,17 @@ class Studio:
     def __init__(self, server: viser.ViserServer, bench: Workbench, robot: Robot, model: str,
                  takes_folder: Path):
         self.server, self.bench, self.robot = server, bench, robot
-        self.takes_folder, self.jobs = takes_folder, Jobs()
+        self.takes_folder, self.jobs, self._slow = takes_folder, Jobs(), Jobs()
         self._arm = Arm(model)
         self._reach = Reach(Arm(model))
         self._checker = PathChecker(Arm(model))
         self.scene = Scene(server, Arm(model), Arm(model))
         self.motion: ShownMotion | None = None
         self.skill: Skill | None = None
-        self.verdict = Verdict(np.empty(0, dtype=bool), '')
+        self.verdict = NOT_CHECKED
         self.view: RobotView | None = None
         self.compared: set[str] = set()
+        self.guided = False
         self.on_motion: list[Callable[[], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
@@ -84,7 +92,14 @@ class Studio:
     # Work
 
     def run(self, ends: threading.Event) -> None:
-        """Do what the page asks for until the event is set."""
+        """Do what the page asks for until the event is set; warnings are shown on the page."""
+        with warnings.catch_warnings():
+            warnings.simplefilter('always', GdmpWarning)
+            warnings.showwarning = self._show_warning  # type: ignore[assignment]
+            self._run(ends)
+
+    def _run(self, ends: threading.Event) -> None:
+        threading.Thread(target=self._run_slow, args=(ends,), name='slow', daemon=True).start()
         self.redraw()
         due = time.monotonic()
         while not ends.is_set():
@@ -96,7 +111,7 @@ class Studio:
                 self._attempt(self._refresh)
             if self._quiet_at and time.monotonic() >= self._quiet_at and work is None:
                 self._quiet_at = 0.0
-                self._attempt(self._complete)
+                self._slow.put(partial(self._compute, self.skill, self.motion), 'newest')
 
     def later(self, work: Callable[[], None], kind: str | None = None) -> Callable[[Any], None]:
         """Callback of the page that leaves work to the studio's thread (`Jobs.put`)."""
@@ -117,11 +132,8 @@ class Studio:
 
         def carry_out() -> None:
             try:
-                with warnings.catch_warnings(record=True) as caught:
-                    warnings.simplefilter('always')
-                    result = work()
-                texts = [str(one.message) for one in caught]
-                self.jobs.put(lambda: finish(result, texts))
+                result = work()
+                self.jobs.put(lambda: done(result))
             except GdmpError as error:
                 text = str(error)
                 self.jobs.put(lambda: self.notify('refused', text, 'red'))
@@ -130,10 +142,6 @@ class Studio:
                     with suppress(Exception):  # the browser may be gone
                         one.remove()
 
-        def finish(result: T, texts: list[str]) -> None:
-            for text in texts:
-                self.notify('note', text, 'yellow')
-            done(result)
         threading.Thread(target=carry_out, name=title, daemon=True).start()
 
     def notify(self, title: str, text: str, paint: Any = 'blue') -> None:
@@ -141,6 +149,10 @@ class Studio:
         for client in self.server.get_clients().values():
             client.add_notification(title, text, color=paint,
                                     auto_close_seconds=None if paint == 'red' else 6.0)
+
+    def _show_warning(self, message: Warning | str, category: type[Warning], *rest: Any) -> None:
+        if issubclass(category, GdmpWarning):
+            self.notify('note', str(message), 'yellow')
 
     def _attempt(self, work: Callable[[], None]) -> None:
         """Work whose refusal is shown, and does not end the studio."""
@@ -151,10 +163,11 @@ class Studio:
 
     # The shown motion
 
-    def change(self, work: Callable[[], None]) -> None:
+    def change(self, work: Callable[[], None], dragged: bool = False) -> None:
         """
         Change the skill and show it; a change that is impossible is taken back.
 
+        :param dragged: whether the next change is likely to follow at once
         :raises GdmpError: if it is impossible
         """
         changes = self.bench.changes
@@ -162,6 +175,8 @@ class Studio:
         try:
             work()
             self.redraw()
+            if dragged:
+                self._quiet_at = time.monotonic() + DRAGGED_S
         except GdmpError:
             vars(changes).update(before)
             self.redraw()
@@ -174,7 +189,7 @@ class Studio:
         self.skill = bench.edited() if bench.chosen else None
         self.motion = shown[1] if self.skill is None else of_skill(self.skill)
         self.scene.line('sent', None if shown[0] is None else shown[0].poses[:, :3], colour(5))
-        self.verdict = Verdict(np.empty(0, dtype=bool), '')
+        self.verdict = NOT_CHECKED
         motion = self.motion
         self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
         self.scene.tube(None)
@@ -182,14 +197,29 @@ class Studio:
         for tell in self.on_motion:
             tell()
 
-    def _complete(self) -> None:
-        """Show what takes longer than a drag: stiffness, tube, takes, reach."""
-        motion, bench, scene = self.motion, self.bench, self.scene
+    def _run_slow(self, ends: threading.Event) -> None:
+        while not ends.is_set():
+            work = self._slow.take(QUIET_S)
+            if work is not None:
+                self._attempt(work)
+
+    def _compute(self, skill: Skill | None, motion: ShownMotion | None) -> None:
+        """Compute what takes longer than a drag; by a thread of its own."""
+        likely = None if skill is None else tube(skill)
+        verdict = NOT_CHECKED if motion is None else self._checked(motion)
+        self.jobs.put(lambda: self._complete(motion, likely, verdict), 'complete')
+
+    def _complete(self, motion: ShownMotion | None, likely: tuple[np.ndarray, np.ndarray] | None,
+                  verdict: Verdict) -> None:
+        """Show what took longer than a drag, unless the motion has changed since."""
+        bench, scene = self.bench, self.scene
+        if motion is not self.motion:
+            return
         scene.stiffness(motion)
-        scene.tube(bench.tube() if bench.chosen else None)
+        scene.tube(likely)
+        self.verdict = verdict
         if motion is not None:
-            self.verdict = self._checked(motion)
-            scene.line('path', motion.poses[:, :3], colour(1), self.verdict.wrong)
+            scene.line('path', motion.poses[:, :3], colour(1), verdict.wrong)
         names = {f'take {take.path.name}': take for take in bench.takes if take.used}
         for name in scene.lines('take '):
             if name not in names:

@@ -106,7 +106,7 @@ class NodesRobot:
         self._commands.put(self._start)
 
     def stop(self) -> None:
-        self._commands.put(partial(self._request, Trigger, f'{self._server}/stop'))
+        self._commands.put(self._stop)
 
     def pause(self, paused: bool) -> None:
         self._commands.put(partial(self._request, SetBool, f'{self._server}/pause', data=paused))
@@ -176,6 +176,10 @@ class NodesRobot:
             self._request(LoadSkill, f'{self._server}/load_skill', path=str(path))
         self._client.execute()
         self._executing = True
+
+    def _stop(self) -> None:
+        self._executing = False  # that it did not reach its goal is no problem then
+        self._request(Trigger, f'{self._server}/stop')
 
     def _switch(self, pose: np.ndarray) -> None:
         state = self._client.state

@@ -58,7 +58,9 @@ class ArmModel:
                 shade = tint or tuple(int(255 * value) for value in painted[:3])
                 scene.add_mesh_simple(f'{place}/{number}', mesh.vertices, mesh.faces, color=shade,
                                       opacity=None if tint is None else 0.35, flat_shading=False,
-                                      cast_shadow=tint is None)
+                                      cast_shadow=tint is None,
+                                      # Surfaces of two arms in one posture would flicker.
+                                      scale=1.0 if tint is None else 1.01)
 
     def show(self, joints: np.ndarray | None) -> None:
         """Show a posture [rad]; None hides the arm."""

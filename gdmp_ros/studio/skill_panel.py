@@ -82,14 +82,16 @@ class SkillPanel:
 
     def _drag(self, which: str, pose: np.ndarray, released: bool) -> None:
         studio = self._studio
-        studio.jobs.put(lambda: studio.change(lambda: self._move(which, pose)),
+        studio.jobs.put(lambda: studio.change(lambda: self._move(which, pose), not released),
                         None if released else f'drag {which}')
 
     def _drag_via(self, progress: float, pose: np.ndarray, released: bool) -> None:
-        studio = self._studio
-        studio.jobs.put(
-            lambda: studio.change(lambda: studio.bench.changes.via.update(
-                {progress: pose[:3].copy()})), None if released else f'via {progress}')
+        studio, via = self._studio, self._studio.bench.changes.via
+
+        def move() -> None:
+            via[progress] = pose[:3].copy()
+        studio.jobs.put(lambda: studio.change(move, not released),
+                        None if released else f'via {progress}')
 
     def _undo(self) -> None:
         self._studio.bench.choose(self._studio.bench.chosen)
@@ -147,7 +149,7 @@ class SkillPanel:
             f'path {motion.length:.3f} m in {seconds:.2f} s, at most '
             f'{motion.speed:.2f} m/s; ends at {last[0]:.3f}, {last[1]:.3f}, {last[2]:.3f} m'
             + (f'; {bench.skill.n_basis} functions' if bench.chosen else '')
-            + (f'; {via} via points' if via else '')
+            + (f'; {via} via point{"s" if via > 1 else ""}' if via else '')
             + (' (changed, not saved)' if bench.changes else ''))
         self._goal.value, self._start.value = tuple(last[:3]), tuple(first[:3])
         self._duration.value = float(seconds)
@@ -157,7 +159,7 @@ class SkillPanel:
     def _show_handles(self, first: np.ndarray, last: np.ndarray) -> None:
         studio, bench = self._studio, self._studio.bench
         scene = studio.scene
-        if not bench.chosen or studio.motion is None:
+        if not bench.chosen or studio.motion is None or studio.guided:
             for name in ('goal', 'start', *scene.handles('via')):
                 scene.handle(name, None)
             return

@@ -13,7 +13,7 @@ from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.workbench import Take
 
-HAND = 'hand'
+HAND, NONE = 'hand', 'none yet'
 
 
 class TeachPanel:
@@ -30,6 +30,10 @@ class TeachPanel:
         gui.add_button('discard the take').on_click(studio.later(studio.robot.discard))
         self._state = gui.add_markdown('')
         self._list = gui.add_folder(f'takes in {studio.takes_folder}')
+        with self._list:
+            self._dropped = gui.add_dropdown('take', (NONE,))
+            gui.add_button('drop the take').on_click(studio.later(self._drop))
+            gui.add_markdown('Learn from:')
         with gui.add_folder('learning'):
             self._automatic = gui.add_checkbox(
                 'automatic number of functions', True,
@@ -48,9 +52,10 @@ class TeachPanel:
     def _guide(self) -> None:
         studio, guided = self._studio, self._guided.value
         studio.robot.guide(guided)
-        self._pulled = False
+        studio.guided, self._pulled = guided, False
         pose = None if studio.view is None else studio.view.pose
         studio.scene.handle(HAND, pose if guided else None, self._drag, scale=0.2)
+        studio.redraw()
 
     def _drag(self, pose: np.ndarray, released: bool) -> None:
         self._pulled = not released
@@ -75,8 +80,12 @@ class TeachPanel:
         take.used = bool(box.value)
         self._studio.redraw()
 
-    def _drop(self, take: Take) -> None:
-        moved = self._studio.bench.drop(take)
+    def _drop(self) -> None:
+        bench = self._studio.bench
+        chosen = [take for take in bench.takes if take.path.name == self._dropped.value]
+        if not chosen:
+            raise DataError('there is no take to drop')
+        moved = bench.drop(chosen[0])
         self._studio.notify('dropped', f'moved to {moved}')
         self._show_takes()
         self._studio.redraw()
@@ -111,14 +120,12 @@ class TeachPanel:
         self._rows.clear()
         outliers = {one.name: one.outlier for one in bench.comparison()}
         with self._list:
-            if not bench.takes:
-                self._rows[''] = (gui.add_markdown('none yet'),)
+            self._dropped.options = tuple(take.path.name for take in bench.takes) or (NONE,)
             for take in bench.takes:
                 name, shown = take.path.name, take.recording.demonstration
                 outlier = outliers.get(name, '')
-                box = gui.add_checkbox(f'{name}, {shown.duration:.1f} s', take.used, hint=outlier)
+                box = gui.add_checkbox(name, take.used,
+                                       hint=outlier or f'{shown.duration:.1f} s')
                 box.on_update(studio.later(partial(self._use, take, box)))
-                button = gui.add_button(f'drop {name}')
-                button.on_click(studio.later(partial(self._drop, take)))
                 note = (gui.add_markdown(f'*outlier: {outlier}*'),) if outlier else ()
-                self._rows[name] = (box, button, *note)
+                self._rows[name] = (box, *note)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.data import bags, recordings, runs, takes
+from gdmp_ros.data import bags, episodes, recordings, runs, takes
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.skill_from_bags import LearnedSkill, LearningSettings, skill_from_bags
 from gdmp_ros.dmp.options import SHORTEST_DURATION
@@ -17,6 +17,8 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.playback.prediction import likely_path
 from gdmp_ros.studio.shown_motion import check_shown, of_run, ShownMotion
 
+#: Most messages on a topic of a bag.
+LARGEST = 600_000
 #: Ellipsoids along a tube.
 TUBE = 24
 
@@ -174,17 +176,6 @@ class Workbench:
             skill = Skill.of(through(skill, points, ['position']))
         return skill
 
-    def tube(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """
-        How takes vary around the changed skill (`gdmp_ros.playback.prediction.likely_path`).
-
-        None for a skill of a single take, and with via points, which no take showed.
-        """
-        if self.skill.distribution is None or self.changes.via:
-            return None
-        skill = self.edited()
-        return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
-
     def add_via(self, progress: float, position: np.ndarray) -> None:
         """
         Let the changed skill pass through a position [m].
@@ -214,11 +205,37 @@ class Workbench:
             raise DataError(f'{path}: cannot write: {error.strerror}') from None
 
 
+def tube(skill: Skill) -> tuple[np.ndarray, np.ndarray] | None:
+    """
+    How takes vary around a skill (`gdmp_ros.playback.prediction.likely_path`).
+
+    None for a skill of a single take, and with via points, which no take showed.
+    """
+    if skill.distribution is None or skill.via:
+        return None
+    return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
+
+
 def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """A point with another pose, or another position."""
     result = np.array(point, dtype=float)
     result[:len(pose)] = pose
     return result
+
+
+def _is_run(bag: Path) -> bool:
+    """
+    Whether a bag has references and states of an arm.
+
+    :raises DataError: if reading it would take minutes
+    """
+    found = bags.topics(bag)
+    for topic, _, count in found:
+        if count > LARGEST:
+            raise DataError(f'{bag}: topic {topic} has {count} messages, the studio opens bags '
+                            f'with at most {LARGEST} on a topic (10 min at 1 kHz): cut it, or '
+                            'see it with gdmp report')
+    return all(runs.streams(found))
 
 
 def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -> Workbench:
@@ -234,7 +251,7 @@ def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -
             bench.open_skill(source)
         else:
             for bag in takes.bags_in(source):
-                if all(runs.streams(bags.topics(bag))):
+                if not episodes.is_foreign(bag) and _is_run(bag):
                     bench.runs[bag.name] = of_run(bag)
                 else:
                     bench.open_take(bag)

@@ -34,7 +34,7 @@ class StudioProcess:
         for line in self.process.stdout:
             self.lines.append(line)
             found = re.search(r'studio: (http://\S+)', line)
-            if found:
+            if found is not None and found is not False:
                 self.address = found.group(1)
                 return
         raise AssertionError(''.join(self.lines))
@@ -92,7 +92,7 @@ class Page:
         while True:
             text = self.text()
             found = until(text)
-            if found:
+            if found is not None and found is not False:
                 return found
             assert time.monotonic() < ends, f'{what}:\n{text}'
             self.page.wait_for_timeout(50)
@@ -102,6 +102,16 @@ class Page:
 
     def click(self, button):
         self.page.get_by_role('button', name=button, exact=True).click()
+
+    def type(self, before, after):
+        """Replace the text of the field that has a text."""
+        self.page.locator(f'input[value="{before}"]').fill(after)
+        self.page.keyboard.press('Enter')
+
+    def choose(self, label, option):
+        """Choose an option of a list."""
+        self.page.get_by_label(label, exact=True).first.click()
+        self.page.get_by_role('option', name=option, exact=True).click()
 
     def tick(self, box):
         """Tick or untick a box."""

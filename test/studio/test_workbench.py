@@ -6,9 +6,10 @@ from gdmp_ros import Skill, SpecialOrthogonal
 from gdmp_ros.data import lasa, recordings
 from gdmp_ros.data.skill_from_bags import LearningSettings
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.studio import workbench
 from gdmp_ros.studio.jobs import Jobs
 from gdmp_ros.studio.shown_motion import of_skill, SAMPLES
-from gdmp_ros.studio.workbench import opened
+from gdmp_ros.studio.workbench import opened, tube, Workbench
 from test.motions import motion
 
 
@@ -51,11 +52,11 @@ def test_a_via_point_that_cannot_be_met_changes_nothing(bench):
 
 
 def test_the_tube_follows_the_changes(bench):
-    poses, covariances = bench.tube()
+    poses, covariances = tube(bench.edited())
     assert np.linalg.eigvalsh(covariances[len(poses) // 2, :3, :3]).min() > 0.0
     bench.changes.goal = np.concatenate([bench.skill.goal[:3] + 0.05, bench.skill.goal[3:7]])
     # At its nominal end the motion still moves to a goal that was changed.
-    np.testing.assert_allclose(bench.tube()[0][-1, :3], bench.changes.goal[:3], atol=5e-3)
+    np.testing.assert_allclose(tube(bench.edited())[0][-1, :3], bench.changes.goal[:3], atol=5e-3)
 
 
 def test_takes_that_are_used_are_learned_and_one_is_dropped(bench, folder):
@@ -94,3 +95,19 @@ def test_of_the_same_kind_only_the_newest_job_waits():
     while (work := jobs.take(0.0)) is not None:
         work()
     assert done == ['button', 'drag again']
+
+
+def test_a_skill_with_many_functions_is_changed_too():
+    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0], 500)
+    bench = Workbench()
+    bench.add('many', skill)
+    bench.changes.goal = np.concatenate([skill.goal[:3] + 0.03, skill.goal[3:7]])
+    bench.add_via(0.5, bench.edited().rollout(duration=1.0).advance(0.5).point[:3] + 0.01)
+    np.testing.assert_allclose(of_skill(bench.edited()).poses[-1, :3], bench.changes.goal[:3],
+                               atol=1e-3)
+
+
+def test_a_bag_that_would_take_minutes_is_refused_with_the_reason(folder, monkeypatch):
+    monkeypatch.setattr(workbench, 'LARGEST', 100)
+    with pytest.raises(DataError, match='the studio opens bags with at most 100 on a topic'):
+        opened([folder / 'takes'])

@@ -69,6 +69,7 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     _draw(folder, run, timeline, document)
     print_table(document)
     print(f'report, pictures and bag: {folder}')
+    print(f'look at the run in a browser: gdmp studio {folder / "run"}')
     return 0
 
 
