@@ -1,7 +1,7 @@
 """Check whether an arm can follow a skill: reach, joint limits, singularities, collisions.
 
-The arm follows the path pose by pose from its home posture. Nothing is simulated: dynamics and
-contact are not checked. The exit code is 1 if it cannot follow the path.
+The arm follows the path pose by pose; the first posture is searched from its home posture. Speeds,
+dynamics and other objects are not checked. The exit code is 1 if it cannot follow the path.
 
 examples:
   gdmp check skill.json
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from gdmp_ros.dmp.skill import Skill
-    from gdmp_ros.sim.arm import Arm
+    from gdmp_ros.sim.path_check import PathCheck, PathChecker
 
 #: Poses of a path that are checked.
 POSES = 200
@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', default='', metavar='MODEL',
                         help='MJCF file, menagerie:NAME or robot_descriptions:NAME; the built-in '
                              'Panda by default')
-    parser.add_argument('--plot', type=Path, metavar='PNG', help='draw where it cannot')
+    parser.add_argument('--plot', type=Path, metavar='PNG',
+                        help='draw the path, where it cannot, and the margins')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,8 +55,7 @@ def run(options: argparse.Namespace) -> int:
         from gdmp_ros.sim.path_check import PathChecker
     arm = Arm(options.model)
     times = np.linspace(0.0, SHOWN * skill.duration, POSES)
-    poses = _poses(skill, arm, times, options.goal_position)
-    found = PathChecker(arm).check(times, poses)
+    found, positions = _checked(skill, PathChecker(arm), times, options.goal_position)
     problems = found.problems()
     table(f'{options.skill} with {options.model or "the Panda"}', ['', 'least'], [
         [one.label, f'{one.values.min():.3f}'] for one in found.margins])
@@ -65,14 +65,15 @@ def run(options: argparse.Namespace) -> int:
           else 'the arm can follow the whole path')
     if options.plot:
         from gdmp_ros.view import plots, skill_plots
-        plots.save(skill_plots.check_figure(found, poses[:, :3]), options.plot)
+        plots.save(skill_plots.check_figure(found, positions), options.plot)
         print(f'wrote {options.plot}')
     return 1 if problems else 0
 
 
-def _poses(skill: Skill, arm: Arm, times: np.ndarray, goal: list[float] | None) -> np.ndarray:
+def _checked(skill: Skill, checker: PathChecker, times: np.ndarray, goal: list[float] | None
+             ) -> tuple[PathCheck, np.ndarray]:
     """
-    Poses of the tool in the motion of a skill of a pose or of the joints.
+    Check the motion of a skill of a pose or of the joints; returns the positions of the tool too.
 
     :raises DataError: if it is another skill, or a goal position is given for one of the joints
     """
@@ -80,12 +81,15 @@ def _poses(skill: Skill, arm: Arm, times: np.ndarray, goal: list[float] | None) 
 
     from gdmp_ros.playback.player_settings import PlayerSettings
     from gdmp_ros.playback.streamed import streamed
-    tool = streamed(skill, PlayerSettings())
+    of_joints = streamed(skill, PlayerSettings()).of_joints
     if goal is not None:
-        if tool.of_joints:
+        if of_joints:
             raise DataError('the goal of a skill of the joints is a posture, not a position')
         moved = skill.goal.copy()
         moved[:3] = goal
         skill = skill.between(goal=moved)
     points = skill.rollout().sample(times).points.reshape(len(times), -1)
-    return np.array([arm.pose_at(point) for point in points]) if tool.of_joints else points[:, :7]
+    if of_joints:
+        found = checker.check_postures(times, points)
+        return found, np.array([checker.position(posture) for posture in points])
+    return checker.check(times, points[:, :7]), points[:, :3]

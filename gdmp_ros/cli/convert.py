@@ -2,11 +2,13 @@
 
 Demonstrations: rosbag2 folders, tables (.csv), NumPy archives (.npz), MATLAB (.mat), HDF5 (.h5,
 .hdf5; also robomimic), Parquet, LeRobot data sets (version 3). Skills: ours, and CartesianDMP in
-movement_primitives' JSON. A skill that is converted to a demonstration becomes its motion; with
---rollouts several that vary as its takes did.
+movement_primitives' JSON. From a skill its motion is written; with --rollouts N, N random motions
+from the distribution of its takes.
 
-What the arrays and columns of other programs mean is guessed from their names, and stated. --key,
---quaternion and --rate-hz say it. A file with several episodes: data.hdf5#2 is the third one.
+What the arrays and columns of other programs mean is guessed from their names, and the guess is
+printed. Correct it with --key, --quaternion and --rate-hz. Only poses of the tool are read: a
+position, a unit quaternion, and a stiffness. Of a file with several episodes data.hdf5#2 is the
+third one.
 
 The name of the result determines its format: .csv, .npz, .hdf5 (robomimic), .json (a skill),
 anything else a rosbag2 folder; --as overrides it. Several demonstrations become several bags.
@@ -15,8 +17,8 @@ examples:
   gdmp convert takes/take_001 -o take.csv
   gdmp convert optitrack.csv -o take --quaternion xyzw --scale 0.001
   gdmp convert data.mat -o take --key points=traj --rate-hz 100
-  gdmp convert takes -o dataset --as lerobot --rate-hz 30 --task "write a G"
-  gdmp convert skill.json -o rollouts.hdf5 --rollouts 50 --rate-hz 20
+  gdmp convert takes -o dataset --as lerobot --fps 30 --task "write a G"
+  gdmp convert skill.json -o rollouts.hdf5 --rollouts 50 --fps 20
   gdmp convert skill.json -o motion.npz --rate-hz 200
   gdmp convert skill.json -o cartesian_dmp.json --as movement_primitives
 """
@@ -40,8 +42,10 @@ _BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.json': 'skill', '.h5': 'robomimic'
               '.hdf5': 'robomimic'}
 _ROLES = ('times', 'points', 'position', 'orientation', 'stiffness')
 T = TypeVar('T')
-#: Frames per second without --rate-hz.
-RATE_HZ = 100.0
+#: Samples per second of a skill's motion, and of a data set.
+RATE_HZ, FPS = 100.0, 30
+#: Formats that are read only.
+_READ_ONLY = ('.mat', '.parquet')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,20 +62,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--offset', type=float, nargs=3, default=(0.0, 0.0, 0.0),
                         metavar=('X', 'Y', 'Z'), help='added to the scaled positions [m]')
     parser.add_argument('--rate-hz', type=float, metavar='HZ',
-                        help='samples per second: of a source without times, of the motion of a '
-                             f'skill, of a data set (default {RATE_HZ:g})')
+                        help='samples per second: of a source without times, which needs it; of '
+                             f'the motion of a skill (default {RATE_HZ:g})')
+    parser.add_argument('--fps', type=int, default=FPS, metavar='N',
+                        help='frames per second of LeRobot and robomimic data sets '
+                             '(default %(default)s)')
     parser.add_argument('--task', default='a demonstrated motion', metavar='TEXT',
                         help='what is done, in words, for LeRobot')
     parser.add_argument('--rollouts', type=int, default=1, metavar='N',
                         help='motions of a skill of several takes that vary as the takes did')
     add_bag_output(parser)
-    parser.add_argument('--force', action='store_true', help='replace an existing file')
+    parser.add_argument('--force', action='store_true',
+                        help='replace an existing file or bag; a data set is never replaced')
 
 
 def run(options: argparse.Namespace) -> None:
     """Convert; nothing is written unless the sources are valid."""
     if options.rate_hz is not None:
         check_number('--rate-hz', options.rate_hz, 1.0, 10_000.0)
+    check_number('--fps', options.fps, 1, 1000)
+    if options.format is None and options.output.suffix in _READ_ONLY:
+        raise DataError(f'{options.output}: {options.output.suffix} files are read, not written')
     check_number('--rollouts', options.rollouts, 1, 100_000)
     check_number('--scale', options.scale, above=0.0)
     if options.output.exists() and not options.force:
@@ -88,7 +99,7 @@ def run(options: argparse.Namespace) -> None:
 def _convert(options: argparse.Namespace, target: str) -> None:
     from gdmp_ros.data import exchange, lerobot, robomimic
     from gdmp_ros.dmp.skill import Skill
-    output, rate = options.output, options.rate_hz or RATE_HZ
+    output = options.output
     if target == 'movement_primitives':
         deviation = exchange.to_movement_primitives(output, _skill(_only(options.sources)))
         print(f'the pose only; its motion deviates by at most {1e3 * deviation:.1f} mm')
@@ -103,9 +114,9 @@ def _convert(options: argparse.Namespace, target: str) -> None:
     elif target == 'lerobot':
         if output.exists():
             raise DataError(f'{output}: exists; a data set is not replaced')
-        lerobot.write(output, shown, rate, options.task)
+        lerobot.write(output, shown, options.fps, options.task)
     elif target == 'robomimic':
-        robomimic.write(output, shown, rate)
+        robomimic.write(output, shown, options.fps)
     else:
         write = exchange.write_csv if target == 'csv' else exchange.write_npz
         write(output, _only(shown))

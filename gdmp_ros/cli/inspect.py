@@ -1,9 +1,10 @@
-"""Show the contents of a bag or of a skill file.
+"""Show the contents of a bag, a skill file, or a file of another program.
 
 examples:
   gdmp inspect demos/GShape_1
   gdmp inspect run --pose-topic /panda_sim/measured_pose
   gdmp inspect skill.json
+  gdmp inspect data.hdf5
 """
 from __future__ import annotations
 
@@ -30,12 +31,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print a bag if the path is a folder, otherwise a skill."""
     path = options.path
+    from gdmp_ros.data import episodes
+    if episodes.is_foreign(path):
+        _print_foreign(path)
+        return
     if not path.exists():
         raise DataError(f'{path}: no such bag or skill file')
     if path.is_dir():
         _print_bag(path, options.pose_topic)
     else:
         _print_skill(path)
+
+
+def _print_foreign(path: Path) -> None:
+    from gdmp_ros.data import episodes
+    sources = episodes.sources(path)
+    table(str(path), ['episode', 'samples', 'duration [s]', 'how it is read'],
+          [_episode_row(source) for source in sources])
+
+
+def _episode_row(source: Path) -> list[object]:
+    from gdmp_ros.data import episodes
+    try:
+        found = episodes.read(source)
+    except DataError as error:
+        return [source.name, '', '', f'refused: {error}']
+    shown = found.demonstration
+    return [source.name, len(shown.times), f'{shown.duration:.3f}', '; '.join(found.notes)]
 
 
 def _print_bag(path: Path, pose_topic: str) -> None:

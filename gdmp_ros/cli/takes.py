@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.data import recordings, takes
     for name in options.drop:
         print(f'dropped: moved to {takes.drop(options.folder, name)}')
-    bags = takes.takes_in(options.folder)
+    bags = takes.bags_in(options.folder)
     with progress('reading', len(bags)) as step:
         shown = []
         for bag in bags:

@@ -63,17 +63,18 @@ class ArmControl:
         self.controller.move_tool(measured.pose, measured.pose)
         self.hold(measured)
 
-    def follow(self, target: np.ndarray) -> bool:
+    def follow(self, target: np.ndarray, mode: StreamMode = StreamMode.STREAMING) -> bool:
         """
         Offer a reference of a motion to the guard; whether it is followed.
 
         :param target: `gdmp_ros.control.target.TARGET_SIZE` numbers, or ``REQUIRED_SIZE``; or
             those of `gdmp_ros.control.joint_target`
+        :param mode: what its stream says of itself
         """
         guard = self.controller.guard
         of_joints = np.shape(target) == (joint_target_size(len(self.joints.torque)),)
         return guard.offer(target.copy() if of_joints else whole_target(target),
-                           Origin(guard.settings.frame))
+                           Origin(guard.settings.frame, mode=mode))
 
     @property
     def moves_joints(self) -> bool:

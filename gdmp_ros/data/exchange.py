@@ -16,6 +16,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.util.atomic_write import write_archive, write_text
 
 POSE = ('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
@@ -33,19 +34,27 @@ def columns(stiffness_size: int) -> list[str]:
     return [*POSE, *entries]
 
 
-def _stiffness_size(demonstration: Demonstration, path: Path) -> int:
+def stiffness_size_of(demonstration: Demonstration, path: Path) -> int:
+    """
+    Size of the stiffness matrices of a demonstration of a tool; 0 without a stiffness.
+
+    :raises DataError: if it is no such demonstration
+    """
     manifold = demonstration.manifold
     if (not isinstance(manifold, Product)
             or manifold.factors[:2] != (Euclidean(3), UnitQuaternion())):
         raise DataError(f'{path}: only poses with stiffness can be written, got {manifold!r}')
-    return manifold.factors[2].size if len(manifold.factors) > 2 else 0
+    rest = manifold.factors[2:]
+    if rest and not (len(rest) == 1 and isinstance(rest[0], SymmetricPositiveDefinite)):
+        raise DataError(f'{path}: only poses with stiffness can be written, got {manifold!r}')
+    return int(rest[0].size) if rest else 0
 
 
 def write_csv(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as CSV; the numbers are exact."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
-    writer.writerow(columns(_stiffness_size(demonstration, path)))
+    writer.writerow(columns(stiffness_size_of(demonstration, path)))
     for time, point in zip(demonstration.times, demonstration.points):
         writer.writerow([repr(float(value)) for value in (time, *point)])
     write_text(path, out.getvalue())
@@ -91,7 +100,7 @@ def is_own(path: Path) -> bool:
 
 def write_npz(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as an archive of ``times`` and ``points``."""
-    _stiffness_size(demonstration, path)
+    stiffness_size_of(demonstration, path)
     write_archive(path, {'times': demonstration.times, 'points': demonstration.points})
 
 
@@ -176,7 +185,7 @@ def to_movement_primitives(path: Path, skill: Skill) -> float:
     from movement_primitives.dmp import CartesianDMP
     from movement_primitives.io import write_json
     shown = motion(skill, STEP_S)
-    _stiffness_size(shown, path)
+    stiffness_size_of(shown, path)
     primitive = CartesianDMP(float(shown.duration), float(shown.times[1] - shown.times[0]),
                              max(skill.n_basis, 10))
     primitive.imitate(shown.times.copy(), shown.points[:, :7].copy())

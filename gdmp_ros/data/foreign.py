@@ -25,8 +25,14 @@ _WORDS = {'times': {'t', 'time', 'times', 'timestamp', 'timestamps', 'stamp', 's
 _OTHERS = {'v', 'vel', 'velocity', 'twist', 'linear', 'angular', 'omega', 'f', 'force', 'torque',
            'tau', 'next', 'action', 'actions', 'wrench', 'a', 'acc', 'acceleration', 'goal',
            'target', 'camera', 'image'}
-#: Largest time that is taken for seconds; larger ones are nanoseconds.
-_SECONDS = 1e12
+#: Words in names of what belongs to the tool.
+_TOOL = {'eef', 'ee', 'tcp', 'tool', 'hand', 'gripper', 'effector'}
+#: An axis at the end of a name: alone, after a separator, or after one letter such as q or p.
+_AXIS = re.compile(r'((?:.*[^a-z0-9])?(?:q|p|quat|pos)?)([wxyz])')
+#: Units of times, and their seconds.
+_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+#: Time between two samples of a recording [s].
+SHORTEST_STEP_S, LONGEST_STEP_S = 1e-4, 0.9
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class Import:
     """
     How arrays become a demonstration; what is not given is guessed.
 
-    :ivar keys: names of arrays by role, one of `ROLES`
+    :ivar keys: names of arrays by role, one of `ROLES`; columns are separated by commas, w first
     :ivar quaternion: order of the numbers of quaternions, one of `ORDERS`; empty: by the names
     :ivar rate_hz: samples per second, where no times are found; None: there must be times
     :ivar scale: factor of the positions, such as 0.001 for millimetres
@@ -88,10 +94,11 @@ class _Search:
     def __init__(self, where: str, arrays: Mapping[str, np.ndarray], settings: Import):
         self._where, self._arrays, self._settings = where, dict(arrays), settings
         self.notes: list[str] = []
-        for role, name in settings.keys.items():
-            if name not in self._arrays:
-                raise DataError(f'{where}: no array is called {name!r} ({role}); there are '
-                                f'{self._listed()}')
+        for role, given in settings.keys.items():
+            for name in given.split(','):
+                if name not in self._arrays:
+                    raise DataError(f'{where}: no array is called {name!r} ({role}); there are '
+                                    f'{self._listed()}')
 
     def pose(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Position, orientation (w first) and stiffness, one row for each sample."""
@@ -99,17 +106,52 @@ class _Search:
             position = self._vector('position', 'xyz')
             orientation = self._vector('orientation', 'wxyz')
             if position is not None and orientation is not None:
-                return position, orientation, self._stiffness()
+                stiffness = self._stiffness()
+                self._check_lengths(position, orientation, stiffness)
+                return position, orientation, stiffness
             self.notes.clear()
         points = self._one('points', (7, 16, 43))
         if points is None:
             raise DataError(f'{self._where}: no position and orientation were found; name them '
-                            'with --key position=NAME --key orientation=NAME, or --key '
-                            f'points=NAME. There are {self._listed()}')
+                            'with --key position=NAME --key orientation=NAME (or NAME,NAME,NAME '
+                            f'for columns), or --key points=NAME. There are {self._listed()}')
         name, rows = points
         rest = rows[:, 7:]
         return (rows[:, :3], _w_first(rows[:, 3:7], self._order(name, ORDERS[0])),
                 rest if rest.size else None)
+
+    def times(self, count: int) -> np.ndarray:
+        """Times of the samples [s]."""
+        given, rate = self._settings.keys.get('times'), self._settings.rate_hz
+        named = [given] if given else [name for name in self._named('times')
+                                       if self._arrays[name].size == count]
+        if not named and rate is not None:
+            return np.arange(count) / rate
+        if not named:
+            raise DataError(f'{self._where}: no times were found; give --rate-hz, or --key '
+                            f'times=NAME. There are {self._listed()}')
+        times = self._arrays[named[0]].reshape(-1)
+        if len(times) != count:
+            raise DataError(f'{self._where}: {named[0]} has {len(times)} times, the pose has '
+                            f'{count} samples')
+        return self._in_seconds(named[0], times - times[0])
+
+    def _in_seconds(self, name: str, times: np.ndarray) -> np.ndarray:
+        """Times in the first unit in which the samples are as far apart as in a recording."""
+        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        for unit, factor in _UNITS.items():
+            if SHORTEST_STEP_S <= step * factor <= LONGEST_STEP_S:
+                self.notes.append(f'times: {name} [{unit}], {factor * times[-1]:.4g} s')
+                return np.asarray(factor * times)
+        raise DataError(f'{self._where}: the samples of {name} are {step:.4g} apart: in no unit '
+                        'from s to ns is this the time between two samples of a recording')
+
+    def _check_lengths(self, *parts: np.ndarray | None) -> None:
+        lengths = [len(part) for part in parts if part is not None]
+        if len(set(lengths)) > 1:
+            raise DataError(f'{self._where}: position, orientation and stiffness have '
+                            f'{", ".join(map(str, lengths))} samples; found '
+                            f'{"; ".join(self.notes)}')
 
     def _stiffness(self) -> np.ndarray | None:
         """Stiffness matrices row by row, in one array or in columns k11, k12, and so on."""
@@ -125,21 +167,6 @@ class _Search:
                                         for entry in entries])
         return None
 
-    def times(self, count: int) -> np.ndarray:
-        """Times of the samples [s]."""
-        rate = self._settings.rate_hz
-        named = [name for name in self._named('times') if self._arrays[name].size == count]
-        if not named and rate is not None:
-            return np.arange(count) / rate
-        if not named:
-            raise DataError(f'{self._where}: no times were found; give --rate-hz, or --key '
-                            f'times=NAME. There are {self._listed()}')
-        times = self._arrays[named[0]].reshape(-1)
-        if np.abs(times).max() > _SECONDS:
-            self.notes.append(f'{named[0]} is taken as nanoseconds')
-            return np.asarray(1e-9 * (times - times[0]))
-        return times
-
     def _named(self, role: str) -> list[str]:
         """Names of arrays that may have a role."""
         given = self._settings.keys.get(role)
@@ -149,21 +176,30 @@ class _Search:
                 if _words(name) & _WORDS[role] and not _words(name) & _OTHERS]
 
     def _one(self, role: str, widths: Sequence[int]) -> tuple[str, np.ndarray] | None:
-        """The array of a role with one of these widths."""
-        given = role in self._settings.keys
+        """
+        The array of a role with one of these widths.
+
+        :raises DataError: if there are several, or the one that was named has another width
+        """
+        given = self._settings.keys.get(role)
+        if given and ',' in given:
+            return None
+        fitting = []
         for name in self._named(role):
-            rows = self._arrays[name]
-            rows = rows.reshape(len(rows), -1)
-            if rows.shape[1] not in widths and rows.shape[0] in widths:
-                rows = rows.T  # MATLAB often has samples in columns
-            if rows.shape[1] in widths:
-                if not given:
-                    self.notes.append(f'{role}: {name}')
-                return name, rows
-            if given:
+            rows = _rows(self._arrays[name], widths)
+            if rows is not None:
+                fitting.append((name, rows))
+            elif given:
                 raise DataError(f'{self._where}: {name} has shape {self._arrays[name].shape}, '
                                 f'expected {" or ".join(map(str, widths))} numbers a sample')
-        return None
+        if len(fitting) > 1:
+            fitting = [one for one in fitting if _words(one[0]) & _TOOL] or fitting
+        if len(fitting) > 1:
+            raise DataError(f'{self._where}: {", ".join(name for name, _ in fitting)} may be the '
+                            f'{role}: choose with --key {role}=NAME')
+        if fitting and not given:
+            self.notes.append(f'{role}: {fitting[0][0]}')
+        return fitting[0] if fitting else None
 
     def _vector(self, role: str, axes: str) -> np.ndarray | None:
         """A position, or an orientation (w first), in one array or in columns."""
@@ -175,22 +211,37 @@ class _Search:
         if columns is None:
             return None
         self.notes.append(f'{role}: {", ".join(columns)}')
+        lengths = {self._arrays[name].size for name in columns}
+        if len(lengths) > 1:
+            raise DataError(f'{self._where}: {", ".join(columns)} have different lengths')
         return np.column_stack([self._arrays[name].reshape(-1) for name in columns])
 
     def _columns(self, role: str, axes: str) -> list[str] | None:
-        """Names of the columns of a vector, in the order of ``axes``."""
-        found: dict[str, str] = {}
+        """
+        Names of the columns of a vector, in the order of ``axes``.
+
+        :raises DataError: if there are several such vectors
+        """
+        given = self._settings.keys.get(role)
+        if given:
+            names = given.split(',')
+            if len(names) != len(axes):
+                raise DataError(f'{self._where}: --key {role}={given}: expected {len(axes)} '
+                                f'columns, {", ".join(axes)}')
+            return names
+        found: dict[str, dict[str, str]] = {}
         for name in self._arrays:
-            match = re.fullmatch(r'(.*?)[ ._/-]*([a-z]*?)([wxyz])', name.strip().lower())
-            if match is None:
-                continue
-            before = _words(match.group(1)) | {match.group(2)}
-            if before & _OTHERS:
-                continue
-            turned = bool(before & _WORDS['orientation'])
-            if turned == (role == 'orientation') and match.group(3) in axes:
-                found.setdefault(match.group(3), name)
-        return [found[axis] for axis in axes] if len(found) == len(axes) else None
+            match = _AXIS.fullmatch(name.strip().lower())
+            if match is not None and not _words(match.group(1)) & _OTHERS:
+                found.setdefault(match.group(1), {})[match.group(2)] = name
+        fitting = [group for prefix, group in found.items()
+                   if set(group) == set(axes) and (role == 'position' or 'w' in group)
+                   and not (role == 'position' and _words(prefix) & _WORDS['orientation'])]
+        if len(fitting) > 1:
+            shown = '; '.join(', '.join(group[axis] for axis in axes) for group in fitting)
+            raise DataError(f'{self._where}: {shown} may be the {role}: choose with --key '
+                            f'{role}={",".join(fitting[0][axis] for axis in axes)}')
+        return [fitting[0][axis] for axis in axes] if fitting else None
 
     def _order(self, name: str, usual: str) -> str:
         if self._settings.quaternion:
@@ -202,6 +253,16 @@ class _Search:
         shown = [f'{name} {array.shape}' for name, array in self._arrays.items()]
         more = f' and {len(shown) - 12} more' if len(shown) > 12 else ''
         return (', '.join(shown[:12]) + more) or 'no arrays of numbers'
+
+
+def _rows(array: np.ndarray, widths: Sequence[int]) -> np.ndarray | None:
+    """An array with one row for each sample; None if it has another width."""
+    if array.ndim == 3 and array.shape[0] == array.shape[1] != array.shape[2]:
+        array = np.moveaxis(array, 2, 0)  # MATLAB often has samples last
+    rows = array.reshape(len(array), -1)
+    if rows.shape[1] not in widths and rows.shape[0] in widths:
+        rows = rows.T
+    return rows if rows.shape[1] in widths else None
 
 
 def _words(name: str) -> set[str]:

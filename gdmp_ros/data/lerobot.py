@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.data.exchange import columns
+from gdmp_ros.data.exchange import columns, stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -66,9 +66,9 @@ def _info(folder: Path) -> dict[str, Any]:
     try:
         info = json.loads(path.read_text())
         version = info['codebase_version']
-        if not isinstance(info['features'], dict):
-            raise ValueError('features are no table')
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        if not all(isinstance(part, dict) for part in info['features'].values()):
+            raise ValueError('a feature is no table')
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f'{path}: damaged ({type(error).__name__}: {error})') from None
     if version != VERSION:
         raise DataError(f'{path}: version {version}, expected {VERSION}: convert it with '
@@ -143,11 +143,10 @@ def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: st
 def _names_of(folder: Path, shown: Sequence[Demonstration]) -> list[str]:
     if not shown:
         raise DataError(f'{folder}: there is nothing to write')
-    size = {7: 0, 16: 3, 43: 6}.get(shown[0].manifold.point_size)
-    if size is None or any(one.manifold != shown[0].manifold for one in shown):
-        raise DataError(f'{folder}: only poses with the same kind of stiffness can be written, '
-                        f'got {shown[0].manifold!r}')
-    return columns(size)[1:]
+    sizes = {stiffness_size_of(one, folder) for one in shown}
+    if len(sizes) > 1:
+        raise DataError(f'{folder}: only poses with the same kind of stiffness can be written')
+    return columns(sizes.pop())[1:]
 
 
 def _frames(shown: Demonstration, rate_hz: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gdmp_ros.data.exchange import stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -41,8 +42,10 @@ def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
     """
     with optional_import(extra('datasets')):
         import h5py
-    if not shown or any(one.manifold.point_size not in (7, 16, 43) for one in shown):
-        raise DataError(f'{path}: only poses with or without a stiffness can be written')
+    if not shown:
+        raise DataError(f'{path}: there is nothing to write')
+    for one in shown:
+        stiffness_size_of(one, path)
     partial = path.with_name(f'.{path.name}.partial')
     try:
         with h5py.File(partial, 'w') as file:

@@ -101,7 +101,7 @@ def _hdf5(path: Path) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and item.ndim in (1, 2):
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and item.ndim in (1, 2, 3):
             found[name] = np.asarray(item[()], dtype=float)
     with h5py.File(path, 'r') as file:
         file.visititems(visit)

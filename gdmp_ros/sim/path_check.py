@@ -10,7 +10,7 @@ import numpy as np
 
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import singular_value
-from gdmp_ros.errors import ManifoldError
+from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.reach import Reach, REACHED_M, REACHED_RAD
 
@@ -126,25 +126,45 @@ class PathChecker:
         :param posture: with which the arm comes to the first pose is searched from here [rad];
             by default the home posture
         """
-        arm, reach = self._arm, self._reach
-        near = arm.home if posture is None else posture
+        reach = self._reach
+        near = self._arm.home if posture is None else posture
         with suppress(ManifoldError):  # `away` tells how far it comes then
             near = reach.posture(poses[0], near, _STARTS)
-        postures, away, margin, joint, singular, clearance = [], [], [], [], [], []
-        direction = np.empty(6)
+        postures, away = [], []
         for pose in poses:
             near, *distance = reach.towards(pose, near)
-            arm.reset(near)
-            measured = arm.measure()
-            to_limit = np.minimum(near - arm.limits.lower, arm.limits.upper - near)
             postures.append(near)
             away.append(distance)
+        return self._at(times, np.array(postures), np.array(away))
+
+    def check_postures(self, times: np.ndarray, postures: np.ndarray) -> PathCheck:
+        """
+        Check a path of the joints.
+
+        :param postures: [rad], shape ``(T, n)``
+        :raises DataError: if the arm has another number of joints
+        """
+        count = len(self._arm.names)
+        if postures.shape[1] != count:
+            raise DataError(f'the path is of {postures.shape[1]} joints, the arm has {count}')
+        return self._at(times, postures, np.zeros((len(postures), 2)))
+
+    def position(self, posture: np.ndarray) -> np.ndarray:
+        """Position of the tool in a posture [m]."""
+        return self._reach.pose_at(posture)[:3]
+
+    def _at(self, times: np.ndarray, postures: np.ndarray, away: np.ndarray) -> PathCheck:
+        arm, direction = self._arm, np.empty(6)
+        margin, joint, singular, clearance = [], [], [], []
+        for posture in postures:
+            arm.reset(posture)
+            to_limit = np.minimum(posture - arm.limits.lower, arm.limits.upper - posture)
             joint.append(int(np.argmin(to_limit)))
             margin.append(float(to_limit.min()))
-            singular.append(singular_value(measured.jacobian, direction))
+            singular.append(singular_value(arm.measure().jacobian, direction))
             clearance.append(self._clearance())
-        return PathCheck(np.asarray(times), np.array(postures), np.array(away), np.array(margin),
-                         np.array(joint), np.array(singular), np.array(clearance))
+        return PathCheck(np.asarray(times), postures, away, np.array(margin), np.array(joint),
+                         np.array(singular), np.array(clearance))
 
     def _clearance(self) -> float:
         model, data = self._arm.model, self._arm.data

@@ -14,6 +14,8 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from gdmp_ros.errors import GdmpError
+
 #: Hosts that only this machine reaches.
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 COOKIE = 'gdmp_studio'
@@ -30,7 +32,7 @@ class Access:
 
     def __init__(self, host: str):
         """:param host: that the page is served at"""
-        self._local = host in LOOPBACK
+        self._local, self._guarded = host in LOOPBACK, False
         self.token = '' if self._local else secrets.token_urlsafe(16)
 
     def check(self, request: Request) -> Response | None:
@@ -56,6 +58,12 @@ class Access:
         return _answer(HTTPStatus.UNAUTHORIZED, 'open the address that gdmp studio printed; it '
                                                 'ends in ?token=…')
 
+    def check_guarded(self) -> None:
+        """:raises GdmpError: if no server was started in `guarding`: its requests go unchecked"""
+        if not self._guarded:
+            raise GdmpError('this version of viser starts its server in another way: its requests '
+                            "cannot be checked; pip install 'viser>=1.1,<1.2'")
+
     def _knows(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.token.encode())
 
@@ -70,6 +78,7 @@ class Access:
             def process(connection: Any, request: Request) -> Any:
                 refused = self.check(request)
                 return process_request(connection, request) if refused is None else refused
+            self._guarded = True
             return serve(*args, process_request=process, **more)
         module.serve = guarded
         try:

@@ -65,6 +65,7 @@ class Studio:
     :ivar guided: whether the user guides the arm: the handles of the skill are hidden then
     :ivar takes_folder: where takes are recorded
     :ivar on_motion: called when the shown motion has changed
+    :ivar on_goal: called with the goal pose that the user has moved
     :ivar on_view: called with the newest view of the robot
     :ivar on_quiet: called when what takes longer has been computed
     """
@@ -84,6 +85,7 @@ class Studio:
         self.compared: set[str] = set()
         self.guided = False
         self.on_motion: list[Callable[[], None]] = []
+        self.on_goal: list[Callable[[np.ndarray], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
         self._quiet_at = 0.0
@@ -161,6 +163,12 @@ class Studio:
         except (GdmpError, OSError) as error:
             self.notify('refused', str(error), 'red')
 
+    def goal_moved(self) -> None:
+        """Tell that the user has moved the goal."""
+        if self.skill is not None:
+            for tell in self.on_goal:
+                tell(self.skill.goal[:7].copy())
+
     # The shown motion
 
     def change(self, work: Callable[[], None], dragged: bool = False) -> None:
@@ -220,7 +228,7 @@ class Studio:
         self.verdict = verdict
         if motion is not None:
             scene.line('path', motion.poses[:, :3], colour(1), verdict.wrong)
-        names = {f'take {take.path.name}': take for take in bench.takes if take.used}
+        names = {f'take {take.path}'.replace('/', ':'): take for take in bench.takes if take.used}
         for name in scene.lines('take '):
             if name not in names:
                 scene.line(name, None, colour(4))

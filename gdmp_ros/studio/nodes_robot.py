@@ -2,18 +2,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 import queue
 from tempfile import TemporaryDirectory
 import threading
 import time
-from typing import Any, TypeVar
+from typing import Any, TypeAlias
 
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
-from gdmp_msgs.srv import LoadSkill, SetSpeed
+from gdmp_msgs.srv import LoadSkill, MoveJoints, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
@@ -24,7 +25,6 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.lifecycle import reliable, SILENT_S
 from gdmp_ros.ros.polling import PolledGroup, take_latest
@@ -33,9 +33,13 @@ from gdmp_ros.studio.robot import RobotView
 #: Interval at which the states are read, and the pose of a hand is sent [s].
 PERIOD_S = 0.02
 #: Longest time for an answer of the nodes [s].
-ANSWER_S = 30.0
+ANSWER_S = 10.0
+#: Longest time in which a service is found [s].
+AVAILABLE_S = 3.0
+#: Longest time for the end of everything [s].
+CLOSING_S = 3.0
 RECORDER = 'take_recorder'
-T = TypeVar('T')
+_Command: TypeAlias = tuple[Callable[[], None], Future[None] | None]
 
 
 class NodesRobot:
@@ -57,28 +61,47 @@ class NodesRobot:
         self._hand = node.create_publisher(PoseStamped, f'{arm}/hand_pose', reliable(1))
         node.create_subscription(RecorderState, f'{RECORDER}/state', self._on_recorder,
                                  reliable(1))
+        # From the beginning, so that the nodes know them when they are called.
+        self._services: dict[str, Any] = {name: node.create_client(kind, name) for name, kind in (
+            *((f'{server}/{name}', kind) for name, kind in (
+                ('load_skill', LoadSkill), ('set_speed', SetSpeed), ('stop', Trigger),
+                ('pause', SetBool))),
+            *((f'{arm}/{name}', kind) for name, kind in (
+                ('teach', SetBool), ('move_joints', MoveJoints), ('identify_friction', SetBool))),
+            *((f'{RECORDER}/{name}', Trigger) for name in ('start', 'stop', 'discard')))}
         self._robot: RobotState | None = None
         self._recorder: RecorderState | None = None
-        self._received, self._problem = 0.0, ''
+        self._state: ServerState | None = None
+        self._received = {'server': 0.0, 'arm': 0.0}
+        self._problem, self._tempo = '', 1.0
         self._skill: tuple[Skill, str] | None = None
         self._pulled: np.ndarray | None = None
-        self._executing = False
+        self._executing = self._guided = self._records = False
+        self._homing: Any = None
         self._folder = TemporaryDirectory(prefix='gdmp-studio-')
-        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name='nodes', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
+        """Stop what this studio has begun: a motion, hand guiding, a take."""
+        self._pulled = None
+        self._drop_commands()
+        with suppress(GdmpError):
+            self._ask(self._finish, CLOSING_S)
         self._ends.set()
-        self._thread.join(5.0)
+        self._thread.join(CLOSING_S)
         self._client.close()
         self._folder.cleanup()
 
     def view(self) -> RobotView | None:
-        state, robot = self._client.state, self._robot
-        if robot is None or time.monotonic() - self._received > SILENT_S:
+        robot, state = self._robot, self._state
+        now = time.monotonic()
+        if robot is None or now - self._received['arm'] > SILENT_S:
             return None
+        if now - self._received['server'] > SILENT_S:
+            state = None
         pose = messages.pose_numbers(robot.pose)
         goal = messages.pose_numbers(state.goal[0]) if state is not None and state.goal else None
         away = (0.0, 0.0) if goal is None else pose_distance(pose, goal)
@@ -101,49 +124,63 @@ class NodesRobot:
     def use(self, skill: Skill, name: str) -> None:
         self._skill = skill, name
 
-    def start(self, goal: np.ndarray | None) -> None:
+    def start(self) -> None:
         self._problem = ''
-        self._commands.put(self._start)
+        self._put(self._start)
 
     def stop(self) -> None:
-        self._commands.put(self._stop)
+        self._pulled = None
+        self._drop_commands()
+        self._put(self._stop)
 
     def pause(self, paused: bool) -> None:
-        self._commands.put(partial(self._request, SetBool, f'{self._server}/pause', data=paused))
+        self._put(partial(self._request, f'{self._server}/pause', data=paused))
 
     def set_tempo(self, tempo: float) -> None:
-        self._commands.put(partial(self._request, SetSpeed, f'{self._server}/set_speed',
-                                   scale=tempo))
+        self._tempo = tempo
+        self._put(partial(self._request, f'{self._server}/set_speed', scale=tempo))
 
     def switch_goal(self, pose: np.ndarray) -> None:
-        self._commands.put(partial(self._switch, pose.copy()))
+        self._put(partial(self._switch, pose.copy()))
 
     # The arm
 
     def guide(self, guided: bool) -> None:
         self._pulled = None
-        self._commands.put(partial(self._request, SetBool, f'{self._arm}/teach', data=guided))
+        self._put(partial(self._guide, guided))
 
     def pull(self, pose: np.ndarray | None) -> None:
         self._pulled = None if pose is None else pose.copy()
 
     def home(self) -> None:
-        self._commands.put(lambda: move_joints(self._client, self._arm))
+        self._problem = ''
+        self._put(self._go_home)
 
     def record(self, folder: Path) -> None:
         if self._recorder is None:
             raise ParameterError(f'no {RECORDER} runs: ros2 run gdmp_ros {RECORDER}')
-        self._ask(lambda: self._request(Trigger, f'{RECORDER}/start'))
+        if self._recorder.status == 'waiting':
+            raise ParameterError(f'{RECORDER} waits for the pose of the arm: see its parameter '
+                                 'pose_topic')
+        self._ask(lambda: self._request(f'{RECORDER}/start'), ANSWER_S)
+        self._records = True
 
     def keep(self) -> Path:
-        recorder = self._recorder
-        if recorder is None or recorder.status != 'recording':
-            raise ParameterError('no take is being recorded')
-        self._ask(lambda: self._request(Trigger, f'{RECORDER}/stop'))
+        recorder = self._recording()
+        self._ask(lambda: self._request(f'{RECORDER}/stop'), ANSWER_S)
+        self._records = False
         return Path(recorder.folder) / str(recorder.take)
 
     def discard(self) -> None:
-        self._commands.put(partial(self._request, Trigger, f'{RECORDER}/discard'))
+        self._recording()  # otherwise the recorder would put the last take aside
+        self._records = False
+        self._put(partial(self._request, f'{RECORDER}/discard'))
+
+    def _recording(self) -> RecorderState:
+        recorder = self._recorder
+        if recorder is None or recorder.status != 'recording':
+            raise ParameterError('no take is being recorded')
+        return recorder
 
     # The thread
 
@@ -151,19 +188,27 @@ class NodesRobot:
         while not self._ends.is_set():
             try:
                 while not self._commands.empty():
-                    self._commands.get()()
+                    work, future = self._commands.get()
+                    if future is None or future.set_running_or_notify_cancel():
+                        work()
                 self._client.spend(PERIOD_S)
                 self._read()
             except GdmpError as error:
                 self._problem = str(error)
 
     def _read(self) -> None:
-        message = take_latest(self._robots)
+        message, now = take_latest(self._robots), time.monotonic()
         if message is not None:
-            self._robot, self._received = message, time.monotonic()
+            self._robot, self._received['arm'] = message, now
+        if self._client.state is not self._state:
+            self._state, self._received['server'] = self._client.state, now
         if self._pulled is not None:
             # Repeated, because the arm counts a silent hand as released.
             self._hand.publish(self._stamped(self._pulled))
+        if self._homing is not None and self._homing.done():
+            reply, self._homing = self._homing.result(), None
+            if not reply.success:
+                raise GdmpError(f'{self._arm}/move_joints: {reply.message}')
         if self._executing and self._client.done():
             self._executing = False
             self._client.check_failure()
@@ -173,16 +218,37 @@ class NodesRobot:
             skill, name = self._skill
             path = Path(self._folder.name) / f'{name or "skill"}.json'
             skill.save(path)
-            self._request(LoadSkill, f'{self._server}/load_skill', path=str(path))
-        self._client.execute()
+            self._request(f'{self._server}/load_skill', path=str(path))
+        self._request(f'{self._server}/set_speed', scale=self._tempo)
+        self._client.execute(timeout=ANSWER_S)
         self._executing = True
 
     def _stop(self) -> None:
         self._executing = False  # that it did not reach its goal is no problem then
-        self._request(Trigger, f'{self._server}/stop')
+        if self._homing is not None:
+            self._homing = None
+            self._request(f'{self._arm}/identify_friction', data=False)  # ends every joint motion
+        self._request(f'{self._server}/stop')
+
+    def _go_home(self) -> None:
+        service = self._ready(f'{self._arm}/move_joints')
+        self._homing = service.call_async(MoveJoints.Request())
+
+    def _guide(self, guided: bool) -> None:
+        self._request(f'{self._arm}/teach', data=guided)
+        self._guided = guided
+
+    def _finish(self) -> None:
+        for begun, work in (
+                (self._executing or self._homing is not None, self._stop),
+                (self._guided, partial(self._guide, False)),
+                (self._records, partial(self._request, f'{RECORDER}/stop'))):
+            if begun:
+                with suppress(GdmpError):
+                    work()
 
     def _switch(self, pose: np.ndarray) -> None:
-        state = self._client.state
+        state = self._state
         if state is None:
             raise GdmpError(f'{self._server} is silent')
         self._client.goal_pose(pose, state.header.frame_id)
@@ -194,28 +260,50 @@ class NodesRobot:
         messages.set_pose(message.pose, pose)
         return message
 
-    def _request(self, kind: Any, name: str, **fields: Any) -> None:
-        reply = self._client.call(kind, name, **fields)
-        if not reply.success:
-            raise GdmpError(f'{name}: {reply.message}')
+    def _ready(self, name: str) -> Any:
+        service = self._services[name]
+        self._client.wait(f'the service {name}', service.service_is_ready, AVAILABLE_S)
+        return service
+
+    def _request(self, name: str, **fields: Any) -> None:
+        service = self._ready(name)
+        future = service.call_async(service.srv_type.Request(**fields))
+        self._client.wait(f'the reply of {name}', future.done, ANSWER_S)
+        if not future.result().success:
+            raise GdmpError(f'{name}: {future.result().message}')
 
     def _on_recorder(self, message: RecorderState) -> None:
         self._recorder = message
 
-    def _ask(self, work: Callable[[], T]) -> T:
-        """Let the thread do something, and wait for its result."""
-        future: Future[T] = Future()
+    # Commands
+
+    def _put(self, work: Callable[[], None]) -> None:
+        self._commands.put((work, None))
+
+    def _drop_commands(self) -> None:
+        """Forget what has not been carried out."""
+        with suppress(queue.Empty):
+            while True:
+                _, future = self._commands.get_nowait()
+                if future is not None:
+                    future.cancel()
+
+    def _ask(self, work: Callable[[], None], longest: float) -> None:
+        """Let the thread do something, and wait for it; what is not begun in time is not done."""
+        future: Future[None] = Future()
 
         def carry_out() -> None:
             try:
-                future.set_result(work())
+                work()
+                future.set_result(None)
             except GdmpError as error:
                 future.set_exception(error)
-        self._commands.put(carry_out)
+        self._commands.put((carry_out, future))
         try:
-            return future.result(ANSWER_S)
-        except FutureTimeoutError:
-            raise GdmpError(f'waited {ANSWER_S:g} s for the nodes, without success') from None
+            future.result(longest)
+        except (FutureTimeoutError, CancelledError):
+            future.cancel()
+            raise GdmpError(f'waited {longest:g} s for the nodes, without success') from None
 
 
 def _problem_of(state: ServerState | None) -> str:

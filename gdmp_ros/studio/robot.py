@@ -47,7 +47,9 @@ class RobotView:
 
 class Robot(Protocol):
     """
-    A robot that executes skills and can be guided by hand; all methods return at once.
+    A robot that executes skills and can be guided by hand.
+
+    Methods return at once, but for those of takes, which wait for an answer.
 
     :ivar name: for the page
     """
@@ -64,15 +66,15 @@ class Robot(Protocol):
         :raises GdmpError: if the robot cannot use it
         """
 
-    def start(self, goal: np.ndarray | None) -> None:
+    def start(self) -> None:
         """
-        Start the skill, with another goal pose or its own.
+        Start the skill from where the robot is.
 
         :raises GdmpError: if it cannot be started
         """
 
     def stop(self) -> None:
-        """Stop the motion smoothly."""
+        """Stop what moves the robot smoothly."""
 
     def pause(self, paused: bool) -> None:
         """Stop on the path, or go on."""

@@ -11,7 +11,7 @@ from gdmp_ros.studio.robot import RobotView
 
 #: Interval of the text [s].
 _TEXT_S = 0.2
-MOVING = ('moving', 'paused')
+_MOVING = ('moving', 'paused')
 
 
 class RunPanel:
@@ -31,33 +31,27 @@ class RunPanel:
             lambda: studio.robot.set_tempo(self._tempo.value), 'tempo'))
         self._switch = gui.add_checkbox(
             'switch the goal while it moves', True,
-            hint='a goal that is dragged, or typed, is sent to the robot at once')
+            hint='a goal that you drag or type is sent to a robot that moves')
         gui.add_button('move to the home posture').on_click(studio.later(studio.robot.home))
         self._text_due = 0.0
-        self._sent: np.ndarray | None = None
+        self._running = ''
         studio.on_view.append(self._show)
-        studio.on_motion.append(self._switch_goal)
+        studio.on_goal.append(self._switch_goal)
 
     def _start(self) -> None:
         studio = self._studio
-        skill = studio.bench.edited()
-        studio.robot.use(skill, studio.bench.chosen)
-        self._sent = skill.goal[:7].copy()
+        studio.robot.use(studio.bench.edited(), studio.bench.chosen)
+        studio.robot.set_tempo(self._tempo.value)
         self._paused.value = False
-        studio.robot.start(None)
+        studio.robot.start()
+        self._running = studio.bench.chosen
 
-    def _switch_goal(self) -> None:
-        """Send a changed goal to a robot in motion."""
+    def _switch_goal(self, goal: np.ndarray) -> None:
+        """Send a goal that the user has moved to a robot in motion, not to one at rest."""
         studio, view = self._studio, self._studio.view
-        if view is None or self._sent is None or not self._switch.value or not (
-                studio.bench.chosen and view.status in (*MOVING, 'holding')
-                and view.goal is not None):
-            return
-        goal = studio.bench.edited().goal[:7].copy()
-        if np.array_equal(goal, self._sent):
-            return
-        self._sent = goal
-        studio.robot.switch_goal(goal)
+        if (self._switch.value and view is not None and view.status in _MOVING
+                and studio.bench.chosen == self._running):
+            studio.robot.switch_goal(goal)
 
     def _show(self, view: RobotView | None) -> None:
         if time.monotonic() < self._text_due:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import errno
 from pathlib import Path
 import socket
 import threading
@@ -22,6 +23,8 @@ from gdmp_ros.util.signals import stop_event
 
 #: First port that is tried.
 PORT = 8080
+#: Addresses that stand for all of a machine.
+EVERYWHERE = ('0.0.0.0', '::')
 #: Ports that are tried if none is asked for.
 _TRIED = 100
 
@@ -61,6 +64,8 @@ def free_port(host: str, port: int) -> int:
                 return candidate
             except OSError as error:
                 reason = f'{error.strerror}'
+                if error.errno != errno.EADDRINUSE:
+                    raise DataError(f'--host {host}, port {candidate}: {reason}') from None
     raise DataError(f'{host}:{port or PORT}: {reason}; choose another one with --port')
 
 
@@ -78,6 +83,7 @@ def serve(bench: Workbench, settings: StudioSettings, make_robot: Callable[[], R
         with access.guarding():
             server = viser.ViserServer(settings.host, port, label='gdmp studio', verbose=False)
         try:
+            access.check_guarded()
             _show(server, bench, robot, settings, access, ends)
         finally:
             server.stop()
@@ -98,10 +104,12 @@ def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: S
     with tabs.add_tab('run'):
         RunPanel(studio)
     with tabs.add_tab('teach'):
-        TeachPanel(studio)
+        teach = TeachPanel(studio)
+    server.on_client_disconnect(lambda _: studio.jobs.put(teach.release))
     with gui.add_folder('time'):
         TimePanel(studio)
-    host = f'[{settings.host}]' if ':' in settings.host else settings.host
+    name = socket.gethostname() if settings.host in EVERYWHERE else settings.host
+    host = f'[{name}]' if ':' in name else name
     address = f'http://{host}:{server.get_port()}/' + (
         f'?token={access.token}' if access.token else '')
     print(f'studio: {address}  (Ctrl-C ends it)', flush=True)

@@ -12,6 +12,8 @@ import numpy as np
 
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.control.target import resting_target
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
@@ -60,7 +62,7 @@ class SimulatedRobot:
         self._streamer.activate(round(arm.period * NS))
         self._take: RecordedTake | None = None
         self._acted: dict[int, tuple[float, float]] = {}
-        self._problem, self._refused = '', 0
+        self._problem, self._refused, self._guard_refused, self._tempo = '', 0, 0, 1.0
         self._view: RobotView | None = None
         self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._rate, self._ends = 1.0, threading.Event()
@@ -80,22 +82,26 @@ class SimulatedRobot:
     def use(self, skill: Skill, name: str) -> None:
         self._streamer.use(skill, name)
 
-    def start(self, goal: np.ndarray | None) -> None:
+    def start(self) -> None:
         if self._loop.hand_guided or self._loop.moves_joints:
             raise ParameterError('the arm is guided by hand, or on its way home: wait, or end it')
         self._problem = ''
-        self._streamer.begin(goal_pose=goal)
+        self._streamer.loaded().set_speed(self._tempo)
+        self._streamer.begin()
 
     def stop(self) -> None:
-        self._loop.end_joint_motion('stopped')
+        self._commands.put(self._end_joint_motion)
         player = self._streamer.player
         if player is not None and player.status in (Status.MOVING, Status.PAUSED):
             player.stop()
 
     def pause(self, paused: bool) -> None:
-        self._streamer.loaded().pause(paused)
+        if self._streamer.player is None:
+            raise ParameterError('nothing moves: press start first')
+        self._streamer.player.pause(paused)
 
     def set_tempo(self, tempo: float) -> None:
+        self._tempo = tempo
         if self._streamer.player is not None:
             self._streamer.player.set_speed(tempo)
 
@@ -113,6 +119,8 @@ class SimulatedRobot:
         self._commands.put(lambda: self._pull(hand))
 
     def home(self) -> None:
+        if self._take is not None:
+            raise ParameterError('a take is being recorded: keep or discard it first')
         self.stop()
         self._commands.put(self._go_home)
 
@@ -147,6 +155,9 @@ class SimulatedRobot:
             except GdmpError as error:
                 self._recover(str(error))
                 continue
+            except Exception:
+                self._view = None  # the page says that the robot is silent
+                raise
             ticks += round(BATCH_S / period)
             now = time.monotonic()
             if now - begun > _RATE_S:
@@ -157,7 +168,7 @@ class SimulatedRobot:
         loop, arm = self._loop, self._loop.arm
         target = self._streamer.tick(round((arm.time + 1.0) * NS), LONGEST_S)
         if target is not None and not loop.hand_guided and not loop.moves_joints:
-            loop.follow(target)
+            loop.follow(target, self._streamer.mode)
         moved = loop.moves_joints
         tick = loop.tick()
         if moved and not loop.moves_joints:
@@ -166,8 +177,9 @@ class SimulatedRobot:
         self._pose, self._joints = tick.measurement.pose.copy(), tick.measurement.position.copy()
         for number in np.flatnonzero(tick.violation > 0.0):
             self._acted[int(number)] = arm.time, float(tick.violation[number])
-        if self._take is not None and self._streamer.ticks % SAMPLE_EVERY == 0:
-            self._take.add(arm.time, self._pose)
+        take = self._take  # the page may end it meanwhile
+        if take is not None and self._streamer.ticks % SAMPLE_EVERY == 0:
+            take.add(arm.time, self._pose)
         return tick
 
     def _viewed(self, tick: Tick) -> RobotView:
@@ -175,6 +187,10 @@ class SimulatedRobot:
         player, take = streamer.player, self._take
         if streamer.refusals.count > self._refused:
             self._refused, self._problem = streamer.refusals.count, streamer.refusals.last
+        guard = self._loop.controller.guard
+        if guard.refused > self._guard_refused:
+            self._problem = guard.last_refusal
+        self._guard_refused = guard.refused
         moves = player is not None and player.rollout is not None
         goal = player.goal if player is not None and moves else None
         away = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
@@ -199,9 +215,17 @@ class SimulatedRobot:
         if not guided:
             self._hold()
 
+    def _end_joint_motion(self) -> None:
+        if self._loop.moves_joints:
+            self._loop.end_joint_motion('stopped')
+            self._hold()
+
     def _hold(self) -> None:
         """Hold the arm where it is, and let the streamer begin there."""
-        self._loop.hold(self._loop.arm.measure())
+        measured = self._loop.arm.measure()
+        self._loop.hold(measured)
+        # The next motion is a stream of its own.
+        self._loop.follow(resting_target(measured.pose), StreamMode.ENDED)
         self._streamer.activate(round(self._loop.arm.period * NS))
 
     def _pull(self, hand: Hand | None) -> None:

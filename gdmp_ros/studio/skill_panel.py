@@ -46,14 +46,17 @@ class SkillPanel:
                 (np.array([0.0, 1.0]), nothing, nothing, nothing), tuple(series),
                 scales={'x': viser.uplot.Scale(time=False)}, height=220)
         with gui.add_folder('files'):
-            self._file = gui.add_text('file', 'skill.json')
+            self._file = gui.add_text('file', 'skill.json',
+                                      hint='counted from the folder where the studio was started')
+            self._replace = gui.add_checkbox('replace an existing file', False)
             gui.add_button('save the skill').on_click(studio.later(self._save))
             gui.add_button('export the motion as CSV').on_click(studio.later(self._export))
         self._compared = gui.add_folder('compare', visible=False)
         self._boxes: dict[str, viser.GuiCheckboxHandle] = {}
+        self._named = ''
         for handle, change in ((self._goal, self._type_goal), (self._start, self._type_start),
                                (self._duration, self._type_duration)):
-            handle.on_update(studio.later(partial(studio.change, change), change.__name__))
+            handle.on_update(studio.later(change, change.__name__))
         studio.on_motion.append(self._show)
         studio.on_quiet.append(self._show_verdict)
 
@@ -65,13 +68,16 @@ class SkillPanel:
             self._studio.redraw()
 
     def _type_goal(self) -> None:
-        self._move('goal', np.array(self._goal.value))
+        self._studio.change(lambda: self._move('goal', np.array(self._goal.value)))
+        self._studio.goal_moved()
 
     def _type_start(self) -> None:
-        self._move('start', np.array(self._start.value))
+        self._studio.change(lambda: self._move('start', np.array(self._start.value)))
 
     def _type_duration(self) -> None:
-        self._studio.bench.changes.duration = float(self._duration.value)
+        def change() -> None:
+            self._studio.bench.changes.duration = float(self._duration.value)
+        self._studio.change(change)
 
     def _move(self, which: str, numbers: np.ndarray) -> None:
         """Move the start or the goal to a pose, or to a position."""
@@ -82,8 +88,12 @@ class SkillPanel:
 
     def _drag(self, which: str, pose: np.ndarray, released: bool) -> None:
         studio = self._studio
-        studio.jobs.put(lambda: studio.change(lambda: self._move(which, pose), not released),
-                        None if released else f'drag {which}')
+
+        def move() -> None:
+            studio.change(lambda: self._move(which, pose), not released)
+            if which == 'goal':
+                studio.goal_moved()
+        studio.jobs.put(move, None if released else f'drag {which}')
 
     def _drag_via(self, progress: float, pose: np.ndarray, released: bool) -> None:
         studio, via = self._studio, self._studio.bench.changes.via
@@ -108,17 +118,33 @@ class SkillPanel:
         studio.change(studio.bench.changes.via.clear)
 
     def _save(self) -> None:
-        path = Path(self._file.value).expanduser()
+        path = self._path('.json')
         self._studio.bench.save(path)
+        self._studio.redraw()
         self._studio.notify('saved', str(path.absolute()), 'green')
 
     def _export(self) -> None:
-        path = Path(self._file.value).expanduser().with_suffix('.csv')
+        path = self._path('.json').with_suffix('.csv')
         try:
             exchange.write_csv(path, exchange.motion(self._studio.bench.edited(), EXPORT_STEP_S))
         except OSError as error:
             raise DataError(f'{path}: cannot write: {error.strerror}') from None
         self._studio.notify('exported', str(path.absolute()), 'green')
+
+    def _path(self, suffix: str) -> Path:
+        """
+        The file that the user has named.
+
+        :raises DataError: if it is no name of such a file, or there is another file already
+        """
+        name = self._file.value.strip()
+        path = Path(name)
+        if not name or path.suffix != suffix:
+            raise DataError(f'file {name!r}: expected the name of a file that ends in {suffix}')
+        if path.exists() and not self._replace.value:
+            raise DataError(f'{path}: exists already; tick "replace an existing file", or choose '
+                            'another name')
+        return path
 
     def _compare(self, name: str) -> None:
         compared = self._studio.compared
@@ -134,6 +160,9 @@ class SkillPanel:
             self._choice.options = names
             self._add_boxes()
         self._choice.value = bench.chosen or NONE
+        if bench.chosen != self._named:
+            self._named = bench.chosen
+            self._file.value = f'{bench.chosen.replace(" ", "_")}_changed.json'
         self._verdict.content = ''
         motion = studio.motion
         if motion is None:
@@ -150,7 +179,7 @@ class SkillPanel:
             f'{motion.speed:.2f} m/s; ends at {last[0]:.3f}, {last[1]:.3f}, {last[2]:.3f} m'
             + (f'; {bench.skill.n_basis} functions' if bench.chosen else '')
             + (f'; {via} via point{"s" if via > 1 else ""}' if via else '')
-            + (' (changed, not saved)' if bench.changes else ''))
+            + (' (changed, not saved)' if bench.unsaved else ''))
         self._goal.value, self._start.value = tuple(last[:3]), tuple(first[:3])
         self._duration.value = float(seconds)
         self._plot.data = (motion.times, *motion.poses[:, :3].T)

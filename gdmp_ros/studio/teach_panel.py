@@ -2,11 +2,13 @@
 from __future__ import annotations
 
 from functools import partial
+import time
 from typing import Any
 
 import numpy as np
 
 from gdmp_ros.choices import STIFFNESSES
+from gdmp_ros.data import takes
 from gdmp_ros.data.skill_from_bags import LearningSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
@@ -14,6 +16,8 @@ from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.workbench import Take
 
 HAND, NONE = 'hand', 'none yet'
+#: Time in which an arm does what it was asked for [s].
+ASKED_S = 2.0
 
 
 class TeachPanel:
@@ -44,18 +48,17 @@ class TeachPanel:
                 hint='cut-off frequency; 0: only what the fit chooses itself')
             self._stiffness = gui.add_dropdown('stiffness', STIFFNESSES, initial_value='auto')
             gui.add_button('learn', color='green').on_click(studio.later(self._learn))
-        self._rows: dict[str, tuple[Any, ...]] = {}
-        self._pulled = False
+        self._rows: list[Any] = []
+        self._pulled, self._asked = False, 0.0
         studio.on_view.append(self._show)
         self._show_takes()
 
     def _guide(self) -> None:
         studio, guided = self._studio, self._guided.value
+        self._asked = time.monotonic()
+        self._pulled = False
+        studio.robot.pull(None)
         studio.robot.guide(guided)
-        studio.guided, self._pulled = guided, False
-        pose = None if studio.view is None else studio.view.pose
-        studio.scene.handle(HAND, pose if guided else None, self._drag, scale=0.2)
-        studio.redraw()
 
     def _drag(self, pose: np.ndarray, released: bool) -> None:
         self._pulled = not released
@@ -64,14 +67,19 @@ class TeachPanel:
                               None if released else HAND)
 
     def _record(self) -> None:
-        if not self._guided.value:
+        studio = self._studio
+        if not studio.guided:
             raise DataError('nothing guides the arm: tick "guide the arm by hand" first')
-        self._studio.robot.record(self._studio.takes_folder)
+        studio.robot.record(studio.takes_folder)
 
     def _keep(self) -> None:
         studio = self._studio
         path = studio.robot.keep()
-        take = studio.bench.open_take(path)
+        try:
+            take = studio.bench.open_take(path)
+        except DataError:
+            takes.drop(path.parent, path.name)  # nothing could be learned with it in the folder
+            raise
         studio.notify('kept', f'{path}: {take.recording.demonstration.duration:.1f} s', 'green')
         self._show_takes()
         studio.redraw()
@@ -82,7 +90,7 @@ class TeachPanel:
 
     def _drop(self) -> None:
         bench = self._studio.bench
-        chosen = [take for take in bench.takes if take.path.name == self._dropped.value]
+        chosen = [take for take in bench.takes if bench.label(take) == self._dropped.value]
         if not chosen:
             raise DataError('there is no take to drop')
         moved = bench.drop(chosen[0])
@@ -106,26 +114,42 @@ class TeachPanel:
     def _show(self, view: RobotView | None) -> None:
         if view is None:
             return
+        self._follow(view)
         self._state.content = ('no take is being recorded' if view.recording is None
                                else f'**recording, {view.recording:.1f} s**')
-        if self._guided.value and not self._pulled:
-            self._studio.scene.handle(HAND, view.pose)
+
+    def _follow(self, view: RobotView) -> None:
+        """Show what the arm really does: it may end hand guiding, or refuse it."""
+        studio, guided = self._studio, view.mode == 'guided'
+        if guided != self._guided.value and time.monotonic() - self._asked > ASKED_S:
+            self._guided.value = guided
+        if guided != studio.guided:
+            studio.guided = guided
+            studio.redraw()
+        if not guided:
+            studio.scene.handle(HAND, None)
+        elif not self._pulled:
+            studio.scene.handle(HAND, view.pose, self._drag, scale=0.2)
+
+    def release(self) -> None:
+        """Let go of the arm, as when a browser is closed while the mouse pulls it."""
+        self._pulled = False
+        self._studio.robot.pull(None)
 
     def _show_takes(self) -> None:
         studio, bench = self._studio, self._studio.bench
         gui = studio.server.gui
-        for parts in self._rows.values():
-            for part in parts:
-                part.remove()
+        for part in self._rows:
+            part.remove()
         self._rows.clear()
-        outliers = {one.name: one.outlier for one in bench.comparison()}
+        outliers = [one.outlier for one in bench.comparison()] or [''] * len(bench.takes)
         with self._list:
-            self._dropped.options = tuple(take.path.name for take in bench.takes) or (NONE,)
-            for take in bench.takes:
-                name, shown = take.path.name, take.recording.demonstration
-                outlier = outliers.get(name, '')
-                box = gui.add_checkbox(name, take.used,
+            self._dropped.options = tuple(bench.label(take) for take in bench.takes) or (NONE,)
+            for take, outlier in zip(bench.takes, outliers):
+                shown = take.recording.demonstration
+                box = gui.add_checkbox(bench.label(take), take.used,
                                        hint=outlier or f'{shown.duration:.1f} s')
                 box.on_update(studio.later(partial(self._use, take, box)))
-                note = (gui.add_markdown(f'*outlier: {outlier}*'),) if outlier else ()
-                self._rows[name] = (box, *note)
+                self._rows.append(box)
+                if outlier:
+                    self._rows.append(gui.add_markdown(f'*outlier: {outlier}*'))

@@ -36,7 +36,7 @@ class Take:
     used: bool = True
 
 
-@dataclass
+@dataclass(eq=False)
 class Changes:
     """
     What the user has changed in a skill.
@@ -51,6 +51,13 @@ class Changes:
     goal: np.ndarray | None = None
     via: dict[float, np.ndarray] = field(default_factory=dict)
     duration: float | None = None
+
+    def copy(self) -> Changes:
+        """The same changes, which stay as they are."""
+        return replace(self, via=dict(self.via))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Changes) and repr(self) == repr(other)
 
     def __bool__(self) -> bool:
         return bool(self.via) or any(one is not None for one in (self.start, self.goal,
@@ -73,7 +80,7 @@ class Workbench:
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
         self.chosen = ''
-        self.changes = Changes()
+        self.changes = self._saved = Changes()
 
     def open_skill(self, path: Path) -> str:
         """
@@ -99,7 +106,7 @@ class Workbench:
 
     def choose(self, name: str) -> None:
         """Change another skill from now on; changes that were not saved are lost."""
-        self.chosen, self.changes = name, Changes()
+        self.chosen, self.changes, self._saved = name, Changes(), Changes()
 
     def open_take(self, path: Path) -> Take:
         """
@@ -111,8 +118,19 @@ class Workbench:
         self.takes.append(take)
         return take
 
+    def label(self, take: Take) -> str:
+        """Name of a take, with its folder where names repeat."""
+        same = [one for one in self.takes if one.path.name == take.path.name]
+        return take.path.name if len(same) == 1 else str(take.path)
+
     def drop(self, take: Take) -> Path:
-        """Put a take aside, where nothing is learned from it; returns its new path."""
+        """
+        Put a take aside, where nothing is learned from it; returns its new path.
+
+        :raises DataError: if it is an episode of a file, or cannot be moved
+        """
+        if episodes.is_foreign(take.path):
+            raise DataError(f'{take.path}: an episode of a file stays there: untick it instead')
         moved = takes.drop(take.path.parent, take.path.name)
         self.takes.remove(take)
         return moved
@@ -190,17 +208,21 @@ class Workbench:
             self.changes.via = before
             raise
 
+    @property
+    def unsaved(self) -> bool:
+        """Whether there are changes that were not saved."""
+        return self.changes != self._saved
+
     def save(self, path: Path) -> None:
         """
         Write the changed skill as a file.
 
         :raises DataError: if it cannot be written
         """
-        if path.is_dir() or path.suffix != '.json':
-            raise DataError(f'{path}: expected the name of a file that ends in .json')
         try:
             path.absolute().parent.mkdir(parents=True, exist_ok=True)
             self.edited().save(path)
+            self._saved = self.changes.copy()
         except OSError as error:
             raise DataError(f'{path}: cannot write: {error.strerror}') from None
 

@@ -1,5 +1,6 @@
 """Files and data sets of other programs: read with stated guesses, written so that they read."""
 import json
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -7,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from gdmp_ros import Skill
+from gdmp_ros import Demonstration, Euclidean, Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import episodes, lasa, lerobot, recordings, robomimic
+from gdmp_ros.data import episodes, foreign, lasa, lerobot, recordings, robomimic
 from gdmp_ros.data.foreign import Import
 from gdmp_ros.errors import DataError
 from test.commands import gdmp
@@ -89,7 +90,7 @@ def test_a_skill_is_learned_from_an_episode_and_its_roll_outs_written(shown, tmp
     assert np.linalg.norm(skill.goal[:3] - direct.goal[:3]) < 2e-3
     for result in ('again', 'rollouts.hdf5'):
         words = ['convert', str(tmp_path / 'skill.json'), '-o', str(tmp_path / result),
-                 '--rate-hz', '20', '--rollouts', '5']
+                 '--fps', '20', '--rollouts', '5']
         assert main(words + (['--as', 'lerobot'] if result == 'again' else [])) == 0
         read = [episodes.read(one).demonstration for one in episodes.sources(tmp_path / result)]
         ends = np.array([one.points[-1, :3] for one in read])
@@ -124,7 +125,7 @@ def test_arrays_are_named_by_key_and_guesses_are_stated(shown, tmp_path, suffix)
         episodes.read(path, Import({'points': 'traj'}, 'xyzw'))
     found = episodes.read(path, Import({'points': 'traj'}, 'xyzw', RATE_HZ))
     np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
-    assert found.notes == ()
+    assert found.notes == ()  # nothing was guessed
     guessed = episodes.read(path, Import(rate_hz=RATE_HZ))
     assert 'points: traj' in guessed.notes
     assert any('taken as wxyz' in note for note in guessed.notes)
@@ -141,8 +142,7 @@ def test_the_command_converts_and_says_what_it_guessed(shown, tmp_path):
     assert np.abs(read.points[-1, :3] - points[-1, :3]).max() < 1e-3
     robomimic.write(tmp_path / 'set.hdf5', shown, RATE_HZ)
     several = gdmp('convert', 'set.hdf5', '-o', 'one.csv', cwd=tmp_path)
-    assert several.returncode == 1 and 'set.hdf5#0' in several.stderr or 'data.hdf5#0' in \
-        several.stderr
+    assert several.returncode == 1 and 'there are 3 demonstrations' in several.stderr
     assert gdmp('convert', 'set.hdf5#1', '-o', 'one.csv', cwd=tmp_path).returncode == 0
     assert gdmp('convert', 'set.hdf5', '-o', 'bags', cwd=tmp_path).returncode == 0
     assert sorted(path.name for path in (tmp_path / 'bags').iterdir()) == [
@@ -165,6 +165,81 @@ def test_a_damaged_data_set_is_named(shown, tmp_path, damage, reason):
 def test_nothing_half_written_is_left(shown, tmp_path):
     with pytest.raises(DataError, match='a whole number'):
         lerobot.write(tmp_path / 'set', shown, 29.97, 'write')
-    with pytest.raises(DataError, match='only poses'):
+    with pytest.raises(DataError, match='nothing to write'):
         robomimic.write(tmp_path / 'set.hdf5', [], RATE_HZ)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_data_set_that_lerobot_has_written():
+    # Made by test/data/lerobot/write_turns.py with lerobot 0.4.4.
+    folder = Path(__file__).parent / 'lerobot' / 'turns'
+    found = [episodes.read(one) for one in episodes.sources(folder)]
+    for number, one in enumerate(found):
+        shown = one.demonstration
+        assert len(shown.times) == 40 and shown.duration == pytest.approx(39 / 25.0, abs=1e-6)
+        turn = 2.0 * np.arccos(np.clip(shown.points[:, 3], -1.0, 1.0))
+        assert turn[0] == 0.0 and turn[-1] == pytest.approx(1.2 * (number + 1), abs=1e-5)
+    assert any('observation.state.x' in note for note in found[0].notes)
+
+
+NAMES = ['time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz']
+
+
+@pytest.mark.parametrize('before', ['index', 'velocity', 'wx', 'Tx', 'goal_x', 'px_raw'])
+def test_other_columns_are_no_axes(shown, before):
+    times, points = frames(shown[0])
+    arrays = {before: np.arange(len(times)) * 1.0,
+              **dict(zip(NAMES, np.column_stack([times, points[:, :7]]).T))}
+    found = foreign.demonstration('table', arrays, Import()).demonstration
+    np.testing.assert_allclose(found.points, points[:, :7], atol=1e-12)
+
+
+def test_several_bodies_are_asked_for(shown):
+    times, points = frames(shown[0])
+    arrays = {'time': times, 'cube_pos': points[:, :3] + 1.0, 'can_pos': points[:, :3],
+              'can_quat': points[:, 3:7]}
+    with pytest.raises(DataError, match='cube_pos, can_pos may be the position: choose with'):
+        foreign.demonstration('table', arrays, Import())
+    found = foreign.demonstration('table', arrays, Import({'position': 'can_pos'}, 'wxyz'))
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
+    with pytest.raises(DataError, match='have 10, .* samples'):
+        foreign.demonstration('table', {**arrays, 'can_pos': points[:10, :3]},
+                              Import({'position': 'can_pos'}, 'wxyz'))
+    columns = dict(zip(NAMES, np.column_stack([times, points[:, :7]]).T))
+    columns.update({f'other.{axis}': points[:, 0] for axis in 'xyz'})
+    with pytest.raises(DataError, match='may be the position: choose with --key position=x,y,z'):
+        foreign.demonstration('table', columns, Import())
+    found = foreign.demonstration('table', columns, Import({'position': 'x,y,z'}))
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
+
+
+@pytest.mark.parametrize('factor, unit', [(1.0, 's'), (1e3, 'ms'), (1e6, 'us'), (1e9, 'ns')])
+def test_units_of_times_are_found_and_stated(shown, factor, unit):
+    times, points = frames(shown[0])
+    arrays = dict(zip(NAMES, np.column_stack([1e9 + factor * times, points[:, :7]]).T))
+    found = foreign.demonstration('table', arrays, Import())
+    np.testing.assert_allclose(found.demonstration.times, times, atol=1e-6)
+    assert any(note.startswith(f'times: time [{unit}]') for note in found.notes)
+    arrays['time'] = 1e-9 * times
+    with pytest.raises(DataError, match='in no unit'):
+        foreign.demonstration('table', arrays, Import())
+
+
+def test_a_skill_of_seven_joints_is_no_pose(shown, tmp_path):
+    joints = Demonstration(shown[0].times, shown[0].points[:, :7], Euclidean(7))
+    for write in (lambda: lerobot.write(tmp_path / 'set', [joints], 30, 'write'),
+                  lambda: robomimic.write(tmp_path / 'set.hdf5', [joints], 30)):
+        with pytest.raises(DataError, match='only poses'):
+            write()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stiffness_in_matrices_is_read(shown, tmp_path):
+    times, points = frames(shown[0])
+    savemat(tmp_path / 'a.mat', {'time': times, 'position': points[:, :3].T,
+                                 'quat': points[:, 3:7].T,
+                                 'stiffness': points[:, 7:].reshape(-1, 3, 3).transpose(1, 2, 0)})
+    found = episodes.read(tmp_path / 'a.mat', Import(quaternion='wxyz'))
+    np.testing.assert_allclose(found.demonstration.points, points, atol=1e-9)
+    done = gdmp('inspect', tmp_path / 'a.mat')
+    assert done.returncode == 0 and 'stiffness' in done.stdout

@@ -33,7 +33,7 @@ def test_a_changed_skill_is_executed_and_its_goal_switched(robot, skill):
     goal[:3] += [0.03, 0.0, -0.02]
     wait(robot, lambda view: view.status in ('holding', 'idle'))
     robot.use(skill.between(goal=goal), 'changed')
-    robot.start(None)
+    robot.start()
     view = wait(robot, lambda view: view.status == 'moving' and view.progress > 0.2)
     np.testing.assert_allclose(view.goal[:3], goal[:3], atol=1e-6)
     goal[1] += 0.04
@@ -46,7 +46,7 @@ def test_a_changed_skill_is_executed_and_its_goal_switched(robot, skill):
 def test_a_stopped_motion_is_no_problem_and_a_refused_tempo_is_one(robot, skill):
     wait(robot, lambda view: view.status in ('holding', 'idle'))
     robot.use(skill, 'letter')
-    robot.start(None)
+    robot.start()
     wait(robot, lambda view: view.status == 'moving')
     robot.stop()
     assert wait(robot, lambda view: view.status == 'holding').problem == ''

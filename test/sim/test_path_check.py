@@ -4,6 +4,7 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.data import lasa
+from gdmp_ros.errors import DataError
 from gdmp_ros.sim import Arm
 from gdmp_ros.sim.path_check import PathChecker, TOUCHING_M
 from test.commands import gdmp
@@ -37,6 +38,18 @@ def test_postures_are_those_of_the_path(letter):
         np.testing.assert_allclose(arm.pose_at(posture)[:3], pose[:3], atol=1e-3)
     # No jump to another posture with the same pose.
     assert np.abs(np.diff(found.postures, axis=0)).max() < 0.3
+
+
+def test_a_path_of_the_joints_is_checked_as_it_is():
+    arm = Arm()
+    path = np.linspace(arm.home, arm.home + 0.2, 5)
+    path[3, 3] = arm.limits.lower[3]
+    found = PathChecker(arm).check_postures(np.arange(5.0), path)
+    np.testing.assert_array_equal(found.postures, path)
+    assert found.wrong.tolist() == [False, False, False, True, False]
+    assert found.joint[3] == 3
+    with pytest.raises(DataError, match='of 6 joints, the arm has 7'):
+        PathChecker(arm).check_postures(np.arange(5.0), path[:, :6])
 
 
 def test_a_folded_arm_touches_itself():

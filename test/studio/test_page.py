@@ -2,7 +2,6 @@
 import re
 import signal
 import socket
-import subprocess
 
 import numpy as np
 import pytest
@@ -76,10 +75,12 @@ def test_a_via_point_is_added_and_the_skill_saved(page, folder):
     page.page.get_by_text('via points', exact=True).first.click()
     page.click('add a via point')
     page.wait_text('1 via point ')
-    page.type('skill.json', 'bent.json')
+    page.type('skill_changed.json', 'bent.json')
     page.click('save the skill')
     page.wait_text('bent.json')
     assert Skill.load(folder / 'bent.json').via == (0.5,)
+    page.click('save the skill')
+    page.wait_text('exists already; tick')
     page.type('bent.json', 'bent.txt')
     page.click('save the skill')
     page.wait_text('expected the name of a file that ends in .json')
@@ -98,8 +99,16 @@ def test_a_skill_is_run_and_its_goal_switched_in_motion(page):
     reached = page.wait('the goal', lambda text: re.search(
         r'holding.*?tool at (0\.4[45]\d), .*?([\d.]+) mm and', text, re.S), 60.0)
     assert abs(float(reached.group(1)) - 0.45) < 0.004 and float(reached.group(2)) < 4.0
+    # A robot at rest does not move when another skill is chosen, or a goal is changed.
     page.tab('skill')
+    page.choose('skill', 'other')
+    page.wait('the other skill', lambda text: ends_at(text)[0] != 0.45)
+    page.choose('skill', 'skill')
     page.click('undo all changes')
+    page.page.wait_for_timeout(1000)
+    page.tab('run')
+    still = page.wait('the robot', lambda text: re.search(r'tool at (0\.\d+),', text))
+    assert abs(float(still.group(1)) - float(reached.group(1))) < 1.5e-3
 
 
 def test_a_take_is_taught_dropped_and_learned(page, folder):
@@ -189,4 +198,6 @@ def test_it_ends_at_once_and_leaves_nothing(folder, number):
     process.process.send_signal(number)
     rest, _ = process.process.communicate(timeout=10)
     assert process.process.returncode == 0 and 'Traceback' not in rest
-    assert subprocess.run(['pgrep', '-f', f'studio.*{folder}'], capture_output=True).stdout == b''
+    with socket.socket() as again:
+        again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        again.bind(('127.0.0.1', int(process.address.rstrip('/').rpartition(':')[2])))
