@@ -1,17 +1,13 @@
 """A robot behind running nodes: trajectory server, arm, and take recorder."""
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-import queue
 from tempfile import TemporaryDirectory
 import threading
 import time
-from typing import Any, TypeAlias
+from typing import Any
 
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
 from gdmp_msgs.srv import LoadSkill, MoveJoints, SetSpeed
@@ -28,6 +24,7 @@ from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.lifecycle import reliable, SILENT_S
 from gdmp_ros.ros.polling import PolledGroup, take_latest
+from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.robot import RobotView
 
 #: Interval at which the states are read, and the pose of a hand is sent [s].
@@ -39,7 +36,6 @@ AVAILABLE_S = 3.0
 #: Longest time for the end of everything [s].
 CLOSING_S = 3.0
 RECORDER = 'take_recorder'
-_Command: TypeAlias = tuple[Callable[[], None], Future[None] | None]
 
 
 class NodesRobot:
@@ -79,7 +75,7 @@ class NodesRobot:
         self._executing = self._guided = self._records = False
         self._homing: Any = None
         self._folder = TemporaryDirectory(prefix='gdmp-studio-')
-        self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
+        self._commands = Commands()
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name='nodes', daemon=True)
         self._thread.start()
@@ -87,9 +83,9 @@ class NodesRobot:
     def close(self) -> None:
         """Stop what this studio has begun: a motion, hand guiding, a take."""
         self._pulled = None
-        self._drop_commands()
+        self._commands.drop()
         with suppress(GdmpError):
-            self._ask(self._finish, CLOSING_S)
+            self._commands.ask(self._finish, CLOSING_S)
         self._ends.set()
         self._thread.join(CLOSING_S)
         self._client.close()
@@ -126,35 +122,35 @@ class NodesRobot:
 
     def start(self) -> None:
         self._problem = ''
-        self._put(self._start)
+        self._commands.put(self._start)
 
     def stop(self) -> None:
         self._pulled = None
-        self._drop_commands()
-        self._put(self._stop)
+        self._commands.drop()
+        self._commands.put(self._stop)
 
     def pause(self, paused: bool) -> None:
-        self._put(partial(self._request, f'{self._server}/pause', data=paused))
+        self._commands.put(partial(self._request, f'{self._server}/pause', data=paused))
 
     def set_tempo(self, tempo: float) -> None:
         self._tempo = tempo
-        self._put(partial(self._request, f'{self._server}/set_speed', scale=tempo))
+        self._commands.put(partial(self._request, f'{self._server}/set_speed', scale=tempo))
 
     def switch_goal(self, pose: np.ndarray) -> None:
-        self._put(partial(self._switch, pose.copy()))
+        self._commands.put(partial(self._switch, pose.copy()))
 
     # The arm
 
     def guide(self, guided: bool) -> None:
         self._pulled = None
-        self._put(partial(self._guide, guided))
+        self._commands.put(partial(self._guide, guided))
 
     def pull(self, pose: np.ndarray | None) -> None:
         self._pulled = None if pose is None else pose.copy()
 
     def home(self) -> None:
         self._problem = ''
-        self._put(self._go_home)
+        self._commands.put(self._go_home)
 
     def record(self, folder: Path) -> None:
         if self._recorder is None:
@@ -162,19 +158,19 @@ class NodesRobot:
         if self._recorder.status == 'waiting':
             raise ParameterError(f'{RECORDER} waits for the pose of the arm: see its parameter '
                                  'pose_topic')
-        self._ask(lambda: self._request(f'{RECORDER}/start'), ANSWER_S)
+        self._commands.ask(lambda: self._request(f'{RECORDER}/start'), ANSWER_S)
         self._records = True
 
     def keep(self) -> Path:
         recorder = self._recording()
-        self._ask(lambda: self._request(f'{RECORDER}/stop'), ANSWER_S)
+        self._commands.ask(lambda: self._request(f'{RECORDER}/stop'), ANSWER_S)
         self._records = False
         return Path(recorder.folder) / str(recorder.take)
 
     def discard(self) -> None:
         self._recording()  # otherwise the recorder would put the last take aside
         self._records = False
-        self._put(partial(self._request, f'{RECORDER}/discard'))
+        self._commands.put(partial(self._request, f'{RECORDER}/discard'))
 
     def _recording(self) -> RecorderState:
         recorder = self._recorder
@@ -187,10 +183,7 @@ class NodesRobot:
     def _run(self) -> None:
         while not self._ends.is_set():
             try:
-                while not self._commands.empty():
-                    work, future = self._commands.get()
-                    if future is None or future.set_running_or_notify_cancel():
-                        work()
+                self._commands.carry_out()
                 self._client.spend(PERIOD_S)
                 self._read()
             except GdmpError as error:
@@ -274,36 +267,6 @@ class NodesRobot:
 
     def _on_recorder(self, message: RecorderState) -> None:
         self._recorder = message
-
-    # Commands
-
-    def _put(self, work: Callable[[], None]) -> None:
-        self._commands.put((work, None))
-
-    def _drop_commands(self) -> None:
-        """Forget what has not been carried out."""
-        with suppress(queue.Empty):
-            while True:
-                _, future = self._commands.get_nowait()
-                if future is not None:
-                    future.cancel()
-
-    def _ask(self, work: Callable[[], None], longest: float) -> None:
-        """Let the thread do something, and wait for it; what is not begun in time is not done."""
-        future: Future[None] = Future()
-
-        def carry_out() -> None:
-            try:
-                work()
-                future.set_result(None)
-            except GdmpError as error:
-                future.set_exception(error)
-        self._commands.put((carry_out, future))
-        try:
-            future.result(longest)
-        except (FutureTimeoutError, CancelledError):
-            future.cancel()
-            raise GdmpError(f'waited {longest:g} s for the nodes, without success') from None
 
 
 def _problem_of(state: ServerState | None) -> str:
