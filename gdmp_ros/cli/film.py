@@ -21,7 +21,7 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 if TYPE_CHECKING:
     import numpy as np
 
-SUFFIXES = ('.mp4', '.webp')
+SUFFIXES = ('.mp4', '.webp', '.gif')
 #: Largest number of spheres along the path.
 _SPHERES = 150
 

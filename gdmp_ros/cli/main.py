@@ -35,6 +35,7 @@ GROUPS = {
         'gallery': 'make a gallery of skills with pictures',
     },
     'robot': {
+        'up': 'start a simulated arm, server and recorder until Ctrl-C',
         'execute': 'execute the skill of a running server, switch its goal',
         'replay': 'send recorded references to an arm again',
         'watch': 'watch server and arm in the terminal',

@@ -97,7 +97,7 @@ def refusal(origin: Origin, settings: GuardSettings) -> str | None:
         return f'frame is {origin.frame!r}, expected {settings.frame!r}'
     if abs(origin.age) > settings.stamp_tolerance:
         side, late = (('past', ', or a process stood still') if origin.age > 0.0 else
-                      ('future', ''))
+                      ('future', ', or this process stood still'))
         return (f'stamp is {abs(origin.age):.3g} s in the {side}, expected within '
                 f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, simulated '
                 f'and wall time are mixed{late}')

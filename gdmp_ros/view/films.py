@@ -27,7 +27,7 @@ _REFUSED = 3
 def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | Path = '',
               frame_s: float = 0.05, environment: Mapping[str, str] | None = None) -> str | None:
     """
-    Write a picture (``.png``) or a film (``.webp``, ``.mp4``).
+    Write a picture (``.png``) or a film (``.webp``, ``.gif``, ``.mp4``).
 
     :param joints: one posture, shape ``(n,)``, or one for each frame of a film [rad]
     :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
@@ -96,7 +96,13 @@ def main(numbers: str, target: str) -> int:
 def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
     """Write a picture or an animated picture; images are made one at a time."""
     first = next(images)
-    if target.suffix == '.webp':
+    if target.suffix == '.gif':
+        # A palette for all pictures: one for each would flicker.
+        palette = first.quantize(colors=64)
+        rest = (one.quantize(palette=palette) for one in images)
+        palette.save(target, save_all=True, append_images=rest, duration=round(1e3 * frame_s),
+                     loop=0)
+    elif target.suffix == '.webp':
         first.save(target, save_all=True, append_images=images, duration=round(1e3 * frame_s),
                    loop=0, quality=70)
     else:

@@ -89,13 +89,19 @@ def save(figure: Figure, path: str | Path) -> None:
     figure.savefig(path, bbox_inches='tight')
 
 
+#: Letters of a legend that fit into one line above a panel.
+LEGEND = 40
+
+
 def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:
     """Draw columns over time, with different colours and line styles."""
     for i, name in enumerate(names):
         axes.plot(times, values[:, i], ls=STYLES[i % 6], color=INK[i % 6], label=name, lw=1.3)
     axes.set_xlabel('time [s]')
     axes.set_ylabel(label)
-    axes.legend(loc='best', ncols=min(4, len(names)))
+    # Above the panel, where it covers no curve.
+    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2,
+                ncols=min(6, len(names)) if sum(map(len, names)) < LEGEND else 2)
 
 
 def bands(axes: Any, times: np.ndarray, limits: np.ndarray) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import Trajectory
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
@@ -106,14 +107,21 @@ def _band(skill: Skill, trajectory: Trajectory) -> np.ndarray | None:
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
 
 
-def skill_figure(skill: Skill) -> Figure:
+def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
     """
     Draw a roll-out: every factor over time, and the path if the first factor is a position.
 
     For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes.
+
+    :param shown: demonstrations to draw below it, stretched to its duration
+    :raises DataError: if one is on another manifold
     """
-    trajectory = skill.reproduce(skill.duration / 500)
     manifold = skill.manifold
+    for one in shown:
+        if one.manifold.factors[0] != manifold.factors[0]:
+            raise DataError(f'the skill is on {skill.manifold!r}, a demonstration on '
+                            f'{one.manifold!r}')
+    trajectory = skill.reproduce(skill.duration / 500)
     points: list[tuple[np.ndarray, ...]] = [
         manifold.split(p) if isinstance(manifold, Product) else (p,) for p in trajectory.points]
     count = len(manifold.factors)
@@ -125,9 +133,14 @@ def skill_figure(skill: Skill) -> Figure:
         values = np.array([p[i].reshape(-1) for p in points])
         names, columns = zip(*factor.components)
         axes = figure.add_subplot(grid[i, 0])
+        first = int(manifold.factor_table[i]['point'])
+        places = [first + column for column in columns]
+        for one in shown:
+            if max(places) < one.manifold.point_size:  # a take may have no stiffness
+                times = (one.times - one.times[0]) * skill.duration / one.duration
+                axes.plot(times, one.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
         if band is not None:
-            first = int(manifold.factor_table[i]['point'])
-            plots.bands(axes, trajectory.times, band[:, :, [first + column for column in columns]])
+            plots.bands(axes, trajectory.times, band[:, :, places])
         plots.series(axes, trajectory.times, values[:, columns], list(names),
                      f'{name}{_UNITS.get(name, "")}')
     if spatial:
@@ -135,5 +148,7 @@ def skill_figure(skill: Skill) -> Figure:
         if count > 2 and manifold.names[2] == 'stiffness':
             matrices = np.array([p[2][:3, :3] for p in points])
         axes = figure.add_subplot(grid[:, 1], projection='3d')
+        for one in shown:
+            axes.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7)
         plots.path_with_ellipsoids(axes, np.array([p[0] for p in points]), matrices)
     return figure

@@ -181,6 +181,14 @@ def test_learning_finds_its_own_number_of_basis_functions_and_reports_the_fit(fo
     assert len(report['fit']['demonstrations'][0]['mean_error']) == 3
 
 
+def test_a_skill_is_drawn_over_its_demonstrations(folder):
+    alone = gdmp('plot', 'skill.json', '-o', 'alone.png', cwd=folder)
+    both = gdmp('plot', 'skill.json', '-o', 'both.png', '--demonstrations', 'demos', cwd=folder)
+    assert alone.returncode == both.returncode == 0, both.stderr
+    sizes = [(folder / name).stat().st_size for name in ('alone.png', 'both.png')]
+    assert sizes[1] > 1.05 * sizes[0]
+
+
 @pytest.mark.parametrize('words, reason', [
     (('plot', 'skill.json', '-o', 'demos'), 'is a folder'),
     (('plot', 'skill.json', '-o', 'skill.txt'), 'a name that ends in .png'),

@@ -128,7 +128,9 @@ def test_the_adapter_makes_trajectories_of_them(running):
         made = []
         running.subscribe(JointTrajectory, 'joint_trajectory_controller/joint_trajectory',
                           made.append)
+        # Otherwise the motion might begin before the adapter has found its topics.
         running.wait_log('adapter', 'the joints of the robot are known', 60.0)
+        running.wait_log('adapter', 'references arrive', 60.0)
         running.client.execute()
         assert running.client.result(30.0).error_code == 0
         running.wait('trajectories', lambda: len(made) > 100)

@@ -60,7 +60,7 @@ class Adapter(ManagedNode):
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
         self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None, raw=True)
         self._poses, self._robot = PoseReader(p.reference_frame), False
-        self._ticks = 0
+        self._ticks, self._streamed = 0, False
         self._names = [name for name in p.joint_names if name]
         self._posture = np.empty(0)
         self._pose_of_robot = ANYWHERE
@@ -125,6 +125,9 @@ class Adapter(ManagedNode):
         self.guard.target(1e-9 * PERIOD_NS)
         message = take_latest(self._reference)
         if message is not None:
+            if not self._streamed:
+                self._streamed = True
+                self.get_logger().info('references arrive')
             self.convert(message)
 
     def _read_pose(self) -> None:

@@ -1,0 +1,88 @@
+"""Arm, server and recorder of takes as processes in the user's own DDS domain."""
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.client import START_UP_S
+from gdmp_ros.ros.clients.server_client import ServerClient
+from gdmp_ros.ros.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
+from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.processes import ChildProcesses
+from gdmp_ros.util.signals import stop_event
+
+#: Interval at which the processes are looked at [s].
+LOOK_S = 0.2
+
+
+@dataclass(frozen=True)
+class Bringup:
+    """
+    What is started.
+
+    :ivar skill: file that the server loads; None for none
+    :ivar takes: folder of the recorder
+    :ivar model: of the arm, as for ``panda_sim``
+    :ivar window: whether the simulation has a window
+    :ivar logs: folder for the output of the nodes; None for a temporary one
+    """
+
+    skill: Path | None
+    takes: Path
+    model: str = ''
+    gripper: bool = False
+    window: bool = False
+    logs: Path | None = None
+
+
+def up(wanted: Bringup) -> None:
+    """
+    Start the nodes, and end them with Ctrl-C or SIGTERM.
+
+    :raises GdmpError: if nodes of these names run already, or one of them ends
+    """
+    ends = stop_event()
+    environment = {**os.environ, **default_environment()}
+    os.environ.update(environment)
+    with ExitStack() as stack:
+        logs = wanted.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
+        client = ServerClient()
+        stack.callback(client.close)
+        client.spend(1.0)  # other nodes are discovered
+        running = {name for name, _ in client.node.get_node_names_and_namespaces()}
+        taken = running & {ARM, SERVER, TAKE_RECORDER}
+        if taken:
+            raise GdmpError(f'{", ".join(sorted(taken))} run already in this DDS domain '
+                            '(ROS_DOMAIN_ID chooses another one)')
+        children = stack.enter_context(ChildProcesses(environment, logs))
+        print('starting the simulated arm, the server and the recorder', flush=True)
+        _start(children, wanted)
+        waited = 0.0
+        while not ends.is_set() and client.state is None:
+            children.check()
+            client.spend(LOOK_S)
+            waited += LOOK_S
+            if waited > START_UP_S:
+                raise GdmpError(f'waited {START_UP_S:g} s for {SERVER}, without success')
+        if not ends.is_set():
+            print(f'running: {ARM}, {SERVER}, {TAKE_RECORDER}; logs: {logs} (Ctrl-C ends them)',
+                  flush=True)
+        while not ends.is_set():
+            children.check()
+            client.spend(LOOK_S)
+    print('ended')
+
+
+def _start(children: ChildProcesses, wanted: Bringup) -> None:
+    children.start_node(ARM, MODULES[ARM], {
+        'headless': not wanted.window, 'gripper': wanted.gripper, 'model': wanted.model})
+    children.start_node(SERVER, MODULES[SERVER], {
+        'measured_pose_topic': f'/{ARM}/measured_pose',
+        **({} if wanted.skill is None else {'skill': str(wanted.skill.absolute())})})
+    children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
+        'folder': str(wanted.takes.absolute()),
+        'pose_topic': f'/{ARM}/measured_pose'})
