@@ -52,7 +52,7 @@ def test_films_have_the_stated_number_of_pictures(folder):
 
 
 def test_invalid_arguments_are_refused(folder):
-    for words, said in ((('skill.json', '-o', 'x.avi'), 'ending in .mp4, .webp or .png'),
+    for words, said in ((('skill.json', '-o', 'x.avi'), 'ending in .mp4, .webp, .gif or .png'),
                         (('skill.json', '-o', 'x.mp4', '--speed', '0'), '--speed is 0'),
                         (('skill.json', '-o', 'no/x.mp4'), 'no such folder'),
                         (('nothing.json', '-o', 'x.mp4'), 'nothing.json'),
