@@ -200,6 +200,18 @@ def to_movement_primitives(path: Path, skill: Skill) -> float:
     return float(np.linalg.norm(poses[:, :3] - wanted[:, :3], axis=1).max())
 
 
+def frames(shown: Demonstration, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times from 0 on [s] and flat points at a rate, shapes ``(T,)`` and ``(T, n)``; T >= 2."""
+    count = max(int(np.floor(shown.duration * rate_hz + 1e-6)) + 1, 2)
+    times = np.minimum(np.arange(count) / rate_hz, shown.duration)
+    return times, shown.at(shown.times[0] + times).reshape(count, -1)
+
+
+def next_of(rows: np.ndarray) -> np.ndarray:
+    """For each row the next one, and the last one again: what a controller gets next."""
+    return np.vstack([rows[1:], rows[-1:]])
+
+
 def motion(skill: Skill, step: float) -> Demonstration:
     """Motion of a skill as a demonstration with a sample every ``step`` seconds."""
     made = skill.reproduce(step)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.data.exchange import columns, stiffness_size_of
+from gdmp_ros.data.exchange import columns, frames, next_of, stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -108,13 +108,13 @@ def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: st
     if rate_hz != round(rate_hz):
         raise DataError(f'{rate_hz:g} frames per second: expected a whole number')
     names = _names_of(folder, shown)
-    frames = [_frames(one, rate_hz) for one in shown]
+    rows = [frames(one, rate_hz)[1] for one in shown]
     features = {STATE: _feature('float32', len(names), names),
                 ACTION: _feature('float32', len(names), names),
                 'timestamp': _feature('float32'),
                 **{name: _feature('int64') for name in _INDICES}}
-    numbers = [_columns(rows, episode, rate_hz, sum(map(len, frames[:episode])))
-               for episode, rows in enumerate(frames)]
+    numbers = [_columns(one, episode, rate_hz, sum(map(len, rows[:episode])))
+               for episode, one in enumerate(rows)]
     partial = folder.with_name(f'.{folder.name}.partial')
     shutil.rmtree(partial, ignore_errors=True)
     try:
@@ -125,11 +125,11 @@ def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: st
                        partial / DATA.format(chunk_index=0, file_index=0))
         pq.write_table(_episode_table(pa, numbers, task), partial / EPISODES)
         pq.write_table(_task_table(pa, task), partial / _TASKS)
-        statistics = {name: _statistics(rows) for name, rows in whole.items()}
+        statistics = {name: _statistics(column) for name, column in whole.items()}
         _write_json(partial / _STATS, statistics)
         _write_json(partial / _INFO, {
             'codebase_version': VERSION, 'robot_type': robot, 'total_episodes': len(shown),
-            'total_frames': sum(map(len, frames)), 'total_tasks': 1, 'chunks_size': 1000,
+            'total_frames': sum(map(len, rows)), 'total_tasks': 1, 'chunks_size': 1000,
             'data_files_size_in_mb': 100, 'video_files_size_in_mb': 200, 'fps': round(rate_hz),
             'splits': {'train': f'0:{len(shown)}'}, 'data_path': DATA, 'video_path': None,
             'features': features})
@@ -149,13 +149,6 @@ def _names_of(folder: Path, shown: Sequence[Demonstration]) -> list[str]:
     return columns(sizes.pop())[1:]
 
 
-def _frames(shown: Demonstration, rate_hz: float) -> np.ndarray:
-    """Flat points at every frame, shape ``(T, n)``."""
-    count = max(int(np.floor(shown.duration * rate_hz + 1e-6)) + 1, 2)
-    times = shown.times[0] + np.minimum(np.arange(count) / rate_hz, shown.duration)
-    return shown.at(times).reshape(count, -1)
-
-
 def _feature(dtype: str, size: int = 1, names: list[str] | None = None) -> dict[str, Any]:
     return {'dtype': dtype, 'shape': [size], 'names': names}
 
@@ -164,7 +157,7 @@ def _columns(rows: np.ndarray, episode: int, rate_hz: float, first: int) -> dict
     """Columns of an episode."""
     count = len(rows)
     return {STATE: rows.astype(np.float32),
-            ACTION: np.vstack([rows[1:], rows[-1:]]).astype(np.float32),
+            ACTION: next_of(rows).astype(np.float32),
             'timestamp': (np.arange(count) / rate_hz).astype(np.float32),
             'frame_index': np.arange(count), 'episode_index': np.full(count, episode),
             'index': first + np.arange(count), 'task_index': np.zeros(count, dtype=int)}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.data.exchange import stiffness_size_of
+from gdmp_ros.data.exchange import frames, next_of, stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -65,14 +65,12 @@ def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
 
 def _write_episode(group: object, shown: Demonstration, rate_hz: float) -> int:
     """Write an episode; returns its number of frames."""
-    count = max(int(np.floor(shown.duration * rate_hz + 1e-6)) + 1, 2)
-    times = shown.times[0] + np.minimum(np.arange(count) / rate_hz, shown.duration)
-    rows = shown.at(times).reshape(count, -1)
-    later = np.vstack([rows[1:], rows[-1:]])
+    times, rows = frames(shown, rate_hz)
+    later, count = next_of(rows), len(rows)
     done = np.zeros(count, dtype=int)
     done[-1] = 1
     arrays = {'actions': later, 'rewards': done.astype(float), 'dones': done, 'states': rows,
-              'timestamps': times - times[0], **_observed('obs', rows),
+              'timestamps': times, **_observed('obs', rows),
               **_observed('next_obs', later)}
     for name, array in arrays.items():
         group.create_dataset(name, data=array)  # type: ignore[attr-defined]

@@ -13,7 +13,6 @@ from gdmp_ros.errors import DataError
 
 #: Longest take [s].
 LONGEST_S = 600.0
-FRAME = 'panda_link0'
 
 
 class RecordedTake:
@@ -60,5 +59,5 @@ class RecordedTake:
         times = np.array(self._times[:count])
         shown = Demonstration(times - times[0], np.array(self._poses[:count]),
                               tool_manifold(None))
-        recordings.write(self.path, shown, FRAME, self._start_ns)
+        recordings.write(self.path, shown, recordings.FRAME, self._start_ns)
         return self.path

@@ -1,10 +1,8 @@
 """A simulated arm in a thread of this process, with the server's streamer. No ROS."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-import queue
 import threading
 import time
 
@@ -27,6 +25,7 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.hand import Hand
 from gdmp_ros.sim.reach import Reach
+from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.recorded_take import RecordedTake
 from gdmp_ros.studio.robot import RobotView
 
@@ -64,7 +63,7 @@ class SimulatedRobot:
         self._acted: dict[int, tuple[float, float]] = {}
         self._problem, self._refused, self._guard_refused, self._tempo = '', 0, 0, 1.0
         self._view: RobotView | None = None
-        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._commands = Commands()
         self._rate, self._ends = 1.0, threading.Event()
         self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
         self._thread.start()
@@ -148,8 +147,7 @@ class SimulatedRobot:
             if time.monotonic() - due > LONGEST_S:
                 due = time.monotonic()
             try:
-                while not self._commands.empty():
-                    self._commands.get()()
+                self._commands.carry_out()
                 for _ in range(round(BATCH_S / period)):
                     tick = self._tick()
             except GdmpError as error:

@@ -124,7 +124,7 @@ class SkillPanel:
         self._studio.notify('saved', str(path.absolute()), 'green')
 
     def _export(self) -> None:
-        path = self._path('.json').with_suffix('.csv')
+        path = self._path('.csv')
         try:
             exchange.write_csv(path, exchange.motion(self._studio.bench.edited(), EXPORT_STEP_S))
         except OSError as error:
@@ -133,14 +133,14 @@ class SkillPanel:
 
     def _path(self, suffix: str) -> Path:
         """
-        The file that the user has named.
+        The file that the user has named, with another suffix.
 
-        :raises DataError: if it is no name of such a file, or there is another file already
+        :raises DataError: if the name does not end in .json, or there is another file already
         """
         name = self._file.value.strip()
-        path = Path(name)
-        if not name or path.suffix != suffix:
-            raise DataError(f'file {name!r}: expected the name of a file that ends in {suffix}')
+        if not name or Path(name).suffix != '.json':
+            raise DataError(f'file {name!r}: expected the name of a file that ends in .json')
+        path = Path(name).with_suffix(suffix)
         if path.exists() and not self._replace.value:
             raise DataError(f'{path}: exists already; tick "replace an existing file", or choose '
                             'another name')

@@ -8,6 +8,7 @@ from gdmp_ros.data import recordings
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.testbed import MODULES, TAKE_RECORDER
 from gdmp_ros.studio.nodes_robot import NodesRobot
+from test.studio.views import wait
 
 
 @pytest.fixture
@@ -15,17 +16,6 @@ def robot(running):
     made = NodesRobot()
     yield made
     made.close()
-
-
-def wait(robot, until, timeout=30.0):
-    """Wait until the robot is as wanted; returns its view."""
-    ends = time.monotonic() + timeout
-    while True:
-        view = robot.view()
-        if view is not None and until(view):
-            return view
-        assert time.monotonic() < ends, view
-        time.sleep(0.02)
 
 
 def test_a_changed_skill_is_executed_and_its_goal_switched(robot, skill):

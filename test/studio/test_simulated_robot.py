@@ -8,6 +8,7 @@ from gdmp_ros import Skill
 from gdmp_ros.data import lasa, recordings
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.studio.simulated_robot import SimulatedRobot
+from test.studio.views import wait
 
 
 @pytest.fixture(scope='module')
@@ -20,16 +21,6 @@ def robot():
     made = SimulatedRobot()
     yield made
     made.close()
-
-
-def wait(robot, until, timeout=40.0):
-    ends = time.monotonic() + timeout
-    while True:
-        view = robot.view()
-        if view is not None and until(view):
-            return view
-        assert time.monotonic() < ends, view
-        time.sleep(0.02)
 
 
 def test_the_tempo_holds_for_the_first_motion_too(robot, skill):
