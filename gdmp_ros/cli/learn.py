@@ -79,6 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_parallel(parser)
 
 
+#: Of the distances by factor. A turn by 1 rad is 0.5 on the sphere of unit quaternions.
+_UNITS = {'position': ' [m]', 'orientation': ' [rad / 2]', 'joints': ' [rad]',
+          'wrench': ' [N, Nm]', 'stiffness': ' [log]'}
+
+
 def _count(text: str) -> int | str:
     return text if text == 'auto' else int(text)
 
@@ -178,7 +183,8 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
     """Print errors by factor, segments, and samples that may be wrong."""
     if len(bags) > 1 or len(fit.factors) > 1:
         heads = ['demonstration', 'duration [s]', 'samples',
-                 *(f'{name}: mean, largest, noise' for name in fit.factors)]
+                 *(f'{name}{_UNITS.get(name, "")}: mean, largest, noise'
+                   for name in fit.factors)]
         table('errors by factor', heads, [
             [bag.name, f'{d.duration:.3f}', d.samples,
              *(f'{mean:.1e}, {most:.1e}, {noise:.1e}'

@@ -50,7 +50,10 @@ def read(source: Path, settings: Import | None = None) -> Imported:
     found = _episodes(path, _stamp(path))
     if not 0 <= (number or 0) < len(found):
         raise DataError(f'{path}: there is no episode {number}, it has {len(found)}')
-    return foreign.demonstration(str(source), found[number or 0], settings)
+    arrays = found[number or 0]
+    if settings.rate_hz is not None:
+        arrays = {name: array for name, array in arrays.items() if name != robomimic.COUNTED}
+    return foreign.demonstration(str(source), arrays, settings)
 
 
 def _parts(source: Path) -> tuple[Path, int | None]:
@@ -74,4 +77,5 @@ def _episodes(path: Path, _: int) -> list[dict]:
     if path.is_dir():
         return lerobot.episodes(path)
     arrays = tables.read_arrays(path)
-    return robomimic.episodes(arrays) or [arrays]
+    rate = robomimic.control_rate(path) if path.suffix.lower() in tables.HDF5 else None
+    return robomimic.episodes(arrays, rate) or [arrays]

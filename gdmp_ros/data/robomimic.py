@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,34 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 
 GROUP = 'data'
 POSITION, ORIENTATION, STIFFNESS = 'robot0_eef_pos', 'robot0_eef_quat', 'stiffness'
+#: Orientation of the frame that the position belongs to, in newer data sets of robosuite: there
+#: `ORIENTATION` is that of the last body, turned against it.
+SITE_ORIENTATION = 'robot0_eef_quat_site'
+TIMES = 'timestamps'
+#: Name of times that follow from the control rate.
+COUNTED = 'time, counted at control_freq'
 
 
-def episodes(arrays: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+def control_rate(path: Path) -> float | None:
+    """Rate at which the environment of a data set was controlled [Hz]; None if it is not told."""
+    with optional_import(extra('datasets')):
+        import h5py
+    with h5py.File(path, 'r') as file:
+        given = file[GROUP].attrs.get('env_args', '{}') if GROUP in file else '{}'
+    try:
+        rate = float(json.loads(given)['env_kwargs']['control_freq'])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return rate if 0.0 < rate < math.inf else None
+
+
+def episodes(arrays: Mapping[str, np.ndarray], rate_hz: float | None = None
+             ) -> list[dict[str, np.ndarray]]:
     """
     Arrays of each episode, without the way to it; empty if these are not episodes.
 
     :param arrays: of an HDF5 file, such as ``data/demo_0/actions``
+    :param rate_hz: see `control_rate`; robomimic itself writes no times
     """
     found: dict[str, dict[str, np.ndarray]] = {}
     for name, array in arrays.items():
@@ -28,6 +50,11 @@ def episodes(arrays: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
         if name.startswith(f'{GROUP}/') and rest:
             found.setdefault(group, {})[rest] = array
     order = sorted(found, key=lambda group: (len(group), group))
+    for episode in found.values():
+        if f'obs/{SITE_ORIENTATION}' in episode:
+            episode.pop(f'obs/{ORIENTATION}', None)
+        if rate_hz is not None and TIMES not in episode and 'actions' in episode:
+            episode[COUNTED] = np.arange(len(episode['actions'])) / rate_hz
     return [found[group] for group in order]
 
 
@@ -36,7 +63,7 @@ def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
     Write demonstrations of a tool as episodes.
 
     Observations are position and orientation (x, y, z, w), as robosuite calls them, and a
-    stiffness; the action is the pose, and stiffness, of the next frame.
+    stiffness; the action has the same numbers of the next frame: a pose, not a difference.
 
     :raises DataError: if they are no poses, or the file cannot be written
     """
@@ -69,9 +96,9 @@ def _write_episode(group: object, shown: Demonstration, rate_hz: float) -> int:
     later, count = next_of(rows), len(rows)
     done = np.zeros(count, dtype=int)
     done[-1] = 1
-    arrays = {'actions': later, 'rewards': done.astype(float), 'dones': done, 'states': rows,
-              'timestamps': times, **_observed('obs', rows),
-              **_observed('next_obs', later)}
+    actions = later[:, [0, 1, 2, 4, 5, 6, 3, *range(7, later.shape[1])]]
+    arrays = {'actions': actions, 'rewards': done.astype(float), 'dones': done, 'states': rows,
+              TIMES: times, **_observed('obs', rows), **_observed('next_obs', later)}
     for name, array in arrays.items():
         group.create_dataset(name, data=array)  # type: ignore[attr-defined]
     group.attrs['num_samples'] = count  # type: ignore[attr-defined]

@@ -12,7 +12,9 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 
 #: Suffixes of files that are read.
 SUFFIXES = ('.csv', '.npz', '.mat', '.h5', '.hdf5', '.parquet')
-#: Largest file that is read [bytes].
+#: Those of HDF5, in which images may stand beside what is read.
+HDF5 = ('.h5', '.hdf5')
+#: Largest file that is read, and most data that is read of an HDF5 file [bytes].
 LARGEST = 2_000_000_000
 
 
@@ -29,8 +31,11 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     if reader is None:
         raise DataError(f'{path}: expected a file that ends in {", ".join(SUFFIXES)}')
     try:
-        if not path.is_file() or path.stat().st_size > LARGEST:
-            raise DataError(f'{path}: not a file of at most {LARGEST} bytes')
+        if not path.is_file():
+            raise DataError(f'{path}: not a file')
+        if path.suffix.lower() not in HDF5 and path.stat().st_size > LARGEST:
+            raise DataError(f'{path}: has {path.stat().st_size} bytes, expected at most '
+                            f'{LARGEST}')
         found = reader(path)
     except GdmpError:
         raise
@@ -98,14 +103,17 @@ def _mat(path: Path) -> dict[str, np.ndarray]:
 def _hdf5(path: Path) -> dict[str, np.ndarray]:
     with optional_import(extra('datasets')):
         import h5py
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and item.ndim in (1, 2, 3):
-            found[name] = np.asarray(item[()], dtype=float)
+            found[name] = item
     with h5py.File(path, 'r') as file:
         file.visititems(visit)
-    return found
+        size = sum(item.size * np.dtype(float).itemsize for item in found.values())
+        if size > LARGEST:
+            raise DataError(f'{path}: its numbers take {size} bytes, expected at most {LARGEST}')
+        return {name: np.asarray(item[()], dtype=float) for name, item in found.items()}
 
 
 def _parquet(path: Path) -> dict[str, np.ndarray]:

@@ -25,6 +25,7 @@ from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError, ParameterError
 from gdmp_ros.learning.averaging import averaged, Samples
 from gdmp_ros.learning.endpoints import Endpoint, goal_of, start_of
+from gdmp_ros.learning.lost_detail import Reproduced, warn_of_lost_detail
 from gdmp_ros.learning.preparation import (
     blank_primitive,
     check_curvature,
@@ -109,16 +110,19 @@ class OutputFit:
         if not 2 <= count <= MOST:
             raise ParameterError(f"n_basis is {count}, expected 2 to {MOST} with fit='output'")
         fitted = self._fitted(count, self._wanted)
+        residuals = self._wanted - self._predicted(fitted)
         if all(isinstance(factor, Euclidean) for factor in self._manifold.factors):
             # The responses are exact, and the connections are the same.
+            self._warn(count, residuals)
             return replace(fitted, connection=self._settings.connection)
-        predicted = _size(self._wanted - self._predicted(fitted))
+        predicted = _size(residuals)
         fitted, residuals = self._refined(fitted)
         rows = math.sqrt(len(self._wanted))
         if self._settings.split:
             check_curvature(_size(residuals) / rows, predicted / rows,
                             max(float(np.linalg.norm(shape.curve, axis=1).max())
                                 for shape in self._shapes))
+        self._warn(count, residuals)
         if self._settings.connection == 'parallel':
             return fitted
         return with_published(fitted, [(one.start, one.goal) for one in self._shapes])
@@ -147,6 +151,18 @@ class OutputFit:
         if error > tolerance:
             warn_tolerance(chosen, error, tolerance)
         return chosen
+
+    def _warn(self, count: int, residuals: np.ndarray) -> None:
+        """Warn of detail that is lost."""
+        if not np.isfinite(residuals).all():
+            return
+        shown, row = [], 0
+        for number, shape in enumerate(self._shapes):
+            scale, samples = self._rows.scale(number), self._rows.progress[number][2]
+            own = residuals[row:row + samples] / scale[:samples, None]
+            shown.append(Reproduced(shape.curve[:samples], own))
+            row += len(scale)
+        warn_of_lost_detail(self._manifold, count, shown, self._settings.contexts is not None)
 
     # Preparation
 

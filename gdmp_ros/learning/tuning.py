@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
+import warnings
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from gdmp_ros.dmp.evaluation import mean_distance, reproduction_error
 from gdmp_ros.dmp.primitive import Gains
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, GdmpWarning
 from gdmp_ros.learning.alignment import aligned
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import FitSettings, prepared
@@ -106,7 +107,13 @@ def basis_errors(demonstrations: Sequence[Demonstration],
 
 def _fit(shown: Sequence[Demonstration]) -> Callable[[int], Skill]:
     fit = OutputFit(prepared(shown, None), FitSettings(Gains(), 'parallel', end='moving'))
-    return lambda count: Skill.of(fit.primitive(count))
+
+    def make(count: int) -> Skill:
+        # What each number of functions loses is the result itself.
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', GdmpWarning)
+            return Skill.of(fit.primitive(count))
+    return make
 
 
 def sufficient_basis(errors: Sequence[BasisError]) -> int:

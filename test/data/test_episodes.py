@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from gdmp_ros import Demonstration, Euclidean, Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import episodes, foreign, lasa, lerobot, recordings, robomimic
+from gdmp_ros.data import episodes, foreign, lasa, lerobot, recordings, robomimic, tables
 from gdmp_ros.data.foreign import Import
 from gdmp_ros.errors import DataError
 from test.commands import gdmp
@@ -183,6 +183,44 @@ def test_a_data_set_that_lerobot_has_written():
 
 
 NAMES = ['time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz']
+
+
+def test_a_data_set_that_robomimic_has_written(tmp_path):
+    """
+    Lift of robosuite 1.5.2, written by the scripts of robomimic 0.5.0; two of its episodes.
+
+    It has no times, and two orientations: only the one of the site belongs to the position.
+    """
+    path = Path(__file__).parent / 'robomimic' / 'lift.hdf5'
+    sources = episodes.sources(path)
+    assert len(sources) == 2
+    found = episodes.read(sources[1])
+    with h5py.File(path) as file:
+        observed = file['data/demo_2/obs']
+        position = observed['robot0_eef_pos'][()]
+        orientation = observed['robot0_eef_quat_site'][()]
+    np.testing.assert_array_equal(found.demonstration.points[:, :3], position)
+    turned = orientation[:, [3, 0, 1, 2]]
+    np.testing.assert_allclose(np.abs((found.demonstration.points[:, 3:] * turned).sum(axis=1)),
+                               1.0, atol=1e-6)
+    # The environment was controlled at 20 Hz.
+    np.testing.assert_allclose(np.diff(found.demonstration.times), 0.05)
+    assert any('robot0_eef_quat_site' in note for note in found.notes)
+    assert any('control_freq' in note for note in found.notes)
+    slower = episodes.read(sources[1], Import(rate_hz=10.0)).demonstration
+    np.testing.assert_allclose(np.diff(slower.times), 0.1)
+    assert gdmp('learn', path, '-o', 'skill.json', cwd=tmp_path).returncode == 0
+
+
+def test_images_beside_the_numbers_do_not_count(shown, tmp_path, monkeypatch):
+    robomimic.write(tmp_path / 'set.hdf5', shown, RATE_HZ)
+    with h5py.File(tmp_path / 'set.hdf5', 'a') as file:
+        file.create_dataset('data/demo_0/obs/image', data=np.zeros((40, 64, 64, 3), np.uint8))
+    monkeypatch.setattr(tables, 'LARGEST', 460_000)
+    check_equal(episodes.read(Path(f'{tmp_path}/set.hdf5#0')).demonstration, shown[0])
+    monkeypatch.setattr(tables, 'LARGEST', 4_000)
+    with pytest.raises(DataError, match='its numbers take .* bytes, expected at most 4000'):
+        tables.read_arrays(tmp_path / 'set.hdf5')
 
 
 @pytest.mark.parametrize('before', ['index', 'velocity', 'wx', 'Tx', 'goal_x', 'px_raw'])

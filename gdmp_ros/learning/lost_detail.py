@@ -1,0 +1,148 @@
+"""
+Detail that the demonstrations have and a skill does not.
+
+Too few basis functions cannot follow a motion, and the average of takes that are out of phase is
+flatter than each of them. Both make the path shorter. The length is measured by the motion energy,
+the integral of the squared speed, because the share of white noise in it is known.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+import warnings
+
+import numpy as np
+
+from gdmp_ros.errors import GdmpWarning
+from gdmp_ros.learning.endpoints import noise_level
+from gdmp_ros.manifolds import Manifold
+
+#: The samples are averaged in this many bins: details down to two bins are seen, and noise is not.
+BINS = 400
+#: Functions that make a path this much shorter, as a share, do not follow it.
+SHORTER = 0.1
+#: A loss counts if it is this many times the standard error that noise leaves.
+SIGNIFICANT = 4.0
+#: An average that half of the motion energy is not in is no longer what the takes have in common.
+AVERAGED = 1.0 - math.sqrt(0.5)
+
+
+class Reproduced(NamedTuple):
+    """
+    A demonstration and what its reproduction leaves, both at the same samples.
+
+    :ivar curve: the demonstration, unrolled into Rⁿ, shape ``(samples, n)``
+    :ivar residual: from the reproduction to the demonstration, shape ``(samples, n)``
+    """
+
+    curve: np.ndarray
+    residual: np.ndarray
+
+
+class LostDetail(NamedTuple):
+    """
+    What a skill has lost in one factor.
+
+    :ivar shorter: share by which its path is shorter than those of the demonstrations; 0 if noise
+        explains it
+    :ivar common: part of the loss that the demonstrations have in common: the functions do not
+        follow it; the rest was lost by averaging
+    :ivar timing: part of the variance between the demonstrations that is along the motion
+    :ivar distance: RMS distance of the reproductions, without the noise [unit of the factor]
+    """
+
+    shorter: float
+    common: float
+    timing: float
+    distance: float
+
+
+def lost_detail(shown: Sequence[Reproduced]) -> LostDetail:
+    """Compare demonstrations with their reproductions, in the columns of one factor."""
+    bins = min(BINS, *(len(one.curve) for one in shown))
+    noise = [noise_level(one.residual) for one in shown]
+    curves = [_binned(one.curve, bins) for one in shown]
+    residuals = [_binned(one.residual, bins) for one in shown]
+    # Variance of the step between two bins, from the noise of their samples.
+    steps = [2.0 * sd ** 2 * bins / len(one.curve) for sd, one in zip(noise, shown)]
+    total = sum(_energy(curve, step) for curve, step in zip(curves, steps))
+    kept = sum(_energy(curve - left, 0.0) for curve, left in zip(curves, residuals))
+    mean = np.mean(residuals, axis=0)
+    common = len(shown) * _energy(mean, float(np.mean(steps)) / len(shown))
+    varying = sum(_energy(left - mean, step * (1.0 - 1.0 / len(shown)))
+                  for left, step in zip(residuals, steps))
+    square = np.mean([(one.residual ** 2).sum(axis=1).mean()
+                      - sd ** 2 * one.residual.shape[1] for one, sd in zip(shown, noise)])
+    shorter = 0.0
+    if total - kept > SIGNIFICANT * _noise_error(steps, curves, shown):
+        shorter = 1.0 - math.sqrt(kept / total)
+    return LostDetail(shorter,
+                      common / (common + varying) if common > 0.0 else 0.0,
+                      _along(curves, [left - mean for left in residuals]),
+                      math.sqrt(max(float(square), 0.0)))
+
+
+def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduced],
+                        contexts: bool) -> None:
+    """
+    Warn of factors whose path is much shorter than that of the demonstrations.
+
+    :param count: number of basis functions
+    :param contexts: whether the demonstrations differ on purpose
+    """
+    for name, factor, columns in zip(manifold.names, manifold.factors, manifold.tangent_slices):
+        lost = lost_detail([Reproduced(one.curve[:, columns], one.residual[:, columns])
+                            for one in shown])
+        averaged = lost.common < 0.5
+        if (lost.shorter < (AVERAGED if averaged else SHORTER)
+                or lost.distance < factor.goal_tolerance or (averaged and contexts)):
+            continue
+        what = (f'the path of {name} is {lost.shorter:.0%} shorter than demonstrated '
+                f'({lost.distance:.2g} away from it, RMS)')
+        if averaged:
+            text = (f'the demonstrations differ, and their average loses detail: {what}. '
+                    f'{lost.timing:.0%} of the variance between them is along the path (timing, '
+                    'takes out of phase). Leave out those that differ, or learn from one')
+        else:
+            text = (f'{count} basis functions cannot follow the demonstrations: {what}. Take more '
+                    'functions (n_basis), or divide the motion')
+        warnings.warn(text, GdmpWarning, stacklevel=6)
+
+
+def _binned(samples: np.ndarray, bins: int) -> np.ndarray:
+    """Means of neighbouring samples, shape ``(bins, n)``."""
+    first = np.arange(bins) * len(samples) // bins
+    counts = np.diff(np.append(first, len(samples)))
+    return np.asarray(np.add.reduceat(samples, first, axis=0) / counts[:, None])
+
+
+def _energy(binned: np.ndarray, noise: float) -> float:
+    """Sum of the squared steps, without that of noise of this variance of a coordinate's step."""
+    steps = np.diff(binned, axis=0)
+    return max(float((steps ** 2).sum()) - noise * steps.size, 0.0)
+
+
+def _noise_error(steps: Sequence[float], curves: Sequence[np.ndarray],
+                 shown: Sequence[Reproduced]) -> float:
+    """
+    Standard error of the motion energy.
+
+    Mean squares of n differences of white noise have the relative variance 3 / n, those of third
+    differences, which the noise is known from, 4.6 / n.
+    """
+    return math.sqrt(sum((step * curve.size) ** 2
+                         * (3.0 / curve.size + 4.6 / one.curve.size)
+                         for step, curve, one in zip(steps, curves, shown)))
+
+
+def _along(curves: Sequence[np.ndarray], varying: Sequence[np.ndarray]) -> float:
+    """Part of the variance that is along the curves."""
+    along = total = 0.0
+    for curve, away in zip(curves, varying):
+        tangent = np.gradient(curve, axis=0)
+        speed = np.linalg.norm(tangent, axis=1)
+        tangent /= np.where(speed > 0.0, speed, 1.0)[:, None]
+        along += float(((away * tangent).sum(axis=1) ** 2).sum())
+        total += float((away ** 2).sum())
+    return along / total if total > 0.0 else 0.0
