@@ -18,6 +18,7 @@ from gdmp_ros.errors import DataError
 #: Sequence numbers of different publishers differ by more than this.
 ONE_STREAM = 1 << 20
 REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
+SERVER_STATE_TOPIC = '/trajectory_server/state'
 STATE = 'gdmp_msgs/msg/RobotState'
 
 
@@ -33,6 +34,8 @@ class Run:
     :ivar ticks: control ticks of the arm, by its own count
     :ivar joint_references: positions that the joints were to follow; NaN where there were none
     :ivar applied: sequence number of the reference that the arm followed at each state
+    :ivar goal_stamps: of the states of the server, if it had a goal and they were recorded
+    :ivar goals: of the server at these times
     """
 
     reference_stamps: np.ndarray
@@ -55,6 +58,8 @@ class Run:
     arm_modes: np.ndarray
     ticks: np.ndarray
     joint_references: np.ndarray
+    goal_stamps: np.ndarray
+    goals: np.ndarray
 
 
 def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
@@ -79,6 +84,7 @@ def read(bag: Path, robot: str = '') -> Run:
     """
     references: list[Any] = []
     states: list[Any] = []
+    goals: list[Any] = []
     published: list[int] = []
     with opened(bag) as reader, _without_garbage_collection():
         found = streams(topics_in(reader), robot)
@@ -88,15 +94,17 @@ def read(bag: Path, robot: str = '') -> Run:
                 raise DataError(f'{bag}: expected one topic with {what}'
                                 f'{f" in {robot}" if robot else ""}, the bag has {have}')
         reference_topic, state_topic = found[0][0], found[1][0]
+        server_topic = reference_topic.rpartition('/')[0] + '/state'
         for connection, bag_time, raw in reader.messages():
             if connection.topic == reference_topic:
                 published.append(bag_time)
             message: Any = reader.deserialize(raw, connection.msgtype)
-            {reference_topic: references, state_topic: states}.get(connection.topic, []).append(
-                message)
+            {server_topic: goals, reference_topic: references, state_topic: states}.get(
+                connection.topic, []).append(message)
     for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
+    goals = [message for message in goals if getattr(message, 'goal', ())]
     return Run(
         reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
         sequences=_column(references, lambda m: m.sequence),
@@ -113,7 +121,8 @@ def read(bag: Path, robot: str = '') -> Run:
         limited=_column(states, _limited),
         arm_modes=_column(states, lambda m: _later(m, 'mode')),
         ticks=_column(states, lambda m: _later(m, 'tick')),
-        joint_references=_column(states, _joint_reference))
+        joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
+        goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7))
 
 
 def lost(run: Run) -> int:

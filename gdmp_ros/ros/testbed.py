@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from gdmp_ros.data import runs
-from gdmp_ros.data.runs import REFERENCE_TOPIC
+from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, SIMULATED
 from gdmp_ros.ros.clients.client import START_UP_S
@@ -92,7 +92,8 @@ class NodeTestbed:
         """
         self.children.start(RECORDER, 'gdmp_ros.ros.recorder.record', [
             str(bag or self.folder / 'run'), f'{REFERENCE_TOPIC}=gdmp_msgs/msg/Reference',
-            f'/{self.arm.node}/state=gdmp_msgs/msg/RobotState', *arguments], prefix)
+            f'/{self.arm.node}/state=gdmp_msgs/msg/RobotState',
+            f'{SERVER_STATE_TOPIC}=gdmp_msgs/msg/ServerState', *arguments], prefix)
         self.wait_log(RECORDER, 'recording\n', START_UP_S)
 
     def start(self, arm: Mapping[str, Any] | None = None, server: Mapping[str, Any] | None = None,

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.run_analysis import lateness, Tracking
-from gdmp_ros.data.run_events import Event
+from gdmp_ros.data.run_events import Event, Limited
 from gdmp_ros.data.runs import Run
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
@@ -22,6 +22,8 @@ from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
 Likely: TypeAlias = tuple[np.ndarray, np.ndarray]
 #: Largest number of points of a curve.
 MAX_POINTS = 3000
+#: Height of a panel [px].
+PANEL_PX = 220
 #: Ellipsoids along a path.
 ELLIPSOIDS = 12
 DASH = ('solid', 'dash', 'dot', 'dashdot', 'longdash', 'longdashdot')
@@ -85,16 +87,27 @@ def _point(position: np.ndarray, name: str, symbol: str) -> go.Scatter3d:
 
 def _space(traces: Sequence[Any]) -> go.Figure:
     figure = go.Figure(list(traces))
+    # Orthographic and from afar: the whole box is in the picture, whatever its shape.
     figure.update_layout(scene={'xaxis_title': 'x [m]', 'yaxis_title': 'y [m]',
-                                'zaxis_title': 'z [m]', 'aspectmode': 'data'},
-                         height=620, margin={'l': 0, 'r': 0, 't': 20, 'b': 0})
+                                'zaxis_title': 'z [m]', 'aspectmode': 'data',
+                                'camera': {'projection': {'type': 'orthographic'},
+                                           'eye': {'x': 1.5, 'y': 1.5, 'z': 1.0}}},
+                         height=620, margin={'l': 0, 'r': 0, 't': 20, 'b': 0},
+                         legend={'orientation': 'h', 'y': 1.0, 'yanchor': 'bottom'})
     return figure
 
 
 def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
-               marks: Sequence[Event] = ()) -> go.Figure:
-    """Panels with a common time axis."""
-    figure = make_subplots(rows=len(rows), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+               marks: Sequence[Event] = (), active: Sequence[Limited] = ()) -> go.Figure:
+    """
+    Panels with a common time axis.
+
+    :param marks: vertical lines with the numbers of the events, from 1 on
+    :param active: limits, in a panel of their own
+    """
+    count = len(rows) + bool(active)
+    figure = make_subplots(rows=count, cols=1, shared_xaxes=True,
+                           vertical_spacing=70 / (PANEL_PX * count))
     for number, (label, curves) in enumerate(rows, 1):
         for k, (name, times, values) in enumerate(curves):
             # The only curve of a panel is named by the axis.
@@ -104,12 +117,28 @@ def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndar
                 x=times[kept], y=values[kept], name=name, mode='lines', showlegend=not alone,
                 line={'color': INK[k % 6], 'dash': DASH[k % 6], 'width': 1.5}), number, 1)
         figure.update_yaxes(title_text=label, row=number, col=1)
-    for mark in marks:
+    for one in active:
+        figure.add_trace(_bars(one), count, 1)
+    if active:
+        figure.update_yaxes(title_text='limits', automargin=True, row=count, col=1)
+    for number, mark in enumerate(marks, 1):
         figure.add_vline(x=mark.time, line={'color': '#999', 'width': 1, 'dash': 'dot'})
-    figure.update_xaxes(title_text='time [s]', row=len(rows), col=1)
-    figure.update_layout(height=60 + 190 * len(rows), margin={'l': 70, 'r': 20, 't': 20, 'b': 40},
-                         plot_bgcolor='#fafafa')
+        figure.add_annotation(x=mark.time, y=1.0, yref='paper', yanchor='bottom', xref='x',
+                              text=str(number), showarrow=False)
+    figure.update_xaxes(title_text='time [s]', showticklabels=True)
+    figure.update_layout(height=110 + PANEL_PX * count, plot_bgcolor='#fafafa',
+                         margin={'l': 70, 'r': 20, 't': 30, 'b': 80},
+                         legend={'orientation': 'h', 'y': -50 / (PANEL_PX * count)})
     return figure
+
+
+def _bars(one: Limited) -> go.Scatter:
+    """The times at which a limit was active, as bars."""
+    gaps = np.full_like(one.begins, np.nan)
+    times = np.column_stack([one.begins, one.ends, gaps]).reshape(-1)
+    return go.Scatter(x=times, y=[one.limit.name] * len(times), mode='lines', name=one.limit.name,
+                      showlegend=False, line={'color': INK[0] if one.limit.smooths else INK[1],
+                                              'width': 7})
 
 
 def _eigenvalues(matrices: np.ndarray, times: np.ndarray, name: str
@@ -133,8 +162,8 @@ def run_in_space(run: Run, likely: Likely | None = None) -> go.Figure:
 
 
 def run_over_time(run: Run, tracked: Tracking,
-                  marks: Sequence[Event]) -> go.Figure:
-    """Errors, stiffness, speed, energy and lateness."""
+                  marks: Sequence[Event], active: Sequence[Limited]) -> go.Figure:
+    """Errors, stiffness, speed, energy, lateness and active limits."""
     origin = run.state_stamps[0]
     times = (run.state_stamps - origin) * 1e-9
     sent = (run.reference_stamps - origin) * 1e-9
@@ -151,7 +180,7 @@ def run_over_time(run: Run, tracked: Tracking,
             *_eigenvalues(blocks(run.stiffness[kept]), times[kept], 'applied,')]),
         ('speed [m/s]', [('tool', times, np.linalg.norm(run.twists[:, :3], axis=1))]),
         ('energy tank [J]', [('tank', times, run.tank)]),
-        ('lateness [µs]', [('reference', sent, 1e6 * lateness(run))])], marks)
+        ('lateness [µs]', [('reference', sent, 1e6 * lateness(run))])], marks, active)
 
 
 def demonstration_in_space(recording: Recording, likely: Likely | None = None) -> go.Figure:

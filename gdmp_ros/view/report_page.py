@@ -9,6 +9,7 @@ import numpy as np
 from gdmp_ros import __version__
 from gdmp_ros.data import bags, recordings, run_analysis, runs
 from gdmp_ros.data.run_events import events as events_of
+from gdmp_ros.data.run_events import limited
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.prediction import likely_path
@@ -52,13 +53,13 @@ def _likely(skill: Skill | None, poses: np.ndarray) -> figures.Likely | None:
 def _run(bag: Path, robot: str, skill: Skill | None) -> dict[str, object]:
     run = runs.read(bag, robot)
     events, tracked = events_of(run), run_analysis.tracking(run)
-    marks = events if len(events) <= MOST_MARKS else []
-    return {'title': f'Run {bag.name}', 'rows': run_analysis.summary(run, tracked),
-            'events': events,
+    marks, active = events if len(events) <= MOST_MARKS else [], limited(run)
+    return {'title': 'Run', 'rows': run_analysis.summary(run, tracked),
+            'events': events, 'marked': bool(marks), 'limited': active,
             'space': figures.html(figures.run_in_space(run, _likely(
                 skill, run.references[run.moving] if run.moving.any() else run.references)),
                 'space'),
-            'time': figures.html(figures.run_over_time(run, tracked, marks), 'time')}
+            'time': figures.html(figures.run_over_time(run, tracked, marks, active), 'time')}
 
 
 def _demonstration(bag: Path, skill: Skill | None) -> dict[str, object]:
@@ -69,6 +70,6 @@ def _demonstration(bag: Path, skill: Skill | None) -> dict[str, object]:
     rows = [('frame', recording.frame), ('duration', f'{shown.duration:.2f} s'),
             ('samples', f'{len(shown.times)}'), ('path', f'{length:.3f} m'),
             ('factors', ', '.join(shown.manifold.names))]
-    return {'title': f'Demonstration {bag.name}', 'rows': rows, 'events': [],
+    return {'title': f'Demonstration {bag.name}', 'rows': rows, 'events': [], 'limited': [],
             'space': figures.html(figures.demonstration_in_space(recording, likely), 'space'),
             'time': figures.html(figures.demonstration_over_time(recording, likely), 'time')}

@@ -42,10 +42,27 @@ def test_events_are_in_the_order_of_time(run):
     assert '0.00 the reference begins to move' in text
     assert '1.00 the reference stops, after 1.00 s' in text
     assert '1.20 no reference for 301 ms' in text
-    name = LIMITS[2].name
-    assert f'0.10 limit {name} exceeded by up to 0.4' in text
-    assert f'0.90 limit {name} exceeded by up to 1.5' in text
-    assert len(found) == 5
+    assert '0.50 the goal changes by 0.' in text
+    assert len(found) == 4
+
+
+def test_a_goal_that_moves_is_one_event(run):
+    goals = np.tile(run.goals[0], (len(run.goals), 1))
+    goals[:, 0] = 0.3 + 0.01 * np.clip(np.arange(len(goals)), 5, 9)
+    found = [event for event in run_events.events(replace(run, goals=goals))
+             if 'goal' in event.text]
+    assert [event.text for event in found] == ['the goal moves for 0.3 s, by 0.040 m, 0.00 rad']
+    assert found[0].time == pytest.approx(0.6)
+    without = replace(run, goals=goals[:0], goal_stamps=run.goal_stamps[:0])
+    assert not any('goal' in event.text for event in run_events.events(without))
+
+
+def test_the_times_at_which_a_limit_is_active(run):
+    one, = run_events.limited(run)
+    assert one.limit is LIMITS[2] and one.largest == 1.5
+    np.testing.assert_allclose(one.begins, [0.1, 0.9])
+    np.testing.assert_allclose(one.ends, [0.15, 1.0])
+    assert one.seconds == pytest.approx(0.15)
 
 
 def test_another_stream_of_references_is_an_event(run):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.data import lasa, recordings, runs
+from gdmp_ros.data import lasa, recordings, run_analysis, run_events, runs
 from gdmp_ros.errors import DataError
 from gdmp_ros.view import report_figures, report_page
 from test.recorded_run import NS, recorded_run
@@ -60,6 +60,20 @@ def test_a_page_loads_nothing_from_elsewhere(taken, tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(DataError, match='cannot write the report'):
         report_page.write(taken, tmp_path / 'file' / 'page.html')
+
+
+def test_the_page_of_a_run_tells_what_happened_and_which_limits_were_active():
+    run = recorded_run()
+    events, active = run_events.events(run), run_events.limited(run)
+    figure = report_figures.run_over_time(run, run_analysis.tracking(run), events, active)
+    axes = [axis for name, axis in figure.to_dict()['layout'].items() if name.startswith('xaxis')]
+    assert len(axes) == 7  # six panels, and the limits
+    assert all(axis['title']['text'] == 'time [s]' and axis['showticklabels'] for axis in axes)
+    numbers = [note.text for note in figure.layout.annotations]
+    assert numbers == [str(k) for k in range(1, len(events) + 1)]
+    bars, = (trace for trace in figure.data if trace.line.width == 7)
+    np.testing.assert_allclose(bars.x, [0.1, 0.15, np.nan, 0.9, 1.0, np.nan])
+    assert set(bars.y) == {'joint_position'}
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason='no Chromium')
