@@ -20,15 +20,7 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import table
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from gdmp_ros.dmp.skill import Skill
-    from gdmp_ros.sim.path_check import PathCheck, PathChecker
-
-#: Poses of a path that are checked.
-POSES = 200
-#: The motion is checked for this many durations: a changed goal is reached after the first one.
-SHOWN = 1.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,16 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Check, print, draw."""
     check_output(options.plot, '.png', '.pdf', '.svg')
-    import numpy as np
-
     from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(options.skill)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.path_check import PathChecker
-    arm = Arm(options.model)
-    times = np.linspace(0.0, SHOWN * skill.duration, POSES)
-    found, positions = _checked(skill, PathChecker(arm), times, options.goal_position)
+        from gdmp_ros.sim.skill_check import check_skill
+    if options.goal_position is not None:
+        skill = _with_goal_at(skill, options.goal_position)
+    found, positions = check_skill(skill, PathChecker(Arm(options.model)))
     problems = found.problems()
     table(f'{options.skill} with {options.model or "the Panda"}', ['', 'least'], [
         [one.label, f'{one.values.min():.3f}'] for one in found.margins])
@@ -70,26 +61,16 @@ def run(options: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def _checked(skill: Skill, checker: PathChecker, times: np.ndarray, goal: list[float] | None
-             ) -> tuple[PathCheck, np.ndarray]:
+def _with_goal_at(skill: Skill, position: list[float]) -> Skill:
     """
-    Check the motion of a skill of a pose or of the joints; returns the positions of the tool too.
+    The skill with its goal at another position.
 
-    :raises DataError: if it is another skill, or a goal position is given for one of the joints
+    :raises DataError: if it is one of the joints
     """
-    import numpy as np
-
     from gdmp_ros.playback.player_settings import PlayerSettings
     from gdmp_ros.playback.streamed import streamed
-    of_joints = streamed(skill, PlayerSettings()).of_joints
-    if goal is not None:
-        if of_joints:
-            raise DataError('the goal of a skill of the joints is a posture, not a position')
-        moved = skill.goal.copy()
-        moved[:3] = goal
-        skill = skill.between(goal=moved)
-    points = skill.rollout().sample(times).points.reshape(len(times), -1)
-    if of_joints:
-        found = checker.check_postures(times, points)
-        return found, np.array([checker.position(posture) for posture in points])
-    return checker.check(times, points[:, :7]), points[:, :3]
+    if streamed(skill, PlayerSettings()).of_joints:
+        raise DataError('the goal of a skill of the joints is a posture, not a position')
+    goal = skill.goal.copy()
+    goal[:3] = position
+    return skill.between(goal=goal)

@@ -6,7 +6,13 @@ import math
 import numpy as np
 
 from gdmp_ros.control.modes import ArmMode, StreamMode
-from gdmp_ros.control.reference_check import continues, NewestReference, Origin, refusal
+from gdmp_ros.control.reference_check import (
+    continues,
+    is_on_time,
+    NewestReference,
+    Origin,
+    refusal,
+)
 from gdmp_ros.control.reference_kinds import (
     JointReferences,
     PoseReferences,
@@ -65,6 +71,8 @@ class ReferenceGuard:
         self._fresh = self._resumable = False
         self._armed_s = 0.0
         self._age, self._sequence, self._delay = math.inf, 0, 0.0
+        # Sequence number of the last reference that was on time.
+        self._on_time = 0
         self._far = ''
         self.mode = ArmMode.HOLD
         self._robot = Whereabouts(pose.copy(), np.zeros(6))
@@ -94,7 +102,10 @@ class ReferenceGuard:
         :returns: whether it was accepted
         """
         kind: ReferenceKind = self._tool if len(target) == TARGET_SIZE else self._joints
-        reason = refusal(origin, self.settings)
+        known = self._on_time > 0 and continues(origin.sequence, self._on_time)
+        reason = refusal(origin, self.settings, known)
+        if is_on_time(origin, self.settings):
+            self._on_time = origin.sequence
         if reason is None:
             reason = kind.invalid(target)
         if reason is None:

@@ -91,17 +91,28 @@ class NewestReference:
         return rested
 
 
-def refusal(origin: Origin, settings: GuardSettings) -> str | None:
-    """Why a reference must not be followed because of where it comes from; None if it may."""
+def refusal(origin: Origin, settings: GuardSettings, on_time_before: bool = False) -> str | None:
+    """
+    Why a reference must not be followed because of where it comes from; None if it may.
+
+    :param on_time_before: whether an earlier one of its stream was on time: the clocks agree then
+    """
     if origin.frame != settings.frame:
         return f'frame is {origin.frame!r}, expected {settings.frame!r}'
-    if abs(origin.age) > settings.stamp_tolerance:
-        side, late = (('past', ', or a process stood still') if origin.age > 0.0 else
-                      ('future', ', or this process stood still'))
-        return (f'stamp is {abs(origin.age):.3g} s in the {side}, expected within '
-                f'{settings.stamp_tolerance:g} s: the clocks of the machines differ, simulated '
-                f'and wall time are mixed{late}')
+    if not is_on_time(origin, settings):
+        past = origin.age > 0.0
+        clocks = 'the clocks of the machines differ, simulated and wall time are mixed, or '
+        late = ('their publisher, the network or this process was held up' if past else
+                'this process was held up and its time is behind')
+        return (f'stamp is {abs(origin.age):.3g} s in the {"past" if past else "future"}, '
+                f'expected within {settings.stamp_tolerance:g} s: '
+                f'{"the stream was on time before: " if on_time_before else clocks}{late}')
     return None if origin.mode in _MODES else f'mode is {origin.mode}, expected 0 to {LAST_MODE}'
+
+
+def is_on_time(origin: Origin, settings: GuardSettings) -> bool:
+    """Whether the stamp of a reference is near the present time."""
+    return abs(origin.age) <= settings.stamp_tolerance
 
 
 def invalid_target(target: np.ndarray) -> str | None:

@@ -113,15 +113,6 @@ class Streamer:
             self.player.load(skill)
         self.skill_name = name
 
-    def load(self, path: str, name: str = '') -> None:
-        """
-        Use a skill file for the next start.
-
-        :param name: for reports; by default the path
-        :raises DataError: if it cannot be loaded; the present skill stays
-        """
-        self.use(Skill.load(path), name or path)
-
     def loaded(self) -> Player:
         """
         Return the player.

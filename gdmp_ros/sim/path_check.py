@@ -111,9 +111,14 @@ class PathCheck:
 class PathChecker:
     """Follows paths with one arm, pose by pose, without dynamics."""
 
-    def __init__(self, arm: Arm):
-        """:param arm: is moved"""
-        self._arm, self._reach = arm, Reach(arm)
+    def __init__(self, arm: Arm, tool: str = 'tcp'):
+        """
+        Prepare.
+
+        :param arm: is moved
+        :param tool: name of the site that follows the path
+        """
+        self._arm, self._reach = arm, Reach(arm, tool)
         self._pairs = _pairs(arm.model)
 
     def check(self, times: np.ndarray, poses: np.ndarray,

@@ -12,11 +12,10 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.tool_skill import ToolSkill
+from gdmp_ros.sim.skill_check import DURATIONS
 
 #: Samples of a motion.
 SAMPLES = 240
-#: A motion is shown for this many of its durations: it comes to rest after its nominal end.
-SHOWN = 1.2
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def check_shown(skill: Skill) -> None:
 
 def of_skill(skill: Skill) -> ShownMotion:
     """The motion of a skill of a pose between its own ends."""
-    times = np.linspace(0.0, SHOWN * skill.duration, SAMPLES)
+    times = np.linspace(0.0, DURATIONS * skill.duration, SAMPLES)
     return _of_points(times, skill.rollout().sample(times).points, skill.manifold)
 
 

@@ -84,6 +84,18 @@ def test_stamps_of_another_clock_are_refused(guard, age, side):
     assert guard.offer(reference(), Origin('base', 0.4))
 
 
+@pytest.mark.parametrize('age, who', [
+    (3.0, 'their publisher, the network or this process was held up'),
+    (-3.0, 'this process was held up and its time is behind')])
+def test_a_stream_that_was_on_time_is_late_because_somebody_was_held_up(guard, age, who):
+    """Clocks that agreed are not blamed; those of another stream may differ."""
+    assert guard.offer(reference(), Origin('base', 0.001, 7))
+    assert not guard.offer(reference(), Origin('base', age, 8))
+    assert guard.last_refusal.endswith(f'the stream was on time before: {who}')
+    assert not guard.offer(reference(), Origin('base', age, 1_000_000))
+    assert 'the clocks of the machines differ' in guard.last_refusal
+
+
 def turned(angle):
     numbers = reference()
     numbers[3:7] = np.cos(angle / 2) * HOME[3:] + np.sin(angle / 2) * np.array([0.0, 0, 1, 0])

@@ -123,6 +123,19 @@ def test_invalid_goals_are_refused_with_the_reason_and_the_motion_continues(runn
         running.tool()[:3] - skill.goal[:3]) < 0.002)
 
 
+def test_a_skill_that_the_arm_cannot_follow_is_loaded_with_a_warning(running, skill, tmp_path):
+    behind, good = skill.goal.copy(), skill.goal.copy()
+    behind[:3] = -0.9, 0.0, 0.4
+    skill.between(goal=behind).save(tmp_path / 'behind.json')
+    skill.between(goal=good).save(tmp_path / 'good.json')
+    reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'behind.json'))
+    assert reply.success
+    assert 'the arm cannot follow' in reply.message and 'out of reach' in reply.message
+    running.wait_log('trajectory_server', 'out of reach', 5.0)
+    reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'good.json'))
+    assert reply.success and reply.message == ''
+
+
 def test_services_start_pause_and_stop(running, skill_file, tmp_path):
     bad = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'none.json'))
     assert not bad.success and 'none.json' in bad.message

@@ -53,6 +53,8 @@ def execute(request: ExecuteRequest) -> int:
                 reply = client.call(kind, f'{request.server}/{name}', **fields)
                 if not reply.success:
                     raise GdmpError(reply.message)
+                if reply.message:
+                    print(f'warning: {reply.message}', flush=True)
         _wait_for_robot(client, request.wait)
         try:
             client.execute()

@@ -1,6 +1,7 @@
 """The action ``~/execute``: a skill to its goal, with feedback; a newer goal replaces it."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
@@ -48,8 +49,14 @@ class ExecuteAction:
     """
 
     def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport,
-                 base: BaseFrame):
-        """:param base: frame of the motions; goal poses may be in others"""
+                 base: BaseFrame, load: Callable[[str], object]):
+        """
+        Serve the action.
+
+        :param base: frame of the motions; goal poses may be in others
+        :param load: uses a skill file
+        """
+        self._load = load
         self._node, self._streamer, self._report = node, streamer, report
         self._base = base
         self._execution: _Execution | None = None
@@ -221,7 +228,7 @@ class ExecuteAction:
             if not value >= 0.0:
                 raise ParameterError(f'{name} is {value!r}, expected a number >= 0')
         if goal.skill:
-            self._streamer.load(goal.skill)
+            self._load(goal.skill)
         return self._streamer.begin(pose, goal.goal_stiffness, goal.duration or None,
                                     (goal.position_tolerance or POSITION_TOLERANCE,
                                      goal.rotation_tolerance or ROTATION_TOLERANCE))

@@ -33,7 +33,7 @@ from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.execute_action import ExecuteAction
 from gdmp_ros.ros.server.goal_input import GoalInput
 from gdmp_ros.ros.server.gripper_topics import GripperTopics
-from gdmp_ros.ros.server.learning import LearningProcess, skill_from_parameters
+from gdmp_ros.ros.server.learning import LearningProcess
 from gdmp_ros.ros.server.parameters import (
     kinematics,
     player_settings,
@@ -44,6 +44,7 @@ from gdmp_ros.ros.server.parameters import (
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
 from gdmp_ros.ros.server.robot_inputs import RobotInputs
+from gdmp_ros.ros.server.skill_loader import SkillLoader
 
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
@@ -58,6 +59,7 @@ class TrajectoryServer(ManagedNode):
     """The managed node ``trajectory_server``."""
 
     streamer: Streamer
+    _skills: SkillLoader
     _report: ServerReport
     _action: ExecuteAction
     _references: ReferencePublisher
@@ -76,20 +78,21 @@ class TrajectoryServer(ManagedNode):
         parameters = self.parameters
         self._base = BaseFrame(self, parameters.frame_id)
         self.inputs = RobotInputs(self, parameters, self._base)
+        reach, checker = kinematics(parameters)
         self.streamer = Streamer(
             self._period_ns(), self.inputs.pose, stream_settings(parameters),
-            player_settings(parameters), robot_settings(parameters), kinematics(parameters),
+            player_settings(parameters), robot_settings(parameters), reach,
             self.inputs.joints, GripperTopics(self, parameters.gripper))
         self.inputs.connect(self.streamer)
-        found = skill_from_parameters(parameters, self.get_logger())
-        if found is not None:
-            self.streamer.use(*found)
+        self._skills = SkillLoader(self.streamer, checker, self.get_logger())
+        self._skills.use_that_of(parameters)
         self._configured = True
         self._references = ReferencePublisher(self, parameters.frame_id)
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
         self._add_inputs()
-        self._action = ExecuteAction(self, self.streamer, self._report, self._base)
+        self._action = ExecuteAction(self, self.streamer, self._report, self._base,
+                                     self._skills.load)
         self.add_report(self._publish_report)
         self._add_services()
         parameters.check = stream_settings
@@ -199,7 +202,7 @@ class TrajectoryServer(ManagedNode):
         service(Trigger, 'stop', lambda _: streamer.loaded().stop())
         service(SetBool, 'pause', lambda request: streamer.loaded().pause(request.data))
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
-        service(LoadSkill, 'load_skill', lambda request: self._load(request.path))
+        self.add_service(LoadSkill, 'load_skill', self._skills.answer)
         # It awaits: in the default group it would block the other services.
         self.add_service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
 
@@ -216,16 +219,13 @@ class TrajectoryServer(ManagedNode):
         check_range('speed', scale, 0.0, MAX_SPEED)
         self.streamer.loaded().set_speed(scale)
 
-    def _load(self, path: str, name: str = '') -> None:
-        self.streamer.load(path, name)
-        self.get_logger().info(f'loaded {name or path}')
-
     async def _on_learn(self, request: LearnSkill.Request, reply: LearnSkill.Response) -> Any:
         try:
             path, error = await self._learning.learn(request)
             try:
                 # A temporary file is gone soon: the name says where the skill comes from.
-                self._load(path, '' if request.output else ', '.join(request.bags))
+                reply.message = self._skills.load(
+                    path, '' if request.output else ', '.join(request.bags))
             finally:
                 if not request.output:
                     shutil.rmtree(Path(path).parent, ignore_errors=True)

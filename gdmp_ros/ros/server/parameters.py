@@ -9,6 +9,7 @@ from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.path_check import PathChecker
 from gdmp_ros.sim.reach import Reach
 from gdmp_ros.sim.tool import ToolTransform
 
@@ -31,9 +32,9 @@ SPECS = (
          0.0, 60.0, changes='live'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
-    Spec('reach_model', '', 'arm whose reach and joint limits goals are checked with: MJCF file, '
-         'menagerie:NAME or robot_descriptions:NAME; empty: the built-in Panda if frame_id is '
-         'panda_link0; none: no check'),
+    Spec('reach_model', '', 'arm with which goals, and skills when they are loaded, are checked: '
+         'MJCF file, menagerie:NAME or robot_descriptions:NAME; empty: the built-in Panda if '
+         'frame_id is panda_link0; none: no check'),
     Spec('tool_site', 'tcp', 'site of that model that is the tool'),
     *specs_of(ToolTransform, 'configure', names=_TOOL),
     Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
@@ -60,18 +61,18 @@ def stream_settings(parameters: Any) -> StreamSettings:
     return settings_from(parameters, StreamSettings)
 
 
-def kinematics(parameters: Any) -> Reach | None:
+def kinematics(parameters: Any) -> tuple[Reach, PathChecker] | tuple[None, None]:
     """
-    Kinematics of the arm; None without a model.
+    Inverse kinematics of the arm, and what checks paths with it; None without a model.
 
     :raises DataError: if the model cannot be loaded
     """
     model, tool = parameters.reach_model, parameters.tool_site
     if model == 'none' or (not model and parameters.frame_id != PANDA_FRAME):
-        return None
+        return None, None
     arm = Arm(model, tool)
     arm.put_tool(settings_from(parameters, ToolTransform, _TOOL))
-    return Reach(arm, tool)
+    return Reach(arm, tool), PathChecker(arm, tool)
 
 
 def robot_settings(parameters: Any) -> RobotSettings:
