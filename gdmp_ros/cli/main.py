@@ -74,7 +74,8 @@ your own skill, in simulation:
 everything on a simulated robot:
   gdmp demo
 
-gdmp VERB --help describes a verb, with examples.
+gdmp VERB --help describes a verb, with examples. Completion in bash or zsh:
+  eval "$(register-python-argcomplete gdmp)"
 """
 
 
@@ -88,6 +89,11 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     result.add_argument('--version', action='version', version=f'gdmp {__version__}')
     return result
+
+
+def module_of(verb: str) -> ModuleType:
+    """Import the module of a verb: it has ``add_arguments(parser)`` and ``run(options)``."""
+    return importlib.import_module(f'gdmp_ros.cli.{verb.replace("-", "_")}')
 
 
 def parse(words: Sequence[str]) -> tuple[ModuleType, argparse.Namespace]:
@@ -105,7 +111,7 @@ def parse(words: Sequence[str]) -> tuple[ModuleType, argparse.Namespace]:
         near = difflib.get_close_matches(name, VERBS, n=1, cutoff=0.5)
         question = f"did you mean '{near[0]}'?" if near else 'see gdmp --help'
         parser().error(f"'{name}' is not a verb; {question}")
-    module = importlib.import_module(f'gdmp_ros.cli.{name.replace("-", "_")}')
+    module = module_of(name)
     first, _, rest = (module.__doc__ or '').partition('\n')
     verb = argparse.ArgumentParser(prog=f'gdmp {name}', description=first,
                                    epilog=rest.strip() or None,

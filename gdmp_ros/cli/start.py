@@ -1,6 +1,7 @@
 """The executable ``gdmp``."""
 from __future__ import annotations
 
+import os
 import signal
 
 
@@ -9,6 +10,9 @@ def main() -> int:
     # A shell starts background jobs with SIGINT ignored: this is left as it is.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if '_ARGCOMPLETE' in os.environ:
+        from gdmp_ros.cli.completion import complete
+        complete()
     from gdmp_ros.cli.main import main as run
     return run()
 

@@ -8,6 +8,8 @@ from gdmp_ros.errors import DataError
 
 #: Origin of rclpy and of the message packages.
 ROS = ': the nodes need ROS 2 (make setup)'
+#: Extras of packages that files for ROS import too.
+_EXTRAS = {'psutil': 'faults', 'mujoco': 'sim'}
 
 
 def extra(name: str) -> str:
@@ -26,6 +28,8 @@ def optional_import(origin: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
+        if error.name in _EXTRAS:
+            origin = extra(_EXTRAS[error.name])
         raise DataError(f'{error.name} is missing{origin}') from None
     except ImportError as error:  # installed, but something that it needs is not
         raise DataError(f'{error.name} cannot be used ({error}){origin}') from None

@@ -58,6 +58,17 @@ def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
     assert unknown.returncode == 2 and 'see gdmp --help' in unknown.stderr
 
 
+@pytest.mark.parametrize('line, expected', [
+    ('gdmp t', {'teach', 'takes', 'tune'}), ('gdmp learn takes --end ', {'rest', 'moving'}),
+    ('gdmp check skill.json --goal', {'--goal-position'})])
+def test_the_shell_completes_verbs_options_and_choices(tmp_path, line, expected):
+    answer = tmp_path / 'answer'
+    done = gdmp(_ARGCOMPLETE='1', _ARGCOMPLETE_STDOUT_FILENAME=str(answer), COMP_LINE=line,
+                COMP_POINT=str(len(line)), COMP_TYPE='9')
+    assert done.returncode == 0, done.stderr
+    assert {word.strip() for word in answer.read_text().split('\v')} == expected
+
+
 def test_warm_up_compiles_what_the_verbs_and_nodes_need():
     assert gdmp('warm-up').returncode == 0
     again = gdmp('warm-up')
