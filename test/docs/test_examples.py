@@ -3,23 +3,63 @@ import ast
 import os
 from pathlib import Path
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 
 import pytest
+
+from gdmp_ros import Skill
+from gdmp_ros.data import lasa
+from gdmp_ros.util.dds_network import Domain
+from test.commands import GDMP
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / 'examples').glob('*.py'))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('script', EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_and_leaves_a_picture(script, tmp_path):
-    shutil.copy(script, tmp_path)
-    done = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True,
-                          text=True, env={**os.environ, 'MPLBACKEND': 'Agg'}, timeout=300)
+#: Those that are clients of running nodes.
+CLIENTS = [path for path in EXAMPLES if 'import rclpy' in path.read_text()]
+
+
+def run(script, folder, **environment):
+    """Run an example in a folder, and look at its picture."""
+    shutil.copy(script, folder)
+    done = subprocess.run([sys.executable, script.name], cwd=folder, capture_output=True,
+                          text=True, timeout=300,
+                          env={**os.environ, 'MPLBACKEND': 'Agg', **environment})
     assert done.returncode == 0, done.stderr[-3000:]
-    assert (tmp_path / f'{script.stem}.png').stat().st_size > 8_000
+    assert (folder / f'{script.stem}.png').stat().st_size > 8_000
+    return done.stdout
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('script', [one for one in EXAMPLES if one not in CLIENTS],
+                         ids=lambda path: path.stem)
+def test_an_example_runs_and_leaves_a_picture(script, tmp_path):
+    run(script, tmp_path)
+
+
+@pytest.mark.long
+def test_clients_of_running_nodes_run_and_leave_a_picture(tmp_path):
+    assert len(CLIENTS) == 2
+    Skill.learn(lasa.robot_demonstrations('GShape')[0]).save(tmp_path / 'skill.json')
+    with Domain() as domain:
+        environment = domain.environment()
+        nodes = subprocess.Popen([*GDMP, 'up', 'skill.json'], cwd=tmp_path, text=True,
+                                 stdout=subprocess.PIPE, env={**os.environ, **environment})
+        guard = threading.Timer(240.0, nodes.kill)
+        guard.start()
+        try:
+            assert any(line.startswith('running:') for line in nodes.stdout)
+            said = [run(script, tmp_path, **environment) for script in CLIENTS]
+        finally:
+            guard.cancel()
+            nodes.send_signal(signal.SIGINT)
+            nodes.wait(30.0)
+    assert said[0].startswith('the goal was reached, within 0.00')
+    assert int(said[1].split()[0]) > 5000 and said[1].strip().endswith(', 0 lost')
 
 
 def test_examples_are_short_and_in_the_gallery():

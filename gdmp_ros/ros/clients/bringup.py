@@ -62,12 +62,13 @@ def up(wanted: Bringup) -> None:
         print('starting the simulated arm, the server and the recorder', flush=True)
         _start(children, wanted)
         waited = 0.0
-        while not ends.is_set() and client.state is None:
+        while not ends.is_set() and not _is_ready(client):
             children.check()
             client.spend(LOOK_S)
             waited += LOOK_S
             if waited > START_UP_S:
-                raise GdmpError(f'waited {START_UP_S:g} s for {SERVER}, without success')
+                raise GdmpError(f'waited {START_UP_S:g} s for {SERVER} and the pose of the arm, '
+                                'without success (--logs keeps what the nodes say)')
         if not ends.is_set():
             print(f'running: {ARM}, {SERVER}, {TAKE_RECORDER}; logs: {logs} (Ctrl-C ends them)',
                   flush=True)
@@ -77,11 +78,16 @@ def up(wanted: Bringup) -> None:
     print('ended')
 
 
+def _is_ready(client: ServerClient) -> bool:
+    """Whether the server answers, and knows where the arm is: before, it refuses a start."""
+    return client.state is not None and 'no_robot' not in client.state.flags
+
+
 def _start(children: ChildProcesses, wanted: Bringup) -> None:
     children.start_node(ARM, MODULES[ARM], {
         'headless': not wanted.window, 'gripper': wanted.gripper, 'model': wanted.model})
     children.start_node(SERVER, MODULES[SERVER], {
-        'measured_pose_topic': f'/{ARM}/measured_pose',
+        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': wanted.model,
         **({} if wanted.skill is None else {'skill': str(wanted.skill.absolute())})})
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(wanted.takes.absolute()),

@@ -1,0 +1,46 @@
+"""With plain rclpy: receive every reference at 1 kHz, and plot speed and stiffness.
+
+In another terminal: gdmp up skill.json
+"""
+import sys
+import time
+
+from gdmp_msgs.msg import Reference
+from matplotlib import pyplot as plt
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
+
+rclpy.init()
+node, references = Node('example'), []
+# A short history loses messages when this process is late; 2000 are two seconds.
+qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+node.create_subscription(Reference, 'trajectory_server/reference', references.append, qos)
+start = node.create_client(Trigger, 'trajectory_server/start')
+if not start.wait_for_service(timeout_sec=10.0):
+    sys.exit('no trajectory server answers: start "gdmp up skill.json" in another terminal')
+began = start.call_async(Trigger.Request())
+rclpy.spin_until_future_complete(node, began)
+if not began.result().success:
+    sys.exit(began.result().message)
+end = time.monotonic() + 8.0
+while time.monotonic() < end:
+    rclpy.spin_once(node, timeout_sec=0.1)
+
+times = np.array([r.header.stamp.sec + 1e-9 * r.header.stamp.nanosec for r in references])
+lines = np.array([(r.twist.linear.x, r.twist.linear.y, r.twist.linear.z) for r in references])
+stiffness = np.array([r.stiffness for r in references]).reshape(-1, 6, 6)[:, :3, :3]
+lost = int(references[-1].sequence - references[0].sequence) + 1 - len(references)
+print(f'{len(references)} references, {lost} lost')
+
+figure, (upper, lower) = plt.subplots(2, sharex=True, figsize=(7, 5), layout='constrained')
+upper.plot(times - times[0], np.linalg.norm(lines, axis=1))
+upper.set(ylabel='speed [m/s]')
+for name, values in zip(('smallest', 'middle', 'largest'), np.linalg.eigvalsh(stiffness).T):
+    lower.plot(times - times[0], values, label=f'stiffness, {name}')
+lower.set(xlabel='time [s]', ylabel='stiffness [N/m]')
+figure.legend(loc='outside upper center', ncols=3)
+figure.savefig('17_plot_references.png')
+rclpy.shutdown()
