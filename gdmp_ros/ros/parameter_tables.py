@@ -64,17 +64,23 @@ def _comment(words: str) -> list[str]:
     return [*lines, line]
 
 
+#: When a change takes effect, in a word (`CHANGES`).
+_WHEN = {'configure': 'configure', 'live': 'at once', 'motion': 'motion'}
+
+
 def markdown() -> str:
     """Page with a table for each node."""
     lines = ['# Parameters', '', 'All parameters of all nodes, for a quick look-up. Generated '
              'from the source. `ros2 param set` says why a change is refused; a refused change '
-             'has no effect.', '']
+             'has no effect.', '',
+             'The last column says when a change takes effect:', '',
+             *(f'- **{_WHEN[key]}**: {text}' for key, text in CHANGES.items()), '']
     for node, (title, specs) in NODES.items():
         lines += [f'## `{node}`: {title.lower()}', '',
-                  '| parameter | default | unit | range | changes | description |',
-                  '|---|---|---|---|---|---|']
-        lines += [f'| `{spec.name}` | `{_short(spec.default)}` | {spec.unit} | {bounds(spec)} | '
-                  f'{CHANGES[spec.changes]} | {spec.description} |' for spec in specs]
+                  '| parameter | description | default | range | change |',
+                  '|---|---|---|---|---|']
+        lines += [f'| `{spec.name}` | {spec.description} | `{_short(spec.default)}` {spec.unit} | '
+                  f'{bounds(spec)} | {_WHEN[spec.changes]} |' for spec in specs]
         lines.append('')
     return '\n'.join(lines)
 

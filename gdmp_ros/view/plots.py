@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from gdmp_ros.view import style
@@ -89,6 +90,8 @@ def save(figure: Figure, path: str | Path) -> None:
     figure.savefig(path, bbox_inches='tight')
 
 
+#: Most ticks of an axis in space: in perspective the labels of more lie on each other.
+SPATIAL_TICKS = 4
 #: Letters of a legend that fit into one line above a panel.
 LEGEND = 40
 
@@ -133,7 +136,10 @@ def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray 
         axes.plot([], [], color=INK[2], label=f'stiffness (longest {largest:.0f} N/m)')
     axes.set(xlabel='x [m]', ylabel='y [m]', zlabel='z [m]')
     axes.set_aspect('equal')
-    axes.legend(loc='upper left')
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(SPATIAL_TICKS))
+        axis.labelpad = 8.0
+    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0))
 
 
 def _ellipsoid(axes: Any, centre: np.ndarray, shape: np.ndarray) -> None:
