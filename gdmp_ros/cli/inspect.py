@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from gdmp_ros.cli.arguments import add_pose_topic
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.terminal import table
+from gdmp_ros.util.terminal import progress, table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +66,8 @@ def _print_bag(path: Path, pose_topic: str) -> None:
     from gdmp_ros.data import bags, recordings
     table(str(path), ['topic', 'type', 'messages'], bags.topics(path))
     try:
-        recording = recordings.read(path, pose_topic)
+        with progress('reading', 1):
+            recording = recordings.read(path, pose_topic)
     except DataError as error:
         print(f'not a demonstration of a tool: {error}')
         return

@@ -18,8 +18,9 @@ from gdmp_ros.errors import GdmpWarning
 from gdmp_ros.learning.endpoints import noise_level
 from gdmp_ros.manifolds import Manifold
 
-#: The samples are averaged in this many bins: details down to two bins are seen, and noise is not.
-BINS = 400
+#: The samples are averaged in this many bins, or so many for each basis function: details down to
+#: two bins are seen, and noise is not.
+BINS, BINS_PER_FUNCTION = 400, 4
 #: Functions that make a path this much shorter, as a share, do not follow it.
 SHORTER = 0.1
 #: A loss counts if it is this many times the standard error that noise leaves.
@@ -34,10 +35,12 @@ class Reproduced(NamedTuple):
 
     :ivar curve: the demonstration, unrolled into Rⁿ, shape ``(samples, n)``
     :ivar residual: from the reproduction to the demonstration, shape ``(samples, n)``
+    :ivar noise: of a sample in each factor, at most: known from elsewhere
     """
 
     curve: np.ndarray
     residual: np.ndarray
+    noise: tuple[float, ...] = ()
 
 
 class LostDetail(NamedTuple):
@@ -58,10 +61,14 @@ class LostDetail(NamedTuple):
     distance: float
 
 
-def lost_detail(shown: Sequence[Reproduced]) -> LostDetail:
-    """Compare demonstrations with their reproductions, in the columns of one factor."""
-    bins = min(BINS, *(len(one.curve) for one in shown))
-    noise = [noise_level(one.residual) for one in shown]
+def lost_detail(shown: Sequence[Reproduced], count: int = 0) -> LostDetail:
+    """
+    Compare demonstrations with their reproductions, in the columns of one factor.
+
+    :param count: number of basis functions
+    """
+    bins = min(max(BINS, BINS_PER_FUNCTION * count), *(len(one.curve) for one in shown))
+    noise = [min((noise_level(one.residual), *one.noise)) for one in shown]
     curves = [_binned(one.curve, bins) for one in shown]
     residuals = [_binned(one.residual, bins) for one in shown]
     # Variance of the step between two bins, from the noise of their samples.
@@ -91,9 +98,10 @@ def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduc
     :param count: number of basis functions
     :param contexts: whether the demonstrations differ on purpose
     """
-    for name, factor, columns in zip(manifold.names, manifold.factors, manifold.tangent_slices):
-        lost = lost_detail([Reproduced(one.curve[:, columns], one.residual[:, columns])
-                            for one in shown])
+    for k, (name, factor, columns) in enumerate(zip(
+            manifold.names, manifold.factors, manifold.tangent_slices)):
+        lost = lost_detail([Reproduced(one.curve[:, columns], one.residual[:, columns],
+                                       one.noise[k:k + 1]) for one in shown], count)
         averaged = lost.common < 0.5
         if (lost.shorter < (AVERAGED if averaged else SHORTER)
                 or lost.distance < factor.goal_tolerance or (averaged and contexts)):

@@ -80,7 +80,8 @@ class OutputFit:
 
     def __init__(self, shown: list[Demonstration], settings: FitSettings):
         """:param shown: uniform (`gdmp_ros.learning.preparation.prepared`)"""
-        starts, goals = [start_of(d) for d in shown], [goal_of(d) for d in shown]
+        self._starts, self._goals = [start_of(d) for d in shown], [goal_of(d) for d in shown]
+        starts, goals = self._starts, self._goals
         samples = [averaged(d) for d in shown]
         self._shown, self._settings = shown, settings
         self._manifold = manifold = shown[0].manifold
@@ -160,9 +161,15 @@ class OutputFit:
         for number, shape in enumerate(self._shapes):
             scale, samples = self._rows.scale(number), self._rows.progress[number][2]
             own = residuals[row:row + samples] / scale[:samples, None]
-            shown.append(Reproduced(shape.curve[:samples], own))
+            shown.append(Reproduced(shape.curve[:samples], own, self._noise(number, samples)))
             row += len(scale)
         warn_of_lost_detail(self._manifold, count, shown, self._settings.contexts is not None)
+
+    def _noise(self, number: int, samples: int) -> tuple[float, ...]:
+        """Noise of a demonstration at its ends, by factor, after the average of samples."""
+        averaged_by = len(self._shown[number].times) // samples
+        return tuple(max(pair) / math.sqrt(averaged_by) for pair in zip(
+            self._starts[number].noise, self._goals[number].noise))
 
     # Preparation
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import sys
+import threading
 import time
 
 
@@ -26,15 +27,22 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
     """
     Show progress on standard error: a bar on a terminal, otherwise a line every two seconds.
 
+    A step that takes longer is seen too: the time passes.
+
     :returns: a function to call with the number of steps done (default 1)
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TimeElapsedColumn
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _Lines(title, total)
+        lines = _Lines(title, total)
+        try:
+            yield lines
+        finally:
+            lines.end()
         return
-    with Progress(console=console, transient=True) as bar:
+    columns = (*Progress.get_default_columns(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(title, total=total)
         yield lambda done=1: bar.advance(task, done)
 
@@ -46,10 +54,20 @@ class _Lines:
 
     def __init__(self, title: str, total: int):
         self._title, self._total, self._done = title, total, 0.0
-        self._printed = time.monotonic()
+        self._began = time.monotonic()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._print, daemon=True)
+        self._thread.start()
 
     def __call__(self, done: float = 1) -> None:
         self._done += done
-        if time.monotonic() - self._printed >= self.EVERY_S:
-            self._printed = time.monotonic()
-            print(f'{self._title}: {self._done:.0f} of {self._total}', file=sys.stderr, flush=True)
+
+    def _print(self) -> None:
+        while not self._ended.wait(self.EVERY_S):
+            print(f'{self._title}: {self._done:.0f} of {self._total}, '
+                  f'{time.monotonic() - self._began:.0f} s', file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """Print no more."""
+        self._ended.set()
+        self._thread.join()

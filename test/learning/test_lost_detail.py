@@ -77,3 +77,12 @@ def test_noise_is_not_detail(rng):
     for level in (0.005, 0.02):
         points = clean.points + level * rng.standard_normal(clean.points.shape)
         assert not said(Demonstration(clean.times, points, Euclidean(3)), 'auto')
+
+
+def test_a_long_recording_is_seen_in_detail():
+    """Averaged samples, four to a period: the functions cannot follow, and it is told."""
+    times = np.linspace(0.0, 3600.0, 36_001)
+    points = np.column_stack([0.05 * np.sin(0.5 * times), 0.1 * np.sin(0.31 * times),
+                              np.full_like(times, 0.4)])
+    message, = said(Demonstration(times, points, Euclidean(3)), 500)
+    assert message.startswith('500 basis functions cannot follow')
