@@ -25,6 +25,8 @@ BINS, BINS_PER_FUNCTION = 400, 4
 SHORTER = 0.1
 #: A loss counts if it is this many times the standard error that noise leaves.
 SIGNIFICANT = 4.0
+#: Ratio of two estimates of noise beyond what their few samples explain.
+MUCH_LESS = 0.5
 #: An average that half of the motion energy is not in is no longer what the takes have in common.
 AVERAGED = 1.0 - math.sqrt(0.5)
 
@@ -35,7 +37,7 @@ class Reproduced(NamedTuple):
 
     :ivar curve: the demonstration, unrolled into Rⁿ, shape ``(samples, n)``
     :ivar residual: from the reproduction to the demonstration, shape ``(samples, n)``
-    :ivar noise: of a sample in each factor, at most: known from elsewhere
+    :ivar noise: of a sample in each factor, as known from a few samples at the ends
     """
 
     curve: np.ndarray
@@ -68,7 +70,7 @@ def lost_detail(shown: Sequence[Reproduced], count: int = 0) -> LostDetail:
     :param count: number of basis functions
     """
     bins = min(max(BINS, BINS_PER_FUNCTION * count), *(len(one.curve) for one in shown))
-    noise = [min((noise_level(one.residual), *one.noise)) for one in shown]
+    noise = [_noise(one) for one in shown]
     curves = [_binned(one.curve, bins) for one in shown]
     residuals = [_binned(one.residual, bins) for one in shown]
     # Variance of the step between two bins, from the noise of their samples.
@@ -116,6 +118,17 @@ def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduc
             text = (f'{count} basis functions cannot follow the demonstrations: {what}. Take more '
                     'functions (n_basis), or divide the motion')
         warnings.warn(text, GdmpWarning, stacklevel=6)
+
+
+def _noise(one: Reproduced) -> float:
+    """
+    Noise of a sample.
+
+    Detail of a few samples looks like noise in the residual. At the ends it does not, but there
+    are few samples: they only count if they tell much less.
+    """
+    residual = noise_level(one.residual)
+    return one.noise[0] if one.noise and one.noise[0] < MUCH_LESS * residual else residual
 
 
 def _binned(samples: np.ndarray, bins: int) -> np.ndarray:

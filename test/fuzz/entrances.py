@@ -437,7 +437,7 @@ def service_load_skill() -> Entrance:
     short_skill().save(path)
     valid = [LoadSkill.Request(path=str(p)) for p in (path, '/dev/zero', '/', '..', '/dev/stdin')]
     return _message(LoadSkill.Request, valid, 'server',
-                    lambda server, request: server._load(request.path))
+                    lambda server, request: server._skills.load(request.path))
 
 
 def service_learn_skill() -> Entrance:
