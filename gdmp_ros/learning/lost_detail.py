@@ -18,8 +18,8 @@ from gdmp_ros.errors import GdmpWarning
 from gdmp_ros.learning.endpoints import noise_level
 from gdmp_ros.manifolds import Manifold
 
-#: The samples are averaged in this many bins, or so many for each basis function: details down to
-#: two bins are seen, and noise is not.
+#: Number of bins in which samples are averaged, and the least number for each basis function.
+#: Details of two bins or more are seen; most of the noise is averaged out.
 BINS, BINS_PER_FUNCTION = 400, 4
 #: Functions that make a path this much shorter, as a share, do not follow it.
 SHORTER = 0.1

@@ -7,9 +7,7 @@ from jinja2 import Environment, PackageLoader
 import numpy as np
 
 from gdmp_ros import __version__
-from gdmp_ros.data import bags, recordings, run_analysis, runs
-from gdmp_ros.data.run_events import events as events_of
-from gdmp_ros.data.run_events import limited
+from gdmp_ros.data import bags, recordings, run_analysis, run_events, runs
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.prediction import likely_path
@@ -52,8 +50,8 @@ def _likely(skill: Skill | None, poses: np.ndarray) -> figures.Likely | None:
 
 def _run(bag: Path, robot: str, skill: Skill | None) -> dict[str, object]:
     run = runs.read(bag, robot)
-    events, tracked = events_of(run), run_analysis.tracking(run)
-    marks, active = events if len(events) <= MOST_MARKS else [], limited(run)
+    events, tracked = run_events.events(run), run_analysis.tracking(run)
+    marks, active = events if len(events) <= MOST_MARKS else [], run_events.limited(run)
     return {'title': 'Run', 'rows': run_analysis.summary(run, tracked),
             'events': events, 'marked': bool(marks), 'limited': active,
             'space': figures.html(figures.run_in_space(run, _likely(
