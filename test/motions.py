@@ -55,3 +55,64 @@ def takes(manifold, count, rng, spread=0.05, timing=0.05):
 def accelerations(rollout, ticks=400):
     """Accelerations of the next ticks of a roll-out."""
     return np.array([rollout.advance(1e-3).acceleration for _ in range(ticks)])
+
+
+class ClosedCurve:
+    """
+    A closed curve on a manifold, as a function of the cycles passed.
+
+    :ivar span: largest distance from its start
+    """
+
+    def __init__(self, manifold, base, coordinates):
+        self.manifold, self._base, self._coordinates = manifold, base, coordinates
+        around = self.points(np.linspace(0.0, 1.0, 200))
+        self.span = float(np.linalg.norm(manifold.factor_distances(
+            np.repeat(around[:1], 200, axis=0), around), axis=1).max())
+
+    def at(self, progress):
+        """Point."""
+        manifold = self.manifold
+        return manifold.exp(self._base, manifold.from_frame(
+            manifold.frame(self._base), self._coordinates(progress)))
+
+    def points(self, progress):
+        """Flat points."""
+        return np.array([self.manifold.flat(self.at(s)) for s in progress])
+
+
+def cycle(manifold, rng, size=0.6, harmonics=3):
+    """A closed curve with some harmonics, of a largest distance ``size`` from a point."""
+    base = manifold.random_point(rng)
+    frame = manifold.frame(base)
+    drawn = np.array([[manifold.to_frame(frame, manifold.random_tangent(base, rng)) / (k + 1) ** 2
+                       for k in range(harmonics)] for _ in range(2)])
+    order = 2.0 * np.pi * np.arange(1, harmonics + 1)
+
+    def coordinates(progress):
+        return np.cos(order * progress) @ drawn[0] + np.sin(order * progress) @ drawn[1]
+
+    largest = max(np.linalg.norm(coordinates(s)) for s in np.linspace(0.0, 1.0, 100))
+    drawn *= size / largest
+    return ClosedCurve(manifold, base, coordinates)
+
+
+def recorded_cycles(manifold, curve, period, cycles, dt=0.01, noise=0.0, rng=None):
+    """A demonstration of a closed curve; ``noise`` is the sd along each direction."""
+    times = np.arange(0.0, cycles * period, dt)
+    points = [curve.at(t / period) for t in times]
+    if noise:
+        points = [manifold.exp(p, noise * manifold.random_tangent(p, rng)) for p in points]
+    return Demonstration(times, np.array(points), manifold)
+
+
+def cycle_error(rollout, curve):
+    """Distances of the next cycle of a roll-out from the demonstrated curve, at equal phases."""
+    manifold, skill = curve.manifold, rollout.skill
+    begin, s = rollout.motion.scalars.time, np.linspace(0.0, 1.0, 101)
+    points = rollout.sample(begin + s * skill.duration).points.reshape(len(s), -1)
+    expected = curve.points(begin / skill.duration + s)
+    expected = np.array([manifold.flat(manifold.align(
+        one.reshape(manifold.point_shape), there.reshape(manifold.point_shape)))
+        for one, there in zip(expected, points)])
+    return np.linalg.norm(manifold.factor_distances(points, expected), axis=1)

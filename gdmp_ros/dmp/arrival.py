@@ -71,6 +71,7 @@ def update_arrival(motion, s):
     Note the largest velocities up to the nominal end, and decide whether the motion has finished.
 
     Called after the same intervals however time is cut into steps, so that the result is the same.
+    A rhythmic motion finishes when its amplitude has been set to 0.
     """
     noinline()
     scalars = motion.scalars
@@ -79,7 +80,7 @@ def update_arrival(motion, s):
         for i in range(motion.factors.size):
             speed = _norm(motion.factors[i], motion.tangents.rate)
             motion.peaks[i] = max(motion.peaks[i], speed)
-    if s < BEFORE_END or scalars.finished == 1:
+    if s < BEFORE_END or scalars.finished == 1 or scalars.amplitude_goal > 0.0:
         return
     if not _has_arrived(motion):
         scalars.arrived_at = -1.0

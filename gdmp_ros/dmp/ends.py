@@ -17,7 +17,9 @@ def between(primitive: Primitive, start: np.ndarray | None = None,
     :param start: point; its own by default
     :param goal: point; its own by default
     :raises ManifoldError: if a point is not on the manifold
+    :raises ParameterError: for a rhythmic skill
     """
+    primitive.check_ends('another start or goal')
     manifold = primitive.manifold
     first = primitive.start if start is None else manifold.check_point(start)
     last = primitive.goal if goal is None else manifold.check_point(goal)

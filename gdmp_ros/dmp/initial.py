@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.arrival import STILL_TOLERANCES
+from gdmp_ros.dmp.cycle import periodic_basis
 from gdmp_ros.dmp.forcing import basis, forcing
+from gdmp_ros.dmp.goal import switch_goal
 from gdmp_ros.dmp.layout import blank, Motion, parts, SCALARS
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.primitive import carry_frame, Primitive
@@ -42,7 +44,8 @@ def new_memory(skill: Primitive, options: Options) -> np.ndarray:
                    _obstacle_factor(manifold))
     motion = parts(memory)
     motion.split[:] = segments.split or [False] * len(manifold.factors)
-    motion.basis[:] = basis(skill.n_basis, skill.gains.alpha_x)
+    motion.basis[:] = (periodic_basis(skill.n_basis) if skill.rhythmic
+                       else basis(skill.n_basis, skill.gains.alpha_x))
     motion.weights[:] = skill.weights
     motion.tolerances[:] = options.tolerances_of(manifold)
     motion.still_speeds[:] = [STILL_TOLERANCES * factor.goal_tolerance
@@ -90,8 +93,10 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
         tangent[:] = 0.0
     motion.tangents.velocity[:] = (skill.velocity if parallel
                                    else manifold.from_frame(frame, skill.velocity))
+    if skill.rhythmic:
+        _begin_cycle(motion, skill, options, goal, start)
     # On the cut locus both logarithms then begin along the same one of the shortest ways.
-    target = targets(manifold, skill.segments, goal.reshape(-1), np.array([-1.0]))[0]
+    target = targets(manifold, skill.segments, motion.points.goal, np.array([-1.0]))[0]
     target = target.reshape(manifold.point_shape)
     motion.tangents.to_goal[:] = (manifold.log_in_frame(frame, target) if parallel
                                   else manifold.log_anyway(first, target))[0]
@@ -99,6 +104,29 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
         _correct_start(motion, skill, frame, start)
     elif start.acceleration is not None:
         raise ParameterError('an initial acceleration needs an initial velocity')
+
+
+def _begin_cycle(motion: Motion, skill: Primitive, options: Options, centre: np.ndarray,
+                 start: Start) -> None:
+    """
+    Begin a rhythmic motion: on its cycle, or anywhere else from rest.
+
+    From rest the centre moves there from the start while the amplitude grows, so that the
+    acceleration begins at zero.
+    """
+    manifold, scalars, frames = skill.manifold, motion.scalars, motion.frames
+    scalars.amplitude_goal = 1.0
+    frame, opposite = carry_frame(manifold, manifold.frame(skill.goal), centre)
+    if start.point is None and start.velocity is None and np.array_equal(centre, skill.goal):
+        scalars.amplitude = 1.0
+        frames.anchor[:] = frames.goal[:] = frame
+        return
+    motion.tangents.velocity[:] = 0.0
+    first = motion.points.start.reshape(manifold.point_shape)
+    frames.anchor[:], far = carry_frame(manifold, frame, first)
+    motion.points.anchor[:] = motion.points.goal[:] = motion.points.start
+    switch_goal(manifold, motion, centre, None, options.goal_speed)
+    scalars.cut_locus = int(opposite or far or scalars.cut_locus)
 
 
 def finite_tangent(manifold: Manifold, name: str, tangent: np.ndarray) -> np.ndarray:
@@ -154,6 +182,7 @@ def _reset_scalars(motion: Motion, skill: Primitive, options: Options, duration:
     scalars.stiffness = gains.alpha_z * gains.beta_z
     scalars.goal_rate, scalars.settle_by, scalars.arrived_at = math.inf, 2.0, -1.0
     scalars.parallel = int(skill.connection == 'parallel')
+    scalars.rhythmic = int(skill.rhythmic)
 
 
 def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: Start) -> None:
@@ -161,7 +190,7 @@ def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: S
     Begin with a velocity and an acceleration, whatever the skill would begin with.
 
     A term that fades over `_CORRECTION` of a duration makes up the difference: at s = 0 both
-    logarithms cancel, ``Z' = α_z (β_z (F + term) - Z)``.
+    logarithms cancel, ``Z' = α_z (β_z (F + term) - Z)``. A rhythmic motion begins with F = 0.
     """
     scalars, tangents, manifold = motion.scalars, motion.tangents, skill.manifold
     velocity = np.zeros(manifold.tangent_size) if start.velocity is None else start.velocity
@@ -173,8 +202,9 @@ def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: S
     scale = scalars.duration / scalars.speed
     first, second = (manifold.to_frame(frame, v) if scalars.parallel else manifold.vector(v)
                      for v in (scale * velocity, scale * scale * acceleration))
-    begins = np.empty(manifold.tangent_size)
-    forcing(motion.basis, motion.weights, 0.0, 1.0, begins)
+    begins = np.zeros(manifold.tangent_size)
+    if not skill.rhythmic:
+        forcing(motion.basis, motion.weights, 0.0, 1.0, begins)
     tangents.velocity[:] = first
     tangents.start_correction[:] = ((second + skill.gains.alpha_z * first) / scalars.stiffness
                                     - begins)

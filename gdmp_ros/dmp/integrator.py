@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from gdmp_ros.dmp.arrival import BEFORE_END, LOOK_EVERY, update_arrival
+from gdmp_ros.dmp.cycle import update_cycle
 from gdmp_ros.dmp.forcing import forcing
 from gdmp_ros.dmp.goal import carry_waypoint, move_goal, update_lead, update_start_to_goal
 from gdmp_ros.dmp.interpolation import write_state
@@ -140,11 +141,19 @@ def _log_of_target(motion):
 
 @always_inline
 def _advance_velocity(motion, s):
-    """The velocity after the interval: [GDMP] eq. (17), its linear part solved exactly."""
+    """
+    The velocity after the interval: [GDMP] eq. (17), its linear part solved exactly.
+
+    A rhythmic motion has no term of the start, and its forcing term does not decay.
+    """
     scalars, tangents = motion.scalars, motion.tangents
-    x = math.exp(-scalars.alpha_x * s)
-    forcing(motion.basis, motion.weights, s, x, tangents.forcing)
-    shaping, correction = _shaping(s), _correction(s, scalars.correction_end)
+    if scalars.rhythmic == 1:
+        x, shaping = 0.0, 1.0
+        update_cycle(motion, s)
+    else:
+        x, shaping = math.exp(-scalars.alpha_x * s), _shaping(s)
+        forcing(motion.basis, motion.weights, s, x, tangents.forcing)
+    correction = _correction(s, scalars.correction_end)
     copy_numbers(motion.sizes.tangent, tangents.velocity, tangents.velocity_before)
     if scalars.obstacles > 0.0:
         avoid_obstacles(motion)

@@ -78,7 +78,11 @@ def write_state(motion, out):
     noinline()
     scalars, tangents, frames = motion.scalars, motion.tangents, motion.frames
     p, n = motion.sizes.point, motion.sizes.tangent
-    out[0], out[1] = scalars.time, math.exp(-scalars.alpha_x * scalars.progress)
+    out[0] = scalars.time
+    if scalars.rhythmic == 1:
+        out[1] = 2.0 * math.pi * (scalars.progress - math.floor(scalars.progress))
+    else:
+        out[1] = math.exp(-scalars.alpha_x * scalars.progress)
     point = numbers_at(out, 2, p)
     velocity, acceleration = numbers_at(out, 2 + p, n), numbers_at(out, 2 + p + n, n)
     if scalars.held == 1:

@@ -46,9 +46,12 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'arrived_at',          # s since which the motion has been at rest at its goal, -1 if it is not
     'settle_by',           # s at which the motion ends, whether the goal is reached or not
     'correction_end',      # s at which the correction of the start has faded out
+    'amplitude',           # of a rhythmic motion: present factor of its forcing term
+    'amplitude_goal',      # what was asked for
     'obstacles',           # how many there are
     'obstacle_gain', 'obstacle_reach', 'obstacle_limit',
     'parallel',            # flag: connection, 1 parallel, 0 published
+    'rhythmic',            # flag: the motion repeats a cycle around its goal
     'goal_is_moving',      # flag: it has not reached its target, or the target moves
     'target_is_moving',    # flag: the target has a velocity, or had one until now
     'target_by_progress',  # flag: the target moves with s to its anchor, not with time

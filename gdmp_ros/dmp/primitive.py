@@ -16,6 +16,8 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 
+#: Fewest basis functions of a rhythmic skill.
+FEWEST_PERIODIC = 4
 #: Fewest grid intervals per duration (less than 1 ms each for a skill of 4 s).
 MIN_STEPS = 4000
 
@@ -66,6 +68,10 @@ class Primitive:
     """
     A learned motion on a manifold.
 
+    A rhythmic one repeats a cycle: its start is the point of the cycle at φ = 0, its goal the
+    centre (the Fréchet mean of the cycle), its duration the period, and its weights have their
+    coordinates in the canonical frame of the centre.
+
     :ivar manifold: manifold of its points
     :ivar connection: ``parallel`` (exact transport) or ``published`` (the paper's)
     :ivar start: point, shape ``point_shape``
@@ -80,6 +86,7 @@ class Primitive:
     :ivar variation: how the takes varied, if there were several
     :ivar events: commands for a gripper on the way, in their order
     :ivar provenance: source of the skill, as text; no part of the computation
+    :ivar rhythmic: whether it repeats a cycle; `parallel` only, without segments and via points
     """
 
     manifold: Manifold
@@ -97,9 +104,12 @@ class Primitive:
     variation: Variation | None = None
     events: tuple[GripperEvent, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    rhythmic: bool = False
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
+        if self.rhythmic:
+            self._check_rhythmic()
         for name in ('start', 'goal', 'frame', 'velocity', 'weights'):
             array = np.ascontiguousarray(getattr(self, name), dtype=np.float64).copy()
             array.flags.writeable = False
@@ -116,6 +126,28 @@ class Primitive:
     def n_basis(self) -> int:
         """Number of basis functions."""
         return len(self.weights)
+
+    def _check_rhythmic(self) -> None:
+        if self.connection != 'parallel':
+            raise ParameterError(f'connection is {self.connection!r}, expected parallel for a '
+                                 'rhythmic skill')
+        if len(self.weights) < FEWEST_PERIODIC:
+            raise ParameterError(f'weights: {len(self.weights)} basis functions, expected at '
+                                 f'least {FEWEST_PERIODIC} for a rhythmic skill')
+        for what, given in (('segments', len(self.segments) > 1), ('via points', self.via),
+                            ('variation', self.variation), ('gripper commands', self.events)):
+            if given:
+                self.check_ends(what)
+
+    def check_ends(self, what: str) -> None:
+        """
+        Refuse something that only a motion from a start to a goal has.
+
+        :param what: for the message
+        :raises ParameterError: if this is a rhythmic one
+        """
+        if self.rhythmic:
+            raise ParameterError(f'{what}: a rhythmic skill repeats a cycle and has no end')
 
 
 def check_connection(connection: str) -> None:

@@ -9,6 +9,7 @@ from gdmp_ros.dmp.goal import end_with, present_target, switch_goal
 from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, recover, Start
 from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.layout import FINISHED, Motion, parts
+from gdmp_ros.dmp.modulation import Modulation
 from gdmp_ros.dmp.obstacles import store_obstacles
 from gdmp_ros.dmp.options import (
     check_range,
@@ -25,7 +26,7 @@ from gdmp_ros.dmp.turning import turned
 from gdmp_ros.errors import ParameterError
 
 
-class Rollout:
+class Rollout(Modulation):
     """
     Executes a skill: `advance` lets time pass; `retarget` and `set_speed` act at any moment.
 
@@ -45,8 +46,11 @@ class Rollout:
         """
         Begin at the skill's start, or elsewhere.
 
+        A rhythmic skill begins on its cycle, in motion; with another start or centre it begins
+        from rest, or with the velocity given, and enters the cycle.
+
         :param start: point; the skill's frame is transported to it along the geodesic
-        :param goal: point, from the beginning; the skill's by default
+        :param goal: point, from the beginning; the skill's by default. The centre of a cycle
         :param duration: of the motion at speed 1 [s]
         :param velocity: initial velocity, tangent at the start [1/s]; the demonstrated one (at the
             initial speed) by default
@@ -65,6 +69,8 @@ class Rollout:
         self._manifold = skill.manifold
         self._options = merged_options(options, settings)
         self._options.check(skill.manifold)
+        if final_velocity is not None:
+            skill.check_ends('final velocity')
         self._goal = self._checked(goal, skill.goal)
         self._duration = (skill.duration if duration is None
                           else check_range('duration', duration, SHORTEST_DURATION, 1e6))
@@ -200,21 +206,6 @@ class Rollout:
             recover(self._manifold, self.motion, self.state.point)
         switch_goal(self._manifold, self.motion, new, velocity, self._options.goal_speed)
 
-    def set_speed(self, scale: float) -> None:
-        """
-        Change the speed to ``scale`` (1 as demonstrated, 0 a stop) at a bounded rate.
-
-        The path does not change.
-
-        :raises ParameterError: outside 0 … 2
-        """
-        self.motion.scalars.speed_goal = check_range('speed', scale, 0.0, MAX_SPEED)
-
-    def resume(self) -> None:
-        """Return to speed 1, as if the robot had caught up (`observe`)."""
-        self.motion.scalars.slowdown = 1.0
-        self.set_speed(1.0)
-
     def observe(self, measured: np.ndarray) -> float:
         """
         Phase stopping: slow down while the robot is behind, ``ds/dt ← ds/dt / (1 + κ e²)``.
@@ -250,24 +241,9 @@ class Rollout:
         store_obstacles(self.motion, positions, gain, reach, bound)
 
     @property
-    def speed(self) -> float:
-        """Present speed of the phase; 1 is as demonstrated."""
-        return float(self.motion.scalars.speed)
-
-    @property
-    def progress(self) -> float:
-        """``s = ∫ dt/τ``: 1 at the nominal end, and increases further."""
-        return float(self.motion.scalars.progress)
-
-    @property
     def goal(self) -> np.ndarray:
         """The goal that was asked for last, where it is now, shape ``point_shape``."""
         return present_target(self._manifold, self.motion)
-
-    @property
-    def duration(self) -> float:
-        """Duration at speed 1 [s]."""
-        return self._duration
 
     @property
     def finished(self) -> bool:
@@ -278,7 +254,8 @@ class Rollout:
         and at rest relative to it, for a twentieth of a duration. At rest: at most 1 % of the
         largest speed of the motion (`gdmp_ros.dmp.arrival`). Or at ``s >= max(2, s_switch + 1)``,
         later if ``goal_speed`` delays the goal, then with the flag ``not_settled``. A new goal
-        clears it, also a moving one that jumps by more than the tolerance.
+        clears it, also a moving one that jumps by more than the tolerance. A rhythmic motion
+        finishes only after its amplitude has been set to 0.
         """
         return bool(self.memory.item(FINISHED))
 

@@ -79,12 +79,44 @@ class Skill(Primitive):
 
         Source: [GDMP] eqs. (20), (21).
         """
-        # The one place where this room uses a higher one: see docs/design.md.
+        # Here, and below, this room uses a higher one: see docs/design.md.
         from gdmp_ros.learning.fit import FitSettings, learn
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)
         return cls.of(learn(demonstrations, n_basis, settings, tolerance))
+
+    @classmethod
+    def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],
+                       period: float | None = None, n_basis: int | str = 'auto',
+                       alpha_z: float = 60.0, *, alpha_g: float = 8.0, tolerance: float = 1e-4,
+                       smoothing: float | None = None,
+                       demonstration_weights: Sequence[float] | None = None,
+                       provenance: Mapping[str, Any] | None = None) -> Skill:
+        """
+        Learn a motion that repeats a cycle: wiping, stirring, polishing.
+
+        A demonstration shows two cycles or more; their durations may vary. What is not part of the
+        cycles at its ends, such as the way to the first one, is left out.
+
+        :param period: [s]; found by itself by default. With it, one cycle is enough
+        :param n_basis: number of basis functions, at least 4; ``'auto'`` for the smallest that
+            describes the cycle within ``tolerance``
+        :param alpha_z: gain, per cycle
+        :param alpha_g: how fast centre and amplitude change: ``1 - e^(-alpha_g)`` in one cycle
+        :param tolerance: for ``'auto'``: error / span that is good enough
+        :param smoothing: cut-off [Hz] of `Demonstration.smoothed`; rarely needed
+        :param demonstration_weights: how much each demonstration counts; alike by default
+        :raises ParameterError: if a setting is out of range
+        :raises DataError: if a demonstration has no period, or is shorter than one cycle
+        :raises CutLocusError: if the cycle meets the cut locus of its centre: it cannot turn all
+            the way round
+        """
+        from gdmp_ros.learning.fit import FitSettings, learn_cycle
+        settings = FitSettings(Gains(alpha_z, alpha_g=alpha_g), 'parallel', smoothing,
+                               provenance=dict(provenance or {}),
+                               demonstration_weights=demonstration_weights)
+        return cls.of(learn_cycle(demonstrations, n_basis, settings, tolerance, period).primitive)
 
     @property
     def distribution(self) -> Distribution[Skill] | None:

@@ -19,10 +19,10 @@ from gdmp_ros.manifolds.registry import KINDS
 from gdmp_ros.util.atomic_write import write_text
 
 FORMAT = 'gdmp skill'
-#: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper;
-#: older files can be read too.
-VERSION = 4
-READABLE = (1, 2, 3, 4)
+#: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
+#: version 5 rhythmic skills; older files can be read too.
+VERSION = 5
+READABLE = (1, 2, 3, 4, 5)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start',
@@ -47,6 +47,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
             'context_mean': skill.variation.context_mean.tolist(),
             'context_scale': skill.variation.context_scale.tolist()},
         'gripper': [event._asdict() for event in skill.events],
+        'rhythmic': skill.rhythmic,
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -95,6 +96,9 @@ def _parse(document: Any) -> Primitive:
     weights = _numbers(document, 'weights', (None, manifold.tangent_size))
     if len(weights) < 2:
         raise DataError(f'weights: {len(weights)} basis functions, expected at least 2')
+    rhythmic = document.get('rhythmic', False)
+    if not isinstance(rhythmic, bool):
+        raise DataError(f'rhythmic: expected true or false, got {rhythmic!r}')
     provenance = document.get('provenance', {})
     if not isinstance(provenance, dict):
         raise DataError(f'provenance: expected an object, got {provenance!r}')
@@ -105,7 +109,7 @@ def _parse(document: Any) -> Primitive:
                      velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
                      weights=weights, steps=steps, segments=_segments(document, manifold),
                      via=_via(document), variation=_variation(document), events=_events(document),
-                     provenance=provenance)
+                     provenance=provenance, rhythmic=rhythmic)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:

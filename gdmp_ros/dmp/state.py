@@ -13,7 +13,7 @@ class State:
     One moment of a motion; its parts are views of one array, cut when they are asked for.
 
     :ivar time: since the roll-out began [s]
-    :ivar phase: x, from 1 towards 0
+    :ivar phase: x, from 1 towards 0; of a rhythmic motion φ, 0 to 2π
     :ivar point: shape ``point_shape``
     :ivar velocity: tangent at the point [1/s], shape ``(tangent_size,)``
     :ivar acceleration: covariant, at the point [1/s²], shape ``(tangent_size,)``

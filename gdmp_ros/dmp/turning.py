@@ -1,6 +1,7 @@
-"""A skill turned as a whole about its start: its path, not only its start and goal."""
+"""A skill turned as a whole about its start, a rhythmic one about its centre."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,26 +20,30 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
     The path is turned exactly where R belongs to an isometry that keeps the start: every rotation
     of R^m, S^m and S³, of SO(m) that of a conjugation, of SPD matrices that of a congruence.
 
-    :param turn: R, orthogonal, shape ``(n, n)``; on S^m it keeps the start's own direction
+    :param turn: R, orthogonal, shape ``(n, n)``; on S^m it keeps the direction of the start, of a
+        cycle that of its centre
     :raises ParameterError: if it is not orthogonal, or turns tangents out of the tangent space
     """
     manifold, size = primitive.manifold, primitive.manifold.tangent_size
+    origin = primitive.goal if primitive.rhythmic else primitive.start
+    frame = manifold.frame(primitive.goal) if primitive.rhythmic else primitive.frame
     matrix = np.asarray(turn, dtype=np.float64)
     if (matrix.shape != (size, size) or not np.isfinite(matrix).all()
             or np.abs(matrix @ matrix.T - np.eye(size)).max() > _TOLERANCE):
         raise ParameterError(f'frame: expected an orthogonal matrix of shape {(size, size)}')
 
     def coordinates(vector: np.ndarray) -> np.ndarray:
-        tangent = manifold.from_frame(primitive.frame, matrix @ vector)
-        inside = manifold.to_frame(primitive.frame, tangent)
+        tangent = manifold.from_frame(frame, matrix @ vector)
+        inside = manifold.to_frame(frame, tangent)
         if np.abs(inside - matrix @ vector).max() > 1e-9 + _TOLERANCE * np.abs(vector).max():
-            raise ParameterError('frame: it turns tangents at the start out of the tangent space')
+            raise ParameterError('frame: it turns tangents out of the tangent space')
         return inside
 
     def point(given: np.ndarray) -> np.ndarray:
-        away, _ = manifold.log_in_frame(primitive.frame, given)
-        return manifold.exp(primitive.start, manifold.from_frame(primitive.frame,
-                                                                 coordinates(away)))
+        away, _ = manifold.log_in_frame(frame, given)
+        return manifold.exp(origin, manifold.from_frame(frame, coordinates(away)))
+    if primitive.rhythmic:
+        return _turned_cycle(primitive, coordinates, matrix)
     shape = manifold.point_shape
     waypoints = [point(row.reshape(shape)).reshape(-1) for row in primitive.segments.waypoints]
     segments = primitive.segments
@@ -47,3 +52,18 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
     return replace(primitive, goal=point(primitive.goal), velocity=coordinates(primitive.velocity),
                    weights=primitive.weights @ matrix.T,
                    segments=segments, variation=None)
+
+
+def _turned_cycle(primitive: Primitive, coordinates: Callable[[np.ndarray], np.ndarray],
+                  matrix: np.ndarray) -> Primitive:
+    """A rhythmic primitive with every coordinate in the frame of its centre turned."""
+    manifold, centre = primitive.manifold, primitive.manifold.frame(primitive.goal)
+    away, _ = manifold.log_in_frame(centre, primitive.start)
+    before, after = (manifold.transport_frame(centre, way) for way in (away, coordinates(away)))
+    start = manifold.exp(primitive.goal, manifold.from_frame(centre, coordinates(away)))
+    velocity = manifold.to_frame(before, manifold.from_frame(primitive.frame, primitive.velocity))
+    frame = manifold.frame(start)
+    return replace(primitive, start=start, frame=frame, variation=None,
+                   velocity=manifold.to_frame(frame, manifold.from_frame(
+                       after, coordinates(velocity))),
+                   weights=primitive.weights @ matrix.T)

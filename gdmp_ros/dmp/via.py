@@ -36,8 +36,10 @@ def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
     :param points: progress s and point of each, 0 < s < 1
     :param factors: names of the factors that have to pass; all by default
     :raises ManifoldError: if a point is not on the manifold
-    :raises ParameterError: if s is out of range, a name unknown, or a point cannot be met
+    :raises ParameterError: if s is out of range, a name unknown, or a point cannot be met; for a
+        rhythmic skill
     """
+    skill.check_ends('via points')
     manifold = skill.manifold
     moments = np.array([s for s, _ in points], dtype=np.float64)
     if len(moments) == 0 or not ((moments > 0.0) & (moments < 1.0)).all() or (

@@ -15,9 +15,10 @@ from gdmp_ros.learning.alignment import aligned
 from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
+from gdmp_ros.learning.rhythmic_fit import learn_cycle
 from gdmp_ros.learning.variation_fit import variation_of
 
-__all__ = ['FitSettings', 'learn']
+__all__ = ['FitSettings', 'learn', 'learn_cycle']
 
 #: Range of basis functions that ``n_basis='auto'`` searches.
 MIN_BASIS, MAX_BASIS = 5, 500

@@ -1,0 +1,262 @@
+"""
+Fit of a cycle to recordings that repeat it.
+
+In the tangent space of its centre the cycle is a Fourier series. Its smoothness is chosen by
+generalised cross-validation for each factor, so that noise of the samples does not enter. A hand
+does not keep time: the phase of every recording is piecewise linear between its cycles, and is
+fitted too (Gauss-Newton), in turn with the series.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import CutLocusError, DataError
+from gdmp_ros.learning.cycles import Cycles, find_cycles, find_period
+from gdmp_ros.learning.fourier import columns, Series, Smoother
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, work_array
+from gdmp_ros.manifolds.rows import log_in_frame_rows
+
+#: Most harmonics, and fewest samples of a cycle for each of them.
+MOST_HARMONICS, SAMPLES_PER_HARMONIC = 60, 3
+#: Turns of the fit: series and phases, one after the other; before and after what differs from the
+#: cycles is left out.
+TURNS = 4
+#: Samples differ if their squared distances are this many times the median, and more than this
+#: part of the mean square of the cycle, on average over this part of a cycle.
+DIFFERENT, ALIKE, WINDOW = 9.0, 0.005, 0.1
+#: Points from which a centre is guessed.
+_FEW = 200
+#: Phases at which cycles of different recordings are compared.
+_PHASES = 256
+#: Part of the span below which a factor counts as exact.
+_EXACT = 1e-7
+
+
+class FittedTake(NamedTuple):
+    """
+    One recording and the cycle.
+
+    :ivar cycles: how many it has
+    :ivar period: of a cycle, mean [s]
+    :ivar times: of the first and last sample that belong to cycles [s]
+    :ivar errors: distance of each of these samples from the cycle in each factor
+    """
+
+    cycles: float
+    period: float
+    times: tuple[float, float]
+    errors: np.ndarray
+
+
+class FittedCycle(NamedTuple):
+    """
+    A cycle and the recordings of it.
+
+    :ivar centre: point
+    :ivar series: in the canonical frame of the centre
+    """
+
+    centre: np.ndarray
+    series: Series
+    takes: list[FittedTake]
+
+
+class CycleFit:
+    """Recordings and what is known of their cycle so far."""
+
+    def __init__(self, shown: list[Demonstration], weights: np.ndarray, period: float | None):
+        """
+        Find the cycles.
+
+        :param shown: uniform, with consistent signs
+        :param weights: of the recordings
+        :param period: [s]; None to find it
+        :raises DataError: if a recording has no period, or is shorter than one
+        """
+        self._manifold, self._shown, self._weights = shown[0].manifold, shown, weights
+        self._dt = [one.duration / (len(one.times) - 1) for one in shown]
+        self._centre = self._guessed_centre()
+        self._coordinates = [self._seen(one) for one in shown]
+        spread = np.sqrt(np.mean([self._by_factor(one - one.mean(axis=0)).mean(axis=0)
+                                  for one in self._coordinates], axis=0))
+        self._span = np.where(spread > 1e-12, spread, np.inf)
+        self._cycles = [self._found(number, period) for number in range(len(shown))]
+        # The phase begins with the first sample that is used.
+        self._offsets = [-float(one.progress(np.array([one.first]))[0]) for one in self._cycles]
+        self._scale = 1.0 / self._span ** 2
+
+    def fitted(self) -> FittedCycle:
+        """
+        Fit series and phases.
+
+        :raises CutLocusError: if the cycle meets the cut locus of its centre
+        """
+        own = [self._series([number]) for number in range(len(self._shown))]
+        for number in range(1, len(own)):
+            self._offsets[number] += self._shift(own[0], own[number])
+        series = self._series(range(len(self._shown)))
+        for turn in range(2 * TURNS):
+            self._weigh(series)
+            for number in range(len(self._shown)):
+                if turn == TURNS:
+                    self._leave_out(number, series)
+                self._correct_phase(number, series)
+            self._recentre(series)
+            series = self._series(range(len(self._shown)))
+        return FittedCycle(self._centre, series, [self._take(number, series)
+                                                  for number in range(len(self._shown))])
+
+    def _guessed_centre(self) -> np.ndarray:
+        points = np.concatenate([one.points[::max(len(one.points) // _FEW, 1)]
+                                 for one in self._shown])
+        try:
+            return self._manifold.mean(list(points))
+        except CutLocusError as error:
+            raise CutLocusError(f'the cycle has no centre: {error}. A rhythmic skill needs points '
+                                'near their mean, so it cannot turn all the way round',
+                                error.distance) from None
+
+    def _seen(self, one: Demonstration) -> np.ndarray:
+        """Coordinates of the samples, seen from the centre."""
+        away, distances = coordinates(self._manifold, self._centre, one.flat_points)
+        at = int(np.argmin(distances))
+        if distances[at] < CUT_LOCUS_LIMIT:
+            raise CutLocusError(f'{self._manifold!r}: sample {at} is on the cut locus of the '
+                                'centre of the cycle; a rhythmic skill cannot turn all the way '
+                                'round',
+                                float(distances[at]))
+        return away
+
+    def _by_factor(self, away: np.ndarray) -> np.ndarray:
+        """Squared norm in each factor, shape ``(count, factors)``."""
+        return np.column_stack([(away[:, part] ** 2).sum(axis=1)
+                                for part in self._manifold.tangent_slices])
+
+    def _spread(self, of_factors: np.ndarray) -> np.ndarray:
+        """A number of each factor, for each of its coordinates."""
+        sizes = [part.stop - part.start for part in self._manifold.tangent_slices]
+        return np.repeat(of_factors, sizes)
+
+    def _found(self, number: int, period: float | None) -> Cycles:
+        curve = self._coordinates[number] / self._spread(self._span)
+        dt = self._dt[number]
+        samples = find_period(curve, dt) if period is None else period / dt
+        if len(curve) < samples:
+            raise DataError(f'demonstration {number} lasts {self._shown[number].duration:.4g} s, '
+                            f'expected at least one period of {samples * dt:.4g} s')
+        return find_cycles(curve, samples)
+
+    def _progress(self, number: int) -> np.ndarray:
+        one = self._cycles[number]
+        return one.progress(np.arange(one.first, one.last + 1)) + self._offsets[number]
+
+    def _used(self, number: int) -> np.ndarray:
+        one = self._cycles[number]
+        return self._coordinates[number][one.first:one.last + 1]
+
+    def _series(self, numbers: range | list[int]) -> Series:
+        """Fit the series to recordings."""
+        progress = [self._progress(number) for number in numbers]
+        period = min(self._cycles[number].period for number in numbers)
+        harmonics = int(min(MOST_HARMONICS, max(period // SAMPLES_PER_HARMONIC, 1)))
+        matrix = np.vstack([columns(one, harmonics) for one in progress])
+        share = np.concatenate([np.full(len(one), self._weights[number] / len(one))
+                                for number, one in zip(numbers, progress)])
+        root = np.sqrt(share * len(share) / share.sum())[:, None]
+        wanted = root * np.vstack([self._used(number) for number in numbers])
+        smooth = Smoother(root * matrix, harmonics)
+        result = np.empty((1 + 2 * harmonics, self._manifold.tangent_size))
+        for part in self._manifold.tangent_slices:
+            result[:, part] = smooth.fitted(wanted[:, part])
+        return Series(result)
+
+    def _shift(self, first: Series, other: Series) -> float:
+        """By how much the phase of a cycle is to be shifted to agree with another one."""
+        progress = np.arange(_PHASES) / _PHASES
+        scale = 1.0 / self._spread(self._span)
+        spectra = [np.fft.rfft(one.at(progress) * scale, axis=0) for one in (first, other)]
+        likeness = np.fft.irfft((spectra[1] * spectra[0].conj()).sum(axis=1), _PHASES)
+        return -float(np.argmax(likeness)) / _PHASES
+
+    def _weigh(self, series: Series) -> None:
+        """Weigh the factors by how exactly they follow the cycle."""
+        squares = np.vstack([self._by_factor(self._used(number) - series.at(
+            self._progress(number))) for number in range(len(self._shown))])
+        self._scale = 1.0 / (squares.mean(axis=0) + (_EXACT * self._span) ** 2)
+
+    def _correct_phase(self, number: int, series: Series) -> None:
+        """One Gauss-Newton step for the beginnings of the cycles of a recording."""
+        one, progress = self._cycles[number], self._progress(number)
+        scale = self._spread(self._scale)
+        slope, away = series.slope(progress), self._used(number) - series.at(progress)
+        gain, error = (slope ** 2) @ scale, (slope * away) @ scale
+        passed = one.progress(np.arange(one.first, one.last + 1))
+        cycle = np.minimum(passed.astype(np.int64), len(one.marks) - 2)
+        after = passed - cycle
+        hats = np.zeros((len(passed), len(one.marks)))
+        rows = np.arange(len(passed))
+        hats[rows, cycle], hats[rows, cycle + 1] = 1.0 - after, after
+        normal = hats.T @ (gain[:, None] * hats)
+        # Beginnings beyond the recording are hardly seen: they follow their neighbours.
+        bends = np.diff(np.eye(len(one.marks)), 2, axis=0)
+        normal += 1e-4 * gain.sum() / len(one.marks) * (bends.T @ bends)
+        change = np.linalg.lstsq(normal, hats.T @ error, rcond=1e-12)[0]
+        if number == 0:
+            change -= np.interp(one.first, one.marks, change)
+        marks = one.marks - np.clip(change, -0.25, 0.25) * one.period
+        if (np.diff(marks) > 0.0).all():
+            self._cycles[number] = one._replace(
+                marks=marks, first=max(one.first, int(np.ceil(marks[0]))),
+                last=min(one.last, int(np.floor(marks[-1]))))
+
+    def _leave_out(self, number: int, series: Series) -> None:
+        """Leave out what differs from the cycle at both ends."""
+        one, scale = self._cycles[number], self._spread(1.0 / self._span ** 2)
+        progress = self._progress(number)
+        shape = series.at(progress)
+        apart = (self._used(number) - shape) ** 2 @ scale
+        width = max(round(WINDOW * one.period), 1)
+        apart = np.convolve(np.pad(apart, width, 'edge'), np.full(width, 1.0 / width), 'same')[
+            width:-width]
+        size = float(((shape - shape.mean(axis=0)) ** 2 @ scale).mean())
+        differs = apart > max(DIFFERENT * float(np.median(apart)), ALIKE * size)
+        quarter = len(apart) // 4
+        before, after = np.flatnonzero(differs[:quarter]), np.flatnonzero(differs[-quarter:])
+        first = one.first + (int(before[-1]) + 1 if len(before) else 0)
+        last = one.last - (quarter - int(after[0]) if len(after) else 0)
+        if last - first >= min(one.period, 0.999 * (one.last - one.first)):
+            self._cycles[number] = one._replace(first=first, last=last)
+
+    def _recentre(self, series: Series) -> None:
+        """Move the centre to the mean of the cycle."""
+        manifold = self._manifold
+        step = manifold.from_frame(manifold.frame(self._centre), series.coefficients[0])
+        self._centre = manifold.exp(self._centre, step)
+        self._coordinates = [self._seen(one) for one in self._shown]
+
+    def _take(self, number: int, series: Series) -> FittedTake:
+        one, dt = self._cycles[number], self._dt[number]
+        away = self._used(number) - series.at(self._progress(number))
+        start = self._shown[number].times[0]
+        return FittedTake((one.last - one.first) / one.period, one.period * dt,
+                          (float(start + one.first * dt), float(start + one.last * dt)),
+                          np.sqrt(self._by_factor(away)))
+
+
+def coordinates(manifold: Manifold, centre: np.ndarray, points: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Logarithms in the canonical frame of a centre, and distances from its cut locus.
+
+    :param points: flat, shape ``(count, point_size)``
+    """
+    table = manifold.factor_table
+    out, distances = np.empty((len(points), manifold.tangent_size)), np.empty(len(points))
+    frames = np.repeat(manifold.frame(centre)[None], len(points), axis=0)
+    log_in_frame_rows(table, frames, np.ascontiguousarray(points), out, distances,
+                      work_array(table))
+    return out, distances

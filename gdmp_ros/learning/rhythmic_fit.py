@@ -1,0 +1,167 @@
+"""From recordings that repeat a cycle to a rhythmic primitive."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.cycle import periodic_basis, periodic_design
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
+from gdmp_ros.dmp.primitive import Gains, MIN_STEPS, Primitive
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.learning.cycle_fit import coordinates, CycleFit, FittedCycle
+from gdmp_ros.learning.fourier import Series
+from gdmp_ros.learning.preparation import (
+    check_tolerance,
+    FitSettings,
+    prepared,
+    warn_tolerance,
+)
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.factors import work_array
+from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
+
+#: Numbers of basis functions that ``n_basis='auto'`` tries, and the largest number.
+COUNTS, MOST = (10, 14, 20, 28, 40, 60, 85, 120, 170, 240), 1000
+#: Phases at which the forcing term is computed, at least and for each basis function.
+PHASES, PER_FUNCTION = 480, 4
+#: Step of the differences along the cycle [cycles].
+_STEP = 1e-3
+
+
+class LearnedCycle(NamedTuple):
+    """A rhythmic primitive and how the recordings agree with it."""
+
+    primitive: Primitive
+    fitted: FittedCycle
+
+
+def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
+                settings: FitSettings, tolerance: float, period: float | None) -> LearnedCycle:
+    """Learn a rhythmic primitive; see `gdmp_ros.dmp.Skill.learn_rhythmic`."""
+    if period is not None:
+        check_range('period', period, SHORTEST_DURATION, 1e6)
+    if n_basis != 'auto' and (not isinstance(n_basis, (int, np.integer))
+                              or isinstance(n_basis, bool) or not 4 <= n_basis <= MOST):
+        raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
+                             "'auto'")
+    check_tolerance(tolerance)
+    shown = prepared(demonstrations, settings.smoothing)
+    weights = settings.weights(len(shown))
+    fitted = CycleFit(shown, weights, period).fitted()
+    manifold, gains = shown[0].manifold, settings.gains
+    curve = _Curve(manifold, fitted.centre, fitted.series)
+    counts = COUNTS if n_basis == 'auto' else (int(n_basis),)
+    phases = max(PHASES, PER_FUNCTION * counts[-1])
+    progress = np.arange(phases) / phases
+    forcing, velocity = curve.forcing(progress, gains)
+    span = curve.span(progress)
+    chosen, found, error = _smallest(counts, progress, forcing, tolerance * span)
+    if n_basis == 'auto' and error > tolerance * span:
+        warn_tolerance(chosen, error / span, tolerance)
+    lasts = float(np.average([one.period for one in fitted.takes], weights=weights))
+    primitive = Primitive(
+        manifold=manifold, connection=settings.connection, gains=gains, start=curve.start,
+        goal=curve.centre, frame=manifold.frame(curve.start), duration=lasts,
+        velocity=manifold.to_frame(manifold.frame(curve.start), velocity), weights=found,
+        steps=max(MIN_STEPS, math.ceil(lasts / 1e-3 - 1e-6)), provenance=settings.provenance,
+        rhythmic=True)
+    return LearnedCycle(primitive, fitted)
+
+
+def _smallest(counts: Sequence[int], progress: np.ndarray, forcing: np.ndarray, limit: float
+              ) -> tuple[int, np.ndarray, float]:
+    """
+    The fewest basis functions whose forcing term is near enough, otherwise the best.
+
+    :returns: their number, the weights, and the largest error
+    """
+    best: tuple[int, np.ndarray, float] | None = None
+    for count in counts:
+        matrix = np.empty((len(progress), count))
+        periodic_design(periodic_basis(count), progress, matrix)
+        weights = np.linalg.lstsq(matrix, forcing, rcond=None)[0]
+        error = float(np.linalg.norm(matrix @ weights - forcing, axis=1).max())
+        if best is None or error < best[2]:
+            best = count, weights, error
+        if error <= limit:
+            break
+    if best is None:
+        raise ParameterError('no number of basis functions was given')
+    return best
+
+
+class _Curve:
+    """A closed curve around its mean, with its derivatives."""
+
+    def __init__(self, manifold: Manifold, centre: np.ndarray, series: Series):
+        self._manifold = manifold
+        # The mean of the logarithms is zero at the Fréchet mean only: move there exactly.
+        count = 2 * series.harmonics + 2
+        points = _points(manifold, manifold.frame(centre), series.at(np.arange(count) / count))
+        self.centre = manifold.mean(points.reshape(count, *manifold.point_shape))
+        self.centre = manifold.align(self.centre, centre)
+        fine = 4 * count
+        points = _points(manifold, manifold.frame(centre), series.at(np.arange(fine) / fine))
+        away, _ = coordinates(manifold, self.centre, points)
+        self._series = _interpolated(away)
+        self._frame = manifold.frame(self.centre)
+        self.start = _points(manifold, self._frame, self._series.at(np.zeros(1))).reshape(
+            manifold.point_shape)
+
+    def span(self, progress: np.ndarray) -> float:
+        """Largest distance from the start; 1 if nothing moves."""
+        points = _points(self._manifold, self._frame, self._series.at(progress))
+        away, _ = coordinates(self._manifold, self.start, points)
+        largest = float(np.linalg.norm(away, axis=1).max())
+        return largest if largest > 1e-12 else 1.0
+
+    def forcing(self, progress: np.ndarray, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Solve the dynamical system for the forcing term.
+
+        Everything is seen in the frame that is carried from the centre to the curve: the way to
+        the centre is -c there, and differences of logarithms are covariant derivatives.
+
+        :returns: the forcing term in the frame of the centre, and the velocity by progress at the
+            start, a tangent there
+        """
+        manifold, table = self._manifold, self._manifold.factor_table
+        away = self._series.at(progress)
+        frames = np.repeat(self._frame[None], len(progress), axis=0)
+        work = work_array(table)
+        transport_frame_rows(table, frames, np.ascontiguousarray(away), work)
+        near = {}
+        for step in (-2, -1, 1, 2):
+            points = _points(manifold, self._frame, self._series.at(progress + step * _STEP))
+            out = np.empty((len(progress), manifold.tangent_size))
+            log_in_frame_rows(table, frames, points, out, np.empty(len(progress)), work)
+            near[step] = out
+        velocity = (8.0 * (near[1] - near[-1]) - (near[2] - near[-2])) / (12.0 * _STEP)
+        acceleration = (16.0 * (near[1] + near[-1]) - (near[2] + near[-2])) / (12.0 * _STEP ** 2)
+        forcing = away + (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
+        return forcing, manifold.from_frame(frames[0], velocity[0])
+
+
+def _points(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Flat points at coordinates, shape ``(count, point_size)``."""
+    table, count = manifold.factor_table, len(away)
+    frames, out = np.repeat(frame[None], count, axis=0), np.empty((count, manifold.point_size))
+    work = work_array(table)
+    transport_frame_rows(table, frames, np.ascontiguousarray(away), work)
+    frame_point_rows(table, frames, out, work)
+    return out
+
+
+def _interpolated(values: np.ndarray) -> Series:
+    """Fourier series through equally spaced values of one cycle."""
+    spectrum = np.fft.rfft(values, axis=0) / len(values)
+    harmonics = len(spectrum) - 2  # without the highest, which has no sine
+    coefficients = np.empty((1 + 2 * harmonics, values.shape[1]))
+    coefficients[0] = spectrum[0].real
+    coefficients[1::2] = 2.0 * spectrum[1:harmonics + 1].real
+    coefficients[2::2] = -2.0 * spectrum[1:harmonics + 1].imag
+    return Series(coefficients)
