@@ -34,4 +34,4 @@ def check_lasa_class(name: str) -> None:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
 #: Tasks of the demonstration.
-TASKS = ('letter', 'pick', 'joints')
+TASKS = ('letter', 'pick', 'joints', 'wipe')

@@ -31,6 +31,6 @@ def recorded_run(count=2000):
                stiffness=stiffness, twists=twists, joints=np.zeros((count, 7)),
                velocities=np.zeros((count, 7)), torques=np.zeros((count, 7)),
                tank=5.0 - 0.5 * t, limited=limited, modes=np.zeros(int(kept.sum())),
-               arm_modes=np.zeros(count), ticks=np.arange(count),
+               arm_modes=np.zeros(count), ticks=np.arange(count), wrenches=np.zeros((count, 6)),
                joint_references=np.full((count, 7), np.nan), goal_stamps=stamps[::100],
                goals=np.where(t[::100, None] < 0.45, poses[-1], poses[0]))

@@ -11,6 +11,7 @@ examples:
   gdmp demo --out out/demo
   gdmp demo --task pick --out out/pick
   gdmp demo --task joints --out out/joints
+  gdmp demo --task wipe --out out/wipe
   gdmp demo --arm franka --protocol-server --out out/franka
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """
@@ -32,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='LASA class to demonstrate (default %(default)s)')
     parser.add_argument('--task', choices=TASKS, default=TASKS[0],
                         help='letter; pick: a cube, from a box to another, with the gripper; '
-                             'joints: a skill of the joints, whose goal is switched by a pose '
+                             'joints: a skill of the joints, whose goal is switched by a pose; '
+                             'wipe: a table that is higher or lower than the one shown '
                              '(default %(default)s)')
     add_arm(parser)
 
@@ -42,7 +44,10 @@ def run(options: argparse.Namespace) -> int:
     with optional_import(ROS):
         from gdmp_ros.experiments.demo.run import run_demo
         from gdmp_ros.experiments.demo.tasks import run_task
+        from gdmp_ros.experiments.demo.wiping import run_wiping
         arm = arm_choice(options)
+    if options.task == 'wipe':
+        return run_wiping(options.out, arm)
     if options.task != TASKS[0]:
         return run_task(options.task, options.out, arm)
     return run_demo(options.out, options.name, arm)

@@ -93,12 +93,14 @@ def _print_skill(path: Path) -> None:
     gains = skill.gains
     rows: list[list[object]] = [
         ['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],
-        ['connection', skill.connection], ['duration [s]', f'{skill.duration:.3f}'],
+        ['connection', skill.connection],
+        ['period [s]' if skill.rhythmic else 'duration [s]', f'{skill.duration:.3f}'],
         ['basis functions', skill.n_basis], ['grid steps', skill.steps],
         ['alpha_z, alpha_x, alpha_g',
          f'{gains.alpha_z:g}, {gains.alpha_x:g}, {gains.alpha_g:g}'],
         ['segments', _segments(skill)],
-        ['start', _numbers(skill.start)], ['goal', _numbers(skill.goal)]]
+        ['start', _numbers(skill.start)],
+        ['centre' if skill.rhythmic else 'goal', _numbers(skill.goal)]]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
 

@@ -5,12 +5,16 @@ Float64MultiArray with 9 or 36 numbers if the bag has one. Otherwise several tak
 stiffness: high where they agree, low where they vary. Rest at both ends is cut off. Several
 demonstrations may have different starts, goals and durations. A folder stands for all bags in it.
 
+With --rhythmic the skill repeats a cycle, such as wiping or stirring. Each bag shows two cycles or
+more; the period is found, and the way to the first cycle and from the last one is left out.
+
 examples:
   gdmp learn demos/GShape_1 -o skill.json
   gdmp learn demos/GShape_* -o skill.json --tolerance 1e-3
   gdmp learn recorded.bag -o skill.json --end moving
   gdmp learn first.bag second.bag -o skill.json --weights 1 3
   gdmp learn takes -o skill.json --joints
+  gdmp learn wiping.bag -o wipe.json --rhythmic
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
 from __future__ import annotations
@@ -36,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='SKILL',
                         help='skill file to write (JSON); with --each a folder for them')
     parser.add_argument('--each', action='store_true', help='learn one skill from each bag')
+    parser.add_argument('--rhythmic', action='store_true',
+                        help='learn a motion that repeats the cycle that the bags show')
+    parser.add_argument('--period', type=float, metavar='S',
+                        help='with --rhythmic: period of the cycle (default: found by itself)')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='topic of the stiffness, if a bag has several')
     parser.add_argument('--wrench-topic', default='', metavar='TOPIC',
@@ -100,7 +108,8 @@ def run(options: argparse.Namespace) -> None:
         options.regularization, options.alpha_g, options.stiffness, options.k_min, options.k_max,
         options.pose_topic, options.stiffness_topic, options.wrench_topic,
         options.joint_topic, fit=options.fit,
-        end=options.end, weights=options.weights and tuple(options.weights))
+        end=options.end, weights=options.weights and tuple(options.weights),
+        rhythmic=options.rhythmic, period=options.period)
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
                              'demonstrations of one skill, expected one for each')
@@ -115,7 +124,8 @@ def run(options: argparse.Namespace) -> None:
                           'duration': duration, 'mean_relative_error': mean_error,
                           'n_basis': fit.n_basis, 'fit': _as_document(fit)}))
         return
-    table(f'{options.output}', ['takes', 'factors', 'duration [s]', 'functions',
+    table(f'{options.output}', ['takes', 'factors',
+                                'period [s]' if options.rhythmic else 'duration [s]', 'functions',
                                 'condition', 'mean error / span'],
           [[len(bags), ' × '.join(fit.factors), f'{duration:.3f}', fit.n_basis,
             f'{fit.condition:.0f}', f'{mean_error:.2e}']])
@@ -182,7 +192,8 @@ def _as_document(fit: Fit) -> dict[str, Any]:
 def _print_details(bags: list[Path], fit: Fit) -> None:
     """Print errors by factor, segments, and samples that may be wrong."""
     if len(bags) > 1 or len(fit.factors) > 1:
-        heads = ['demonstration', 'duration [s]', 'samples',
+        rhythmic = any(d.cycles for d in fit.demonstrations)
+        heads = ['demonstration', 'period [s]' if rhythmic else 'duration [s]', 'samples',
                  *(f'{name}{_UNITS.get(name, "")}: mean, largest, noise'
                    for name in fit.factors)]
         table('errors by factor', heads, [
@@ -190,6 +201,10 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
              *(f'{mean:.1e}, {most:.1e}, {noise:.1e}'
                for mean, most, noise in zip(d.mean_error, d.largest_error, d.noise))]
             for bag, d in zip(bags, fit.demonstrations)])
+    for bag, d in zip(bags, fit.demonstrations):
+        if d.cycles:
+            print(f'{bag.name}: {d.cycles:.1f} cycles of {d.duration:.3f} s, from '
+                  f'{d.used[0]:.2f} to {d.used[1]:.2f} s')
     if fit.segments:
         at = ', '.join(f'{s:.3f}' for s in fit.segments)
         print(f'the motion passes the cut locus of its goal: it is split into '

@@ -33,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time step [s] (default %(default)s)')
     parser.add_argument('--duration', type=float,
                         help='duration [s]; default: as demonstrated')
+    parser.add_argument('--cycles', type=float, default=3.0, metavar='N',
+                        help='of a rhythmic skill (default %(default)g)')
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
@@ -42,9 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Roll out until the motion is finished."""
+    """Roll out until the motion is finished; a rhythmic one for some cycles."""
     check_output(options.output)
     check_number('dt', options.dt, above=0.0)
+    check_number('cycles', options.cycles, above=0.0)
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(options.skill)
@@ -91,7 +94,8 @@ def _write(rollout: Rollout, goal: np.ndarray | None, options: argparse.Namespac
     while True:
         writer.writerow([f'{state.time:.6f}', f'{state.phase:.9g}',
                          *(f'{number:.12g}' for number in state.point.reshape(-1))])
-        if rollout.finished or 'held' in rollout.flags:
+        cycled = rollout.skill.rhythmic and rollout.progress >= options.cycles
+        if rollout.finished or cycled or 'held' in rollout.flags:
             break
         if goal is not None and state.time >= options.switch_at:
             rollout.retarget(goal)

@@ -32,6 +32,7 @@ class Run:
     :ivar modes: of the references (`gdmp_ros.control.modes.StreamMode`)
     :ivar arm_modes: of the states (`gdmp_ros.control.modes.ArmMode`)
     :ivar ticks: control ticks of the arm, by its own count
+    :ivar wrenches: external, acting on the tool [N, Nm]
     :ivar joint_references: positions that the joints were to follow; NaN where there were none
     :ivar applied: sequence number of the reference that the arm followed at each state
     :ivar goal_stamps: of the states of the server, if it had a goal and they were recorded
@@ -57,6 +58,7 @@ class Run:
     limited: np.ndarray
     arm_modes: np.ndarray
     ticks: np.ndarray
+    wrenches: np.ndarray
     joint_references: np.ndarray
     goal_stamps: np.ndarray
     goals: np.ndarray
@@ -121,6 +123,7 @@ def read(bag: Path, robot: str = '') -> Run:
         limited=_column(states, _limited),
         arm_modes=_column(states, lambda m: _later(m, 'mode')),
         ticks=_column(states, lambda m: _later(m, 'tick')),
+        wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
         joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
         goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7))
 

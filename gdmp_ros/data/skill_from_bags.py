@@ -4,13 +4,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gdmp_ros.data import recordings
 from gdmp_ros.data.gripper_events import common_events
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, ParameterError
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class LearningSettings:
         the only one; None for a skill of the tool
     :ivar frame: frame that the poses must have; empty for any
     :ivar weights: how much each demonstration counts; None for alike
+    :ivar rhythmic: learn a motion that repeats a cycle
+    :ivar period: of the cycle [s]; None to find it
     """
 
     n_basis: int | str = 'auto'
@@ -43,6 +45,15 @@ class LearningSettings:
     fit: str = 'output'
     end: str | None = None
     weights: tuple[float, ...] | None = None
+    rhythmic: bool = False
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.period is not None and not self.rhythmic:
+            raise ParameterError('a period belongs to a rhythmic skill')
+        if self.rhythmic and self.stiffness == 'variance':
+            raise ParameterError('stiffness from the variance of takes is not for rhythmic '
+                                 'skills: record the stiffness, or learn without it')
 
 
 class LearnedSkill(NamedTuple):
@@ -73,21 +84,33 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         demonstrations, source = _of_the_same_joints(shown), 'none'
     else:
         _check_frames(shown, settings.frame)
-        demonstrations, source = recordings.with_stiffness(shown, settings.stiffness,
-                                                           settings.k_min, settings.k_max)
+        wanted = settings.stiffness
+        if settings.rhythmic and wanted == 'auto' and not all(
+                one.demonstration.manifold.point_size > 7 for one in shown):
+            wanted = 'none'
+        demonstrations, source = recordings.with_stiffness(shown, wanted, settings.k_min,
+                                                           settings.k_max)
         demonstrations = recordings.with_wrench(shown, demonstrations)
+    provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': shown[0].frame,
+                  'stiffness': source,
+                  **({'joints': list(shown[0].joints)} if shown[0].joints else {})}
+    if settings.rhythmic:
+        return LearnedSkill(_cycle(demonstrations, settings, provenance), demonstrations, source)
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization, alpha_g=settings.alpha_g,
                         fit=settings.fit, end=settings.end,
-                        demonstration_weights=settings.weights,
-                        provenance={'demonstrations': [str(bag) for bag in bags],
-                                    'frame': shown[0].frame, 'stiffness': source,
-                                    **({'joints': list(shown[0].joints)} if shown[0].joints
-                                       else {})})
+                        demonstration_weights=settings.weights, provenance=provenance)
     events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
                            [one.events for one in shown])
     return LearnedSkill(skill.with_events(events), demonstrations, source)
+
+
+def _cycle(shown: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
+           ) -> Skill:
+    return Skill.learn_rhythmic(shown, settings.period, settings.n_basis, alpha_g=settings.alpha_g,
+                                tolerance=settings.tolerance, smoothing=settings.smoothing,
+                                demonstration_weights=settings.weights, provenance=provenance)
 
 
 def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:

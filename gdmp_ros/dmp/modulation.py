@@ -1,6 +1,8 @@
 """How fast a motion passes, and how large its cycle is: changed while it runs."""
 from __future__ import annotations
 
+import math
+
 from gdmp_ros.dmp.layout import Motion
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.primitive import Primitive
@@ -30,8 +32,15 @@ class Modulation:
 
     @property
     def progress(self) -> float:
-        """``s = ∫ dt/τ``: 1 at the nominal end, and increases further."""
+        """``s = ∫ dt/τ``: 1 at the nominal end, or after one cycle, and increases further."""
         return float(self.motion.scalars.progress)
+
+    @property
+    def phase(self) -> float:
+        """``x``, from 1 towards 0; of a rhythmic motion φ, 0 to 2π."""
+        if self.skill.rhythmic:
+            return 2.0 * math.pi * (self.progress % 1.0)
+        return math.exp(-self.skill.gains.alpha_x * self.progress)
 
     @property
     def duration(self) -> float:

@@ -42,14 +42,14 @@ class FittedTake(NamedTuple):
 
     :ivar cycles: how many it has
     :ivar period: of a cycle, mean [s]
-    :ivar times: of the first and last sample that belong to cycles [s]
-    :ivar errors: distance of each of these samples from the cycle in each factor
+    :ivar samples: first and last one, of those with equal spacing, that belong to cycles
+    :ivar progress: cycles passed at each of these
     """
 
     cycles: float
     period: float
-    times: tuple[float, float]
-    errors: np.ndarray
+    samples: tuple[int, int]
+    progress: np.ndarray
 
 
 class FittedCycle(NamedTuple):
@@ -107,7 +107,7 @@ class CycleFit:
                 self._correct_phase(number, series)
             self._recentre(series)
             series = self._series(range(len(self._shown)))
-        return FittedCycle(self._centre, series, [self._take(number, series)
+        return FittedCycle(self._centre, series, [self._take(number)
                                                   for number in range(len(self._shown))])
 
     def _guessed_centre(self) -> np.ndarray:
@@ -238,13 +238,10 @@ class CycleFit:
         self._centre = manifold.exp(self._centre, step)
         self._coordinates = [self._seen(one) for one in self._shown]
 
-    def _take(self, number: int, series: Series) -> FittedTake:
-        one, dt = self._cycles[number], self._dt[number]
-        away = self._used(number) - series.at(self._progress(number))
-        start = self._shown[number].times[0]
-        return FittedTake((one.last - one.first) / one.period, one.period * dt,
-                          (float(start + one.first * dt), float(start + one.last * dt)),
-                          np.sqrt(self._by_factor(away)))
+    def _take(self, number: int) -> FittedTake:
+        one = self._cycles[number]
+        return FittedTake((one.last - one.first) / one.period, one.period * self._dt[number],
+                          (one.first, one.last), self._progress(number))
 
 
 def coordinates(manifold: Manifold, centre: np.ndarray, points: np.ndarray

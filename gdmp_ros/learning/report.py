@@ -7,13 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
+from gdmp_ros.dmp.cycle import periodic_basis, periodic_design
 from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.learning.cycle_report import cycle_takes
 from gdmp_ros.learning.endpoints import noise_level
 from gdmp_ros.learning.regression import scaled_design_matrix
+from gdmp_ros.learning.rhythmic_fit import PHASES
 
 #: A sample is suspect if its deviation from its neighbours is this many times the local median.
 _OUTLIER = 12.0
@@ -41,6 +44,8 @@ class DemonstrationFit(NamedTuple):
     :ivar largest_error: by factor
     :ivar relative_error: mean geodesic error / span
     :ivar noise: by factor, standard deviation of a coordinate of a sample
+    :ivar cycles: of a rhythmic skill; 0 otherwise
+    :ivar used: times of the first and last sample that belong to them, from the first one [s]
     """
 
     duration: float
@@ -50,6 +55,8 @@ class DemonstrationFit(NamedTuple):
     relative_error: float
     suspicions: tuple[Suspicion, ...]
     noise: tuple[float, ...]
+    cycles: float = 0.0
+    used: tuple[float, float] = (0.0, 0.0)
 
 
 class Fit(NamedTuple):
@@ -71,14 +78,32 @@ def fit_report(skill: Primitive, demonstrations: Demonstration | Sequence[Demons
     """
     Compare a skill with the demonstrations it was learned from.
 
-    Each demonstration is reproduced between its own start and goal, in its own duration.
+    Each demonstration is reproduced between its own start and goal, in its own duration. Of a
+    rhythmic skill the cycle is compared; the duration of a demonstration is then that of a cycle.
     """
     shown, alpha_x = as_list(demonstrations), skill.gains.alpha_x
+    if skill.rhythmic:
+        return _cycle_report(skill, shown)
     # As many samples as learning uses: `Demonstration.uniform`.
     s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), MIN_RESAMPLED)) for d in shown])
     matrix, _ = scaled_design_matrix(basis(skill.n_basis, alpha_x), alpha_x, s)
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
                tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
+
+
+def _cycle_report(skill: Primitive, shown: list[Demonstration]) -> Fit:
+    matrix = np.empty((PHASES, skill.n_basis))
+    periodic_design(periodic_basis(skill.n_basis), np.arange(PHASES) / PHASES, matrix)
+    found = []
+    for one, take in zip(shown, cycle_takes(skill, shown)):
+        first, last = take.times
+        found.append(DemonstrationFit(
+            take.period, len(one.times), tuple(take.away.mean(axis=0).tolist()),
+            tuple(take.away.max(axis=0).tolist()),
+            relative(mean_distance(take.away), one.span()), tuple(suspect_samples(one)),
+            _noise(one), take.cycles, (first, last)))
+    return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2), (),
+               tuple(found))
 
 
 def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:

@@ -28,6 +28,8 @@ from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transpo
 COUNTS, MOST = (10, 14, 20, 28, 40, 60, 85, 120, 170, 240), 1000
 #: Phases at which the forcing term is computed, at least and for each basis function.
 PHASES, PER_FUNCTION = 480, 4
+#: An error of this part of a factor's goal tolerance is small enough.
+ENOUGH = 0.02
 #: Step of the differences along the cycle [cycles].
 _STEP = 1e-3
 
@@ -58,10 +60,10 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
     phases = max(PHASES, PER_FUNCTION * counts[-1])
     progress = np.arange(phases) / phases
     forcing, velocity = curve.forcing(progress, gains)
-    span = curve.span(progress)
-    chosen, found, error = _smallest(counts, progress, forcing, tolerance * span)
-    if n_basis == 'auto' and error > tolerance * span:
-        warn_tolerance(chosen, error / span, tolerance)
+    chosen, found, error = _smallest(counts, progress, forcing,
+                                     curve.limits(progress, tolerance))
+    if n_basis == 'auto' and error > 1.0:
+        warn_tolerance(chosen, error * tolerance, tolerance)
     lasts = float(np.average([one.period for one in fitted.takes], weights=weights))
     primitive = Primitive(
         manifold=manifold, connection=settings.connection, gains=gains, start=curve.start,
@@ -72,22 +74,23 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
     return LearnedCycle(primitive, fitted)
 
 
-def _smallest(counts: Sequence[int], progress: np.ndarray, forcing: np.ndarray, limit: float
-              ) -> tuple[int, np.ndarray, float]:
+def _smallest(counts: Sequence[int], progress: np.ndarray, forcing: np.ndarray,
+              limits: np.ndarray) -> tuple[int, np.ndarray, float]:
     """
     The fewest basis functions whose forcing term is near enough, otherwise the best.
 
-    :returns: their number, the weights, and the largest error
+    :param limits: of the error of each coordinate
+    :returns: their number, the weights, and the largest error / limit
     """
     best: tuple[int, np.ndarray, float] | None = None
     for count in counts:
         matrix = np.empty((len(progress), count))
         periodic_design(periodic_basis(count), progress, matrix)
         weights = np.linalg.lstsq(matrix, forcing, rcond=None)[0]
-        error = float(np.linalg.norm(matrix @ weights - forcing, axis=1).max())
+        error = float((np.abs(matrix @ weights - forcing) / limits).max())
         if best is None or error < best[2]:
             best = count, weights, error
-        if error <= limit:
+        if error <= 1.0:
             break
     if best is None:
         raise ParameterError('no number of basis functions was given')
@@ -112,12 +115,19 @@ class _Curve:
         self.start = _points(manifold, self._frame, self._series.at(np.zeros(1))).reshape(
             manifold.point_shape)
 
-    def span(self, progress: np.ndarray) -> float:
-        """Largest distance from the start; 1 if nothing moves."""
-        points = _points(self._manifold, self._frame, self._series.at(progress))
-        away, _ = coordinates(self._manifold, self.start, points)
-        largest = float(np.linalg.norm(away, axis=1).max())
-        return largest if largest > 1e-12 else 1.0
+    def limits(self, progress: np.ndarray, tolerance: float) -> np.ndarray:
+        """
+        How exact each coordinate has to be: by the span of its factor.
+
+        A factor that hardly moves need not be more exact than a part of its goal's tolerance.
+        """
+        manifold = self._manifold
+        points = _points(manifold, self._frame, self._series.at(progress))
+        spans = manifold.factor_distances(np.repeat(manifold.flat(self.start)[None], len(points),
+                                                    axis=0), points).max(axis=0)
+        least = [ENOUGH * factor.goal_tolerance for factor in manifold.factors]
+        return np.repeat(np.maximum(tolerance * spans, least),
+                         [factor.tangent_size for factor in manifold.factors])
 
     def forcing(self, progress: np.ndarray, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
         """

@@ -98,6 +98,12 @@ class Player:
         return playing.manifold.point_size if playing.of_joints else 0
 
     @property
+    def period(self) -> float:
+        """Duration of the present motion at tempo 1, of the skill before there is one [s]."""
+        rollout = self._source.rollout
+        return self._source.playing.skill.duration if rollout is None else rollout.duration
+
+    @property
     def joint_names(self) -> list[str]:
         """Names of the joints of the next start's skill; empty if it does not tell them."""
         return list(self.tool.skill.provenance.get('joints', ()))
@@ -136,7 +142,7 @@ class Player:
 
     def start(self, measured: np.ndarray | None, goal_place: np.ndarray | None = None,
               goal_stiffness: np.ndarray | None = None, duration: float | None = None,
-              tolerances: tuple[float, float] | None = None) -> int:
+              tolerances: tuple[float, float] | None = None, cycles: float | None = None) -> int:
         """
         Start the loaded skill where the robot is, without a step in the reference.
 
@@ -145,6 +151,8 @@ class Player:
         :param goal_stiffness: factor (`ToolSkill.stiffness_factor`) instead of that of the skill
         :param duration: instead of that of the skill [s]
         :param tolerances: at the goal [m, rad]
+        :param cycles: of a rhythmic skill, before it comes to rest at its centre; None: until its
+            amplitude is 0
         :returns: number of the motion; `motion` has it as soon as the motion has begun
         :raises GdmpError: if the motion is not possible; nothing has changed then
         """
@@ -154,7 +162,7 @@ class Player:
                           goal=tool.changed(tool.skill.goal, goal_place, goal_stiffness),
                           options=tool.options(0.0, tolerances))
         number = self._started + 1
-        self._requests.add(lambda: self._source.begin(tool, rollout, measured, number),
+        self._requests.add(lambda: self._source.begin(tool, rollout, measured, number, cycles),
                            AFTER_START)
         self._started = number
         return number
@@ -182,6 +190,14 @@ class Player:
         """
         check_range('speed', scale, 0.0, MAX_SPEED)
         self._requests.add(lambda: self._source.set_speed(scale), UNCHANGED)
+
+    def set_amplitude(self, amplitude: float) -> None:
+        """Change the amplitude of a rhythmic motion (`Rollout.set_amplitude`)."""
+        self._requests.add(lambda: self._source.set_amplitude(amplitude), UNCHANGED)
+
+    def set_frequency(self, frequency: float) -> None:
+        """Change the frequency of this rhythmic motion [Hz]; the tempo of others stays."""
+        self._requests.add(lambda: self._source.set_frequency(frequency), UNCHANGED)
 
     def pause(self, paused: bool) -> None:
         """Come to a smooth stop on the path, or continue."""

@@ -40,6 +40,9 @@ class ReferenceSource:
         self.goal: np.ndarray | None = None
         self.goal_twist: np.ndarray | None = None
         self._speed, self._waits = 1.0, False
+        # Tempo of the present motion only, and cycles after which it ends; None for neither.
+        self._own_speed: float | None = None
+        self._cycles: float | None = None
         # Whether the reference has a wrench that no motion asks for any more.
         self._releases = False
         self._numbers = np.empty(0)
@@ -69,6 +72,9 @@ class ReferenceSource:
                 self._do_then()
         elif rollout is not None:
             self.playing.advance(rollout, dt, self._numbers, target)
+            if self._cycles is not None and rollout.progress >= self._cycles:
+                self._cycles = None
+                rollout.set_amplitude(0.0)
             if self.status is STOPPING:
                 if rollout.speed == 0.0:
                     self.status, self.rollout, self._releases = HOLDING, None, True
@@ -92,13 +98,14 @@ class ReferenceSource:
         self.status, self._approach = Status.IDLE if target is None else HOLDING, None
         self._then = []
 
-    def begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None, number: int
-              ) -> None:
+    def begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None,
+              number: int, cycles: float | None = None) -> None:
         """
         Begin a motion at the robot, or where the reference is if it moves or is near the robot.
 
         :param rollout: of the skill; begun here
         :param number: of the motion
+        :param cycles: of a rhythmic motion, before it comes to rest at its centre
         :raises GdmpError: if it cannot begin there; the reference rests then
         """
         self._approach = None
@@ -106,14 +113,14 @@ class ReferenceSource:
             self._change_kind()
         if self.status is STOPPING and self._is_far(measured):
             # The robot does not follow: come to rest first, then go there.
-            self._then = [lambda: self.begin(tool, rollout, measured, number)]
+            self._then = [lambda: self.begin(tool, rollout, measured, number, cycles)]
             return
         if self._approaches(measured):
-            self._then = [lambda: self._begin(tool, rollout, None)]
+            self._then = [lambda: self._begin(tool, rollout, None, cycles)]
             self.rollout, self.status, self._releases = None, MOVING, True
         else:
             try:
-                self._begin(tool, rollout, measured)
+                self._begin(tool, rollout, measured, cycles)
             except GdmpError:
                 self.motion = number
                 raise
@@ -146,7 +153,7 @@ class ReferenceSource:
 
     def set_speed(self, scale: float) -> None:
         """Change the tempo of this motion and of the next ones."""
-        self._speed = scale
+        self._speed, self._own_speed = scale, None
         if self.rollout is not None and self.status in (MOVING, HOLDING):
             self.rollout.set_speed(self._tempo)
 
@@ -163,10 +170,27 @@ class ReferenceSource:
         if self.rollout is not None and self.status is MOVING:
             self.rollout.set_speed(self._tempo)
 
+    def set_frequency(self, frequency: float) -> None:
+        """Change the frequency of this motion [Hz]."""
+        if self._approach is not None:
+            self._then.append(lambda: self.set_frequency(frequency))
+        elif self.rollout is not None:
+            self._own_speed = frequency * self.rollout.duration
+            if self.status in (MOVING, HOLDING):
+                self.rollout.set_frequency(frequency if not self._waits else 0.0)
+
+    def set_amplitude(self, amplitude: float) -> None:
+        """Change the amplitude of this motion."""
+        if self._approach is not None:
+            self._then.append(lambda: self.set_amplitude(amplitude))
+        elif self.rollout is not None:
+            self.rollout.set_amplitude(amplitude)
+
     @property
     def _tempo(self) -> float:
         """Tempo that is wanted now."""
-        return 0.0 if self._waits else self._speed
+        wanted = self._speed if self._own_speed is None else self._own_speed
+        return 0.0 if self._waits else wanted
 
     def stop(self) -> None:
         """Come to a smooth stop on the path and hold there."""
@@ -205,14 +229,15 @@ class ReferenceSource:
             except GdmpError as error:
                 self._refuse(str(error))
 
-    def _begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None) -> None:
+    def _begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None,
+               cycles: float | None) -> None:
         try:
             target = self._begin_at(tool, rollout, measured)
         except GdmpError:
             self.rollout = None
             self.status = Status.IDLE if self.target is None else HOLDING
             raise
-        self._waits = False
+        self._waits, self._own_speed, self._cycles = False, None, cycles
         rollout.set_speed(self._speed)
         self.playing, self.rollout, self.target = tool, rollout, target
         self.goal, self.goal_twist, self.status = rollout.goal, None, MOVING

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 import time
 from typing import Any
 
@@ -10,12 +9,12 @@ import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounded_stream import BoundedStream
-from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.gripper_sequence import GripperLink, GripperSequence
 from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
 from gdmp_ros.playback.measured_input import Measured, MeasuredInput
+from gdmp_ros.playback.motion_commands import MotionCommands
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
@@ -42,6 +41,7 @@ class Streamer:
     :ivar robot: what is known of the robot
     :ivar kinematics: of the arm; None if it is not known
     :ivar bounds: of speed and acceleration
+    :ivar commands: for the motion that is executed
     :ivar active: whether ticks are made
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
@@ -79,12 +79,13 @@ class Streamer:
         self._watches_joints = False
         self.bounds = BoundedStream(settings)
         self._last_tick, self.ticks, self.time = 0, 0, 0.0
-        self._tracker = GoalTracker()
+        self.commands = MotionCommands(settings, kinematics, self.loaded)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
                   robot_settings: RobotSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
         self.settings, self._player_settings = settings, player_settings
+        self.commands.settings = settings
         self.robot.settings = robot_settings
         self.bounds.configure(settings)
         if self.player is not None:
@@ -126,17 +127,20 @@ class Streamer:
 
     def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
               duration: float | None = None,
-              tolerances: tuple[float, float] | None = None) -> int:
+              tolerances: tuple[float, float] | None = None, cycles: float | None = None) -> int:
         """
         Start the loaded skill.
 
         :param goal_stiffness: 9 or 36 numbers; None or empty for that of the skill
+        :param cycles: of a rhythmic skill (`Player.start`)
         :returns: number of the motion (`Player.start`)
         :raises GdmpError: if it cannot start; what is streamed does not change
         """
         player = self.loaded()
         if not self.active:
             raise ParameterError('the node is not active')
+        if cycles is not None and not player.tool.skill.rhythmic:
+            raise ParameterError('cycles: the skill is not rhythmic')
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)
@@ -146,52 +150,15 @@ class Streamer:
         if goal_pose is not None:
             goal = place_for(self.kinematics, tool, goal_pose, goal)
         check_reach(self.kinematics, tool, goal)
-        self._tracker.reset()
+        self.commands.begin()
         self.robot.begin()
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
-                            tolerances)
+                            tolerances, cycles)
 
-    def switch_goal_pose(self, pose: np.ndarray, age: float = 0.0) -> None:
-        """
-        Switch the pose goal; one that keeps moving is followed with its velocity.
-
-        :param age: time since the goal was there [s]
-        :raises GdmpError: if it lies outside the workspace, or no skill is being executed
-        """
-        player = self._executing()
-        self.settings.check_goal(pose)
-        if player.playing.of_joints:
-            player.go_to(place_for(self.kinematics, player.playing, pose, player.goal))
-            return
-        now = self._last_tick / NS
-        goal = self._tracker.update(pose, now - age, now)
-        player.go_to(goal.pose, goal.twist)
-
-    def follow_goal(self, pose: np.ndarray, twist: np.ndarray, age: float = 0.0) -> None:
-        """
-        Switch the pose goal to one that moves on with a given twist, until the next goal.
-
-        :param twist: linear and angular velocity [m/s, rad/s]
-        :param age: time since the goal was there [s]
-        :raises GdmpError: as `switch_goal_pose`, or if a number is not finite
-        """
-        player = self._executing()
-        self.settings.check_goal(pose)
-        if not np.isfinite(twist).all():
-            raise ManifoldError('the twist of the goal has a NaN or infinite number')
-        if player.playing.of_joints:
-            raise ManifoldError('a skill of the joints does not follow a goal that moves on')
-        self._tracker.reset()
-        player.go_to(moved_on(pose, twist, age), twist)
-
-    def switch_goal_stiffness(self, numbers: Sequence[float]) -> None:
-        """
-        Switch the stiffness goal.
-
-        :raises GdmpError: if it does not fit the skill, or no skill is being executed
-        """
-        player = self._executing()
-        player.goal_stiffness(player.tool.stiffness_factor(numbers))
+    @property
+    def now(self) -> float:
+        """Time of the last tick [s]."""
+        return self._last_tick / NS
 
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
@@ -244,9 +211,7 @@ class Streamer:
             return None
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
-            ended = self._tracker.expired(now_ns / NS)
-            if ended is not None and not player.playing.of_joints:
-                player.go_to(ended.pose)
+            self.commands.pass_time(now_ns / NS, player)
         target = player.tick(dt)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
@@ -276,13 +241,6 @@ class Streamer:
     def _input_of(self, skill: StreamedSkill | None) -> MeasuredInput:
         """Where the robot is, as a skill needs it."""
         return self._joints if skill is not None and skill.of_joints else self._pose
-
-    def _executing(self) -> Player:
-        player = self.loaded()
-        status = player.status
-        if status is Status.IDLE or (player.rollout is None and status is Status.HOLDING):
-            raise ParameterError('no skill is being executed; start one first')
-        return player
 
     def _start_place(self, skill: StreamedSkill | None) -> np.ndarray | None:
         if self.settings.start_from == 'skill':

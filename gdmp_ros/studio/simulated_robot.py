@@ -105,7 +105,7 @@ class SimulatedRobot:
             self._streamer.player.set_speed(tempo)
 
     def switch_goal(self, pose: np.ndarray) -> None:
-        self._streamer.switch_goal_pose(pose)
+        self._streamer.commands.goal_pose(pose, self._streamer.now)
 
     # The arm
 

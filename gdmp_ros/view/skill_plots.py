@@ -11,6 +11,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import Trajectory
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.learning.cycle_report import cycle_takes
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
@@ -113,7 +114,8 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
 
     For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes.
 
-    :param shown: demonstrations to draw below it, stretched to its duration
+    :param shown: demonstrations to draw below it, stretched to its duration; of a rhythmic skill
+        all samples by their phase, on the skill's manifold
     :raises DataError: if one is on another manifold
     """
     manifold = skill.manifold
@@ -122,6 +124,8 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
             raise DataError(f'the skill is on {skill.manifold!r}, a demonstration on '
                             f'{one.manifold!r}')
     trajectory = skill.reproduce(skill.duration / 500)
+    same = [one for one in shown if one.manifold == manifold] if skill.rhythmic else []
+    takes = cycle_takes(skill, same) if same else []
     points: list[tuple[np.ndarray, ...]] = [
         manifold.split(p) if isinstance(manifold, Product) else (p,) for p in trajectory.points]
     count = len(manifold.factors)
@@ -135,7 +139,10 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
         axes = figure.add_subplot(grid[i, 0])
         first = int(manifold.factor_table[i]['point'])
         places = [first + column for column in columns]
-        for one in shown:
+        for take in takes:
+            axes.plot(take.progress % 1.0 * skill.duration, take.points[:, places], '.',
+                      color='0.7', ms=1.0, zorder=1.0)
+        for one in shown if not takes else ():
             if max(places) < one.manifold.point_size:  # a take may have no stiffness
                 times = (one.times - one.times[0]) * skill.duration / one.duration
                 axes.plot(times, one.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
@@ -148,7 +155,9 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
         if count > 2 and manifold.names[2] == 'stiffness':
             matrices = np.array([p[2][:3, :3] for p in points])
         axes = figure.add_subplot(grid[:, 1], projection='3d')
-        for one in shown:
+        for take in takes:
+            axes.plot(*take.points[:, :3].T, '.', color='0.7', ms=1.0)
+        for one in shown if not takes else ():
             axes.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7)
         plots.path_with_ellipsoids(axes, np.array([p[0] for p in points]), matrices)
     return figure

@@ -286,7 +286,7 @@ def topic_goal_pose() -> Entrance:
     """``~/goal_pose`` while a skill is executed."""
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal('goal_pose', data)
+        server.goals.take('goal_pose', data)
     return _serialised([_pose(), _pose('world')], use)
 
 
@@ -296,7 +296,7 @@ def topic_moving_goal() -> Entrance:
 
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal('moving_goal', data)
+        server.goals.take('moving_goal', data)
     message = MovingGoal(header=_pose().header, pose=_pose().pose)
     message.twist.linear.y = 0.1
     return _serialised([message], use)
@@ -306,7 +306,7 @@ def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
     def use(server: Any, data: bytes) -> None:
         _moving(server)
-        server.take_goal('goal_stiffness', data)
+        server.goals.take('goal_stiffness', data)
     return _serialised([_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], use)
 
 

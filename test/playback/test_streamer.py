@@ -128,7 +128,8 @@ for tick in range(1, 300):
     if tick in (30, 120):
         streamer.begin()
     if tick == 60:
-        streamer.switch_goal_pose(skill.goal[:7] + [0.0, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
+        streamer.commands.goal_pose(skill.goal[:7] + [0.0, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0],
+                                    streamer.now)
         streamer.player.request_copy()
     if tick == 200:
         streamer.player.stop()

@@ -222,8 +222,9 @@ class ExecuteAction:
         return pose
 
     def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:
-        for name in ('duration', *(f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
-                                   for what in ('position', 'rotation'))):
+        tolerances = (f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
+                      for what in ('position', 'rotation'))
+        for name in ('duration', 'cycles', *tolerances):
             value = getattr(goal, name)
             if not value >= 0.0:
                 raise ParameterError(f'{name} is {value!r}, expected a number >= 0')
@@ -231,7 +232,8 @@ class ExecuteAction:
             self._load(goal.skill)
         return self._streamer.begin(pose, goal.goal_stiffness, goal.duration or None,
                                     (goal.position_tolerance or POSITION_TOLERANCE,
-                                     goal.rotation_tolerance or ROTATION_TOLERANCE))
+                                     goal.rotation_tolerance or ROTATION_TOLERANCE),
+                                    goal.cycles or None)
 
     def _finish(self, code: int, text: str) -> None:
         execution, self._execution = self._execution, None

@@ -9,16 +9,11 @@ import shutil
 import time
 from typing import Any
 
-from gdmp_msgs.msg import MovingGoal
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
-from geometry_msgs.msg import PoseStamped
-import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.data.message_numbers import vector_numbers
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.streamer import NS, Streamer
@@ -29,9 +24,8 @@ from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode, reliable
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.polling import PolledGroup, take_latest
 from gdmp_ros.ros.running import own_arguments, run
-from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.execute_action import ExecuteAction
-from gdmp_ros.ros.server.goal_input import GoalInput
+from gdmp_ros.ros.server.goal_topics import GoalTopics
 from gdmp_ros.ros.server.gripper_topics import GripperTopics
 from gdmp_ros.ros.server.learning import LearningProcess
 from gdmp_ros.ros.server.parameters import (
@@ -49,8 +43,6 @@ from gdmp_ros.ros.server.skill_loader import SkillLoader
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Oldest stamp of a goal that is believed, before its arrival [s].
-STAMP_S = 0.5
 #: Goals are polled once in this many ticks.
 POLL_EVERY = 20
 
@@ -59,6 +51,7 @@ class TrajectoryServer(ManagedNode):
     """The managed node ``trajectory_server``."""
 
     streamer: Streamer
+    goals: GoalTopics
     _skills: SkillLoader
     _report: ServerReport
     _action: ExecuteAction
@@ -90,7 +83,7 @@ class TrajectoryServer(ManagedNode):
         self._references = ReferencePublisher(self, parameters.frame_id)
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
-        self._add_inputs()
+        self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id)
         self._action = ExecuteAction(self, self.streamer, self._report, self._base,
                                      self._skills.load)
         self.add_report(self._publish_report)
@@ -100,8 +93,7 @@ class TrajectoryServer(ManagedNode):
         parameters.locked = True
 
     def activate(self) -> None:
-        for goals in self._goals:
-            goals.discard()
+        self.goals.discard()
         self.streamer.activate(self._period_ns())
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
@@ -174,23 +166,12 @@ class TrajectoryServer(ManagedNode):
 
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
         if self.streamer.ticks % POLL_EVERY == 0 and self.streamer.joints == 0:
-            for goals in self._goals:
-                goals.poll(self.parameters.tf_timeout)
+            self.goals.poll(self.parameters.tf_timeout)
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
             self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
 
     # Interfaces
-
-    def _add_inputs(self) -> None:
-        self._poses = PoseReader(self.parameters.frame_id, self._base.pose)
-        self._goals = [
-            GoalInput(self.add_subscription(kind, f'~/{topic}', None, raw=True), topic, use,
-                      self.streamer.refusals.add)
-            for kind, topic, use in ((PoseStamped, 'goal_pose', self._use_goal_pose),
-                                     (MovingGoal, 'moving_goal', self._use_moving_goal),
-                                     (Float64MultiArray, 'goal_stiffness',
-                                      self._use_goal_stiffness))]
 
     def _add_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], object]) -> None:
@@ -235,32 +216,6 @@ class TrajectoryServer(ManagedNode):
             self.get_logger().warning(str(problem))
         return reply
 
-    def take_goal(self, topic: str, data: bytes) -> None:
-        """Use the serialised message of a topic with goals, or refuse it."""
-        for goals in self._goals:
-            if goals.topic == topic:
-                goals.use_or_refuse(data)
-
-    def _use_goal_pose(self, data: bytes, age: float) -> None:
-        self.streamer.switch_goal_pose(self._poses.read(data), self._age(data, age))
-
-    def _use_moving_goal(self, data: bytes, age: float) -> None:
-        message = deserialized(data, MovingGoal)
-        twist = np.array(vector_numbers(message.twist.linear, message.twist.angular))
-        self.streamer.follow_goal(*self._base.moving(message, twist), self._age(data, age))
-
-    def _use_goal_stiffness(self, data: bytes, age: float) -> None:
-        self.streamer.switch_goal_stiffness(deserialized(data, Float64MultiArray).data)
-
-    def _age(self, data: bytes, arrived: float) -> float:
-        """
-        Time since the stamp of a message; since its arrival if the stamp is not of this clock [s].
-
-        A stamp is believed if it lies up to `STAMP_S` before the arrival.
-        """
-        stamped = (self.get_clock().now().nanoseconds - stamp_ns_of(data)) / NS
-        return stamped if arrived - 1e-3 <= stamped <= arrived + STAMP_S else arrived
-
     def _publish_report(self) -> None:
         player = self.streamer.player
         if not self.streamer.active and self.get_parameter('use_sim_time').value:
@@ -269,8 +224,7 @@ class TrajectoryServer(ManagedNode):
                 self._clock_input[1](message)
         if self.streamer.joints:
             # Not in the tick: inverse kinematics takes some milliseconds.
-            for goals in self._goals:
-                goals.poll(self.parameters.tf_timeout)
+            self.goals.poll(self.parameters.tf_timeout)
         # Read before the state: a new motion must not be compared with the previous state.
         motion = player.motion if player is not None else 0
         self._action.watch(self._report.publish(), motion)

@@ -206,7 +206,9 @@ def _add_motion(message: ServerState, player: Player) -> set[str]:
     if rollout is None:
         return set()
     message.progress, message.speed = rollout.progress, rollout.speed
-    message.phase = float(np.exp(-rollout.skill.gains.alpha_x * rollout.progress))
+    message.phase = rollout.phase
+    message.rhythmic = rollout.skill.rhythmic
+    message.amplitude, message.frequency = rollout.amplitude, rollout.frequency
     message.finished = rollout.finished
     message.factors = list(rollout.skill.manifold.names)
     message.distance_to_goal = player.distances()

@@ -1,0 +1,121 @@
+"""What can be changed of a motion while it is executed: its goals, amplitude and frequency."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gdmp_ros.dmp.modulation import MAX_AMPLITUDE
+from gdmp_ros.dmp.options import check_range, MAX_SPEED
+from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
+from gdmp_ros.playback.kinematics import ArmKinematics, place_for
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.stream_settings import StreamSettings
+
+
+class MotionCommands:
+    """
+    Checks commands for the motion that is executed, and passes them to the player.
+
+    :ivar settings: with the limits of the workspace
+    """
+
+    def __init__(self, settings: StreamSettings, kinematics: ArmKinematics | None,
+                 loaded: Callable[[], Player]):
+        """
+        :param kinematics: of the arm, for skills of the joints
+        :param loaded: returns the player, or raises a `ParameterError` without a skill
+        """
+        self.settings = settings
+        self._kinematics, self._loaded = kinematics, loaded
+        self._tracker = GoalTracker()
+
+    def begin(self) -> None:
+        """Forget the goal of the motion before."""
+        self._tracker.reset()
+
+    def pass_time(self, now: float, player: Player) -> None:
+        """
+        Let the goal rest whose poses have ended.
+
+        :param now: of the clock of the ticks [s]
+        """
+        ended = self._tracker.expired(now)
+        if ended is not None and not player.playing.of_joints:
+            player.go_to(ended.pose)
+
+    def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0) -> None:
+        """
+        Switch the pose goal; one that keeps moving is followed with its velocity.
+
+        :param now: of the clock of the ticks [s]
+        :param age: time since the goal was there [s]
+        :raises GdmpError: if it lies outside the workspace, or no skill is being executed
+        """
+        player = self._executing()
+        self.settings.check_goal(pose)
+        if player.playing.of_joints:
+            player.go_to(place_for(self._kinematics, player.playing, pose, player.goal))
+            return
+        goal = self._tracker.update(pose, now - age, now)
+        player.go_to(goal.pose, goal.twist)
+
+    def moving_goal(self, pose: np.ndarray, twist: np.ndarray, age: float = 0.0) -> None:
+        """
+        Switch the pose goal to one that moves on with a given twist, until the next goal.
+
+        :param twist: linear and angular velocity [m/s, rad/s]
+        :param age: time since the goal was there [s]
+        :raises GdmpError: as `goal_pose`, or if a number is not finite
+        """
+        player = self._executing()
+        self.settings.check_goal(pose)
+        if not np.isfinite(twist).all():
+            raise ManifoldError('the twist of the goal has a NaN or infinite number')
+        if player.playing.of_joints:
+            raise ManifoldError('a skill of the joints does not follow a goal that moves on')
+        self._tracker.reset()
+        player.go_to(moved_on(pose, twist, age), twist)
+
+    def goal_stiffness(self, numbers: Sequence[float]) -> None:
+        """
+        Switch the stiffness goal.
+
+        :raises GdmpError: if it does not fit the skill, or no skill is being executed
+        """
+        player = self._executing()
+        player.goal_stiffness(player.tool.stiffness_factor(numbers))
+
+    def amplitude(self, amplitude: float) -> None:
+        """
+        Change the amplitude of a rhythmic motion: 1 as demonstrated, 0 ends it at its centre.
+
+        :raises ParameterError: outside 0 … 2, or if no rhythmic skill is being executed
+        """
+        self._rhythmic().set_amplitude(check_range('amplitude', amplitude, 0.0, MAX_AMPLITUDE))
+
+    def frequency(self, frequency: float) -> None:
+        """
+        Change the frequency of a rhythmic motion.
+
+        :param frequency: 0 to twice the demonstrated one [Hz]
+        :raises ParameterError: for another number, or if no rhythmic skill is being executed
+        """
+        player = self._rhythmic()
+        check_range('frequency', frequency, 0.0, MAX_SPEED / player.period)
+        player.set_frequency(frequency)
+
+    def _executing(self) -> Player:
+        player = self._loaded()
+        status = player.status
+        if status is Status.IDLE or (player.rollout is None and status is Status.HOLDING):
+            raise ParameterError('no skill is being executed; start one first')
+        return player
+
+    def _rhythmic(self) -> Player:
+        player = self._executing()
+        if not player.playing.skill.rhythmic:
+            raise ParameterError('the skill that is being executed is not rhythmic')
+        return player
