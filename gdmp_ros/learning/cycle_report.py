@@ -10,6 +10,7 @@ from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.learning.cycle_fit import CycleFit
 from gdmp_ros.learning.preparation import prepared
+from gdmp_ros.manifolds import Manifold
 
 #: Points of the cycle, and steps by which its phase is searched, coarse and fine.
 _PHASES, _STEPS = 4096, (64, 8, 1)
@@ -55,16 +56,22 @@ def cycle_takes(skill: Primitive, shown: list[Demonstration]) -> list[CycleTake]
         at = np.rint(take.progress * _PHASES).astype(np.int64)
         few = slice(None, None, max(len(points) // 100, 1))
 
-        def apart(shift: int) -> float:
-            away = manifold.factor_distances(points[few], orbit[(at[few] + shift) % _PHASES])
-            return float(((weights * away) ** 2).sum())
-        shift, around = 0, _PHASES
-        for step in _STEPS:
-            shift = min(range(shift - around // 2, shift + around // 2 + 1, step), key=apart)
-            around = 2 * step
-        at = at + shift
+        at += _shift(manifold, points[few], at[few], orbit, weights)
         spacing = one.duration / (len(one.times) - 1)
         takes.append(CycleTake(take.cycles, take.period, (first * spacing, last * spacing),
                                manifold.factor_distances(points, orbit[at % _PHASES]),
                                at / _PHASES, points))
     return takes
+
+
+def _shift(manifold: Manifold, points: np.ndarray, at: np.ndarray, orbit: np.ndarray,
+           weights: np.ndarray) -> int:
+    """By how many phases points have to be shifted to be nearest to the cycle."""
+    def apart(shift: int) -> float:
+        away = manifold.factor_distances(points, orbit[(at + shift) % _PHASES])
+        return float(((weights * away) ** 2).sum())
+    shift, around = 0, _PHASES
+    for step in _STEPS:
+        shift = min(range(shift - around // 2, shift + around // 2 + 1, step), key=apart)
+        around = 2 * step
+    return shift
