@@ -78,9 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--end', choices=ENDS,
                         help='how the motion ends: at rest at its goal (default of --fit output), '
                              'or moving as demonstrated (default of --fit forcing)')
-    parser.add_argument('--alpha-g', type=float, default=8.0, metavar='G',
+    parser.add_argument('--alpha-g', type=float, metavar='G',
                         help='gain of the moving goal: a larger gain reaches a new goal sooner, '
-                             'with more acceleration (default %(default)g)')
+                             'with more acceleration (default 8, with --rhythmic 4)')
     parser.add_argument('--connection', choices=CONNECTIONS, default='parallel',
                         help="exact transport, or the paper's (default %(default)s)")
     parser.add_argument('--json', action='store_true', help='print a report as JSON')

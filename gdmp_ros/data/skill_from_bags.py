@@ -24,6 +24,7 @@ class LearningSettings:
         the only one; None for a skill of the tool
     :ivar frame: frame that the poses must have; empty for any
     :ivar weights: how much each demonstration counts; None for alike
+    :ivar alpha_g: goal gain; None for that of `Skill.learn` or `Skill.learn_rhythmic`
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
     """
@@ -33,7 +34,7 @@ class LearningSettings:
     tolerance: float = 1e-4
     smoothing: float | None = None
     regularization: float = 0.0
-    alpha_g: float = 8.0
+    alpha_g: float | None = None
     stiffness: str = 'auto'
     k_min: float = 200.0
     k_max: float = 800.0
@@ -98,8 +99,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         return LearnedSkill(_cycle(demonstrations, settings, provenance), demonstrations, source)
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
-                        regularization=settings.regularization, alpha_g=settings.alpha_g,
-                        fit=settings.fit, end=settings.end,
+                        regularization=settings.regularization,
+                        alpha_g=settings.alpha_g or 8.0, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, provenance=provenance)
     events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
                            [one.events for one in shown])
@@ -108,8 +109,9 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
 
 def _cycle(shown: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
            ) -> Skill:
-    return Skill.learn_rhythmic(shown, settings.period, settings.n_basis, alpha_g=settings.alpha_g,
-                                tolerance=settings.tolerance, smoothing=settings.smoothing,
+    return Skill.learn_rhythmic(shown, settings.period, settings.n_basis,
+                                alpha_g=settings.alpha_g or 4.0, tolerance=settings.tolerance,
+                                smoothing=settings.smoothing,
                                 demonstration_weights=settings.weights, provenance=provenance)
 
 

@@ -11,7 +11,7 @@ from gdmp_ros.errors import ParameterError
 #: Largest amplitude, as a factor of the demonstrated one.
 MAX_AMPLITUDE = 2.0
 #: Cycles in which a motion has to come to rest after its amplitude has been set to 0.
-_SETTLE = 1.5
+_SETTLE = 3.0
 
 
 class Modulation:

@@ -89,7 +89,7 @@ class Skill(Primitive):
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],
                        period: float | None = None, n_basis: int | str = 'auto',
-                       alpha_z: float = 60.0, *, alpha_g: float = 8.0, tolerance: float = 1e-4,
+                       alpha_z: float = 60.0, *, alpha_g: float = 4.0, tolerance: float = 1e-4,
                        smoothing: float | None = None,
                        demonstration_weights: Sequence[float] | None = None,
                        provenance: Mapping[str, Any] | None = None) -> Skill:
@@ -103,7 +103,8 @@ class Skill(Primitive):
         :param n_basis: number of basis functions, at least 4; ``'auto'`` for the smallest that
             describes the cycle within ``tolerance``
         :param alpha_z: gain, per cycle
-        :param alpha_g: how fast centre and amplitude change: ``1 - e^(-alpha_g)`` in one cycle
+        :param alpha_g: how fast centre and amplitude change: ``1 - e^(-alpha_g)`` in one cycle; a
+            larger gain needs more acceleration at entry and exit
         :param tolerance: for ``'auto'``: error / span that is good enough
         :param smoothing: cut-off [Hz] of `Demonstration.smoothed`; rarely needed
         :param demonstration_weights: how much each demonstration counts; alike by default

@@ -21,6 +21,43 @@ class GripperLink(Protocol):
         """Its newest state; None if nothing is known of it."""
 
 
+class GripperCommands:
+    """One command after the other, each until the gripper has carried it out."""
+
+    def __init__(self, link: GripperLink):
+        self._link = link
+        self._sent = GripperCommand(0.0)
+        self._before, self._waited = 0, 0.0
+
+    def is_known(self) -> bool:
+        """Whether there is a state of the gripper."""
+        return self._link.state() is not None
+
+    def begin(self, command: GripperCommand) -> None:
+        """Let the gripper begin a command."""
+        state = self._link.state()
+        self._before, self._waited = 0 if state is None else state.commands, 0.0
+        self._sent = command
+        self._link.send(command)
+
+    def outcome(self, dt: float) -> str | None:
+        """
+        Let ``dt`` seconds pass.
+
+        :returns: why the command failed; empty if it is done, None while it is carried out
+        """
+        self._waited += dt
+        state = self._link.state()
+        if state is None or state.commands == self._before or state.moving:
+            if self._waited < TIMEOUT_S:
+                return None
+            return ('no state of it is known' if state is None else
+                    f'not done within {TIMEOUT_S:g} s')
+        if self._sent.force and not state.holding:
+            return state.problem or 'there is nothing between the fingers'
+        return state.problem
+
+
 class GripperSequence:
     """
     Carries out the events of the skill that is played; one thread calls `advance`.
@@ -28,48 +65,32 @@ class GripperSequence:
     :ivar problem: why the gripper of this motion failed; empty if it did not
     """
 
-    def __init__(self, link: GripperLink):
-        self._link = link
+    def __init__(self, commands: GripperCommands):
+        self._commands = commands
         self.problem = ''
         self._motion = self._next = 0
-        self._sent: GripperCommand | None = None
-        self._before, self._waited = 0, 0.0
+        self._waits = False
 
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""
         if player.motion != self._motion:
-            self._motion, self._next, self._sent, self.problem = player.motion, 0, None, ''
+            self._motion, self._next, self._waits, self.problem = player.motion, 0, False, ''
         rollout, events = player.rollout, player.playing.skill.events
         if rollout is None or self._next == len(events) or player.status is not Status.MOVING:
             return
         event = events[self._next]
-        if self._sent is None:
+        if not self._waits:
             if rollout.progress < event.progress:
                 return
-            state = self._link.state()
-            self._before, self._waited = 0 if state is None else state.commands, 0.0
-            self._sent = GripperCommand(event.width, event.force, event.speed)
+            self._waits = True
             player.wait(True)
-            self._link.send(self._sent)
+            self._commands.begin(GripperCommand(event.width, event.force, event.speed))
             return
-        self._waited += dt
-        problem = self._outcome(self._sent)
+        problem = self._commands.outcome(dt)
         if problem is None:
             return
-        self._sent, self._next = None, self._next + 1
+        self._waits, self._next = False, self._next + 1
         player.wait(False)
         if problem:
             self.problem = f'gripper: {problem}'
             player.stop()
-
-    def _outcome(self, sent: GripperCommand) -> str | None:
-        """Why the command failed; empty if it is done, None while it is carried out."""
-        state = self._link.state()
-        if state is None or state.commands == self._before or state.moving:
-            if self._waited < TIMEOUT_S:
-                return None
-            return ('no state of it is known' if state is None else
-                    f'not done within {TIMEOUT_S:g} s')
-        if sent.force and not state.holding:
-            return state.problem or 'there is nothing between the fingers'
-        return state.problem

@@ -6,6 +6,8 @@ next tick carries them out in the order in which they came.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
@@ -161,9 +163,25 @@ class Player:
         rollout = Rollout(tool.skill, start=tool.start_at(measured), duration=duration,
                           goal=tool.changed(tool.skill.goal, goal_place, goal_stiffness),
                           options=tool.options(0.0, tolerances))
+        return self.begin(tool, rollout, measured, cycles)
+
+    def begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None,
+              cycles: float | None = None, still: Callable[[], bool] = lambda: True) -> int:
+        """
+        Begin a motion that has been prepared.
+
+        :param rollout: of the skill of ``tool``
+        :param measured: where the robot is; None where the reference is, or at the skill's start
+        :param cycles: see `start`
+        :param still: asked by the tick; nothing happens if it is not wanted any more
+        :returns: number of the motion
+        """
         number = self._started + 1
-        self._requests.add(lambda: self._source.begin(tool, rollout, measured, number, cycles),
-                           AFTER_START)
+
+        def begin() -> None:
+            if still():
+                self._source.begin(tool, rollout, measured, number, cycles)
+        self._requests.add(begin, AFTER_START)
         self._started = number
         return number
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.dmp.sequence import GripperStep, MotionStep, Sequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounded_stream import BoundedStream
-from gdmp_ros.playback.gripper_sequence import GripperLink, GripperSequence
+from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
 from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
 from gdmp_ros.playback.measured_input import Measured, MeasuredInput
 from gdmp_ros.playback.motion_commands import MotionCommands
@@ -21,6 +22,7 @@ from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
+from gdmp_ros.playback.sequence_runner import OTHER_MOTION, prepared_steps, SequenceRunner
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.realtime.loop import RunningLoop
@@ -42,6 +44,8 @@ class Streamer:
     :ivar kinematics: of the arm; None if it is not known
     :ivar bounds: of speed and acceleration
     :ivar commands: for the motion that is executed
+    :ivar gripper: commands of the skill that is executed; None without a gripper
+    :ivar sequence: executes sequences
     :ivar active: whether ticks are made
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
@@ -72,7 +76,9 @@ class Streamer:
         self.time_jumps: deque[float] = deque(maxlen=10)
         self.jumps = 0
         self._player_settings = player_settings
-        self.gripper = None if gripper is None else GripperSequence(gripper)
+        commands = None if gripper is None else GripperCommands(gripper)
+        self.gripper = None if commands is None else GripperSequence(commands)
+        self.sequence = SequenceRunner(commands)
         self._pose = pose
         self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
         self._used: Measured | None = None
@@ -150,10 +156,53 @@ class Streamer:
         if goal_pose is not None:
             goal = place_for(self.kinematics, tool, goal_pose, goal)
         check_reach(self.kinematics, tool, goal)
+        self.sequence.cancel(OTHER_MOTION)
         self.commands.begin()
         self.robot.begin()
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
                             tolerances, cycles)
+
+    def begin_sequence(self, sequence: Sequence, first: int = 0) -> None:
+        """
+        Start a sequence, from the present motion if there is one.
+
+        :param first: index of its first step
+        :raises GdmpError: if it cannot start; what is streamed does not change
+        """
+        if not self.active:
+            raise ParameterError('the node is not active')
+        sequence.check_index(first)
+        gripper = self.sequence.gripper
+        if (any(isinstance(step, GripperStep) for step in sequence.steps)
+                and (gripper is None or not gripper.is_known())):
+            raise ParameterError(f'{sequence.name}: it has commands for a gripper, and no state '
+                                 'of one is known')
+        for skill in {step.skill for step in sequence.steps if isinstance(step, MotionStep)}:
+            rehearse(skill, self._player_settings)
+        prepared = prepared_steps(sequence, self._player_settings, self._check_place)
+        later = [made.tool for index, made in prepared.items() if index >= first]
+        tool = (later or [made.tool for made in prepared.values()])[0]
+        measured = self._start_place(tool)
+        if self.player is None:
+            self.player = Player(tool.skill, self._player_settings, self.refusals)
+        self.commands.begin()
+        self.robot.begin()
+        self.sequence.begin(sequence, first, prepared, measured)
+
+    def _check_place(self, tool: StreamedSkill, place: np.ndarray) -> None:
+        if not tool.of_joints:
+            self.settings.check_goal(place)
+        check_reach(self.kinematics, tool, place)
+
+    def stop_motion(self) -> None:
+        """
+        Stop a motion, and a sequence, smoothly.
+
+        :raises ParameterError: if there is no skill
+        """
+        player = self.loaded()
+        self.sequence.cancel('stopped')
+        player.stop()
 
     @property
     def now(self) -> float:
@@ -184,6 +233,7 @@ class Streamer:
     def stop(self) -> None:
         """Stop a motion smoothly, and wait until it has stopped."""
         player = self.player
+        self.sequence.cancel('the node was deactivated')
         if player is None or player.status in (Status.IDLE, Status.HOLDING):
             return
         player.stop()
@@ -215,6 +265,7 @@ class Streamer:
         target = player.tick(dt)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
+        self.sequence.advance(player, dt)
         return None if target is None else self.bounds.apply(player.playing, target, dt)
 
     def _use_pose(self, player: Player) -> None:

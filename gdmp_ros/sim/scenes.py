@@ -139,6 +139,20 @@ def hard_table(below: float) -> mujoco.MjSpec:
     return spec
 
 
+def cloth_table(below: float) -> mujoco.MjSpec:
+    """
+    Panda with a table under its tool that a cloth covers, to be wiped.
+
+    :param below: distance from the tool in the first keyframe down to the table top [m]
+    """
+    spec = hard_table(below)
+    top = spec.geom('table')
+    # Without the cloth, sliding over the corners of the fingers' boxes chatters.
+    top.solref, top.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]
+    top.priority, top.friction = 1, [0.2, 0.005, 0.0001]
+    return spec
+
+
 def contact_count(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> int:
     """Count contacts of geoms whose name begins with ``prefix``."""
     ids = np.array([i for i in range(model.ngeom) if model.geom(i).name.startswith(prefix)])

@@ -13,7 +13,8 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.data.sequences import read_sequence
-from gdmp_ros.dmp.sequence import HoldStep, MotionStep, Sequence, SequenceRollout
+from gdmp_ros.dmp.sequence import HoldStep, MotionStep, Sequence
+from gdmp_ros.dmp.sequence_rollout import SequenceRollout
 from test.motions import cycle, motion, recorded_cycles, TOOL
 
 MANIFOLDS = [Euclidean(3), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),

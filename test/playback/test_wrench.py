@@ -10,7 +10,7 @@ from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.sim import Arm, ClosedLoop
-from gdmp_ros.sim.scenes import hard_table
+from gdmp_ros.sim.scenes import cloth_table
 from gdmp_ros.util.profiles import smoothstep
 
 FRAME, WIPING, FORCE = 'panda_link0', 3.0, 8.0
@@ -19,12 +19,7 @@ ONLY_WRENCH = {'pose_topic': recordings.POSE_TOPIC, 'wrench_topic': '/ft/wrench'
 
 def loop_over(height):
     """An arm over a table with a cloth, ``height`` higher than the one of the demonstration."""
-    scene = hard_table(0.03 - height)
-    table = scene.geom('table')
-    # Without the cloth, sliding over the corners of the fingers' boxes chatters.
-    table.solref, table.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]
-    table.priority, table.friction = 1, [0.2, 0.005, 0.0001]
-    return ClosedLoop(Arm(scene))
+    return ClosedLoop(Arm(cloth_table(0.03 - height)))
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,6 @@ import shutil
 from typing import Any
 
 from gdmp_msgs.action import ExecuteSkill
-import mujoco
 import numpy as np
 
 from gdmp_ros.control.settings import LimitSettings
@@ -20,7 +19,7 @@ from gdmp_ros.ros.arm_choice import ArmChoice, SIMULATED
 from gdmp_ros.ros.testbed import NodeTestbed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.scenes import hard_table
+from gdmp_ros.sim.scenes import cloth_table
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.profiles import smoothstep
@@ -46,19 +45,9 @@ TORQUE_RATE = 1.0
 SAMPLE_EVERY = 5
 
 
-def cloth_table(height: float) -> mujoco.MjSpec:
-    """Panda with a table under its tool that a cloth covers."""
-    spec = hard_table(BELOW - height)
-    top = spec.geom('table')
-    # Without the cloth, sliding over the corners of the fingers' boxes chatters.
-    top.solref, top.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]
-    top.priority, top.friction = 1, [0.2, 0.005, 0.0001]
-    return spec
-
-
 def record_wiping(bag: Path) -> None:
     """Show the wiping to the simulated arm: down, circles with a force, and up; with noise."""
-    loop, rng = ClosedLoop(Arm(cloth_table(0.0))), np.random.default_rng(1)
+    loop, rng = ClosedLoop(Arm(cloth_table(BELOW))), np.random.default_rng(1)
     start, seconds = loop.arm.measure().pose.copy(), SHOWN * PERIOD
     with bags.BagWriter(bag) as writer:
         for k in range(round(1000 * (seconds + 2.0 * WAY_S))):
@@ -129,7 +118,7 @@ def _execute(folder: Path, skill: Path, height: float, period: float) -> dict[st
     """Wipe a table through the nodes."""
     name = f'{skill.stem}{1e3 * height:+.0f}mm'
     scene = folder / f'table{1e3 * height:+.0f}mm.xml'
-    spec = cloth_table(height)
+    spec = cloth_table(BELOW - height)
     spec.compile()
     scene.write_text(spec.to_xml())
     with Domain() as domain, NodeTestbed(folder / 'runs' / name, domain.environment()) as bed:

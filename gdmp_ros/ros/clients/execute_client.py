@@ -24,6 +24,9 @@ class ExecuteRequest(NamedTuple):
     :ivar after: time of the goal switch after the start [s]
     :ivar speed: tempo; None to keep the present one
     :ivar wait: timeout for the server, and then for the pose of its robot [s]
+    :ivar cycles: of a rhythmic skill; 0: until its amplitude is 0
+    :ivar sequence: file to execute instead of a skill; empty for a skill
+    :ivar first_step: of the sequence, counted from 1
     """
 
     server: str
@@ -32,6 +35,9 @@ class ExecuteRequest(NamedTuple):
     after: float
     speed: float | None
     wait: float
+    cycles: float = 0.0
+    sequence: str = ''
+    first_step: int = 1
 
 
 def execute(request: ExecuteRequest) -> int:
@@ -57,7 +63,10 @@ def execute(request: ExecuteRequest) -> int:
                     print(f'warning: {reply.message}', flush=True)
         _wait_for_robot(client, request.wait)
         try:
-            client.execute()
+            if request.sequence:
+                client.execute_sequence(request.sequence, request.first_step)
+                return _follow_sequence(client)
+            client.execute(ExecuteSkill.Goal(cycles=request.cycles))
             return _follow(client, request)
         except (KeyboardInterrupt, GdmpError):
             if client.cancel():
@@ -91,7 +100,7 @@ def _follow(client: ServerClient, request: ExecuteRequest) -> int:
         done = 0.0
         while not client.done():
             client.spend(0.1)
-            now = 100.0 * min(client.state.progress if client.state else 0.0, 1.0)
+            now = 100.0 * min(_share(client, request), 1.0)
             step(max(now - done, 0.0))
             done = max(done, now)
     result = client.result(10.0)
@@ -100,6 +109,32 @@ def _follow(client: ServerClient, request: ExecuteRequest) -> int:
     reached = result.error_code == ExecuteSkill.Result.SUCCESSFUL
     print(f'{"the goal was reached" if reached else result.error_string}; distance: {left}')
     return 0 if reached else 1
+
+
+def _share(client: ServerClient, request: ExecuteRequest) -> float:
+    """Part of the motion that is done; a rhythmic one without an end has none."""
+    state = client.state
+    if state is None:
+        return 0.0
+    if not state.rhythmic:
+        return float(state.progress)
+    return float(state.progress / request.cycles) if request.cycles else 0.0
+
+
+def _follow_sequence(client: ServerClient) -> int:
+    """Print each step when it begins, and how the sequence ended."""
+    shown = 0
+    while not client.done():
+        client.spend(0.1)
+        state = client.state
+        if state is not None and state.step and state.step != shown:
+            shown = state.step
+            print(f'step {state.step} of {state.steps}: {state.step_name}', flush=True)
+    result = client.result(10.0)
+    done = result.error_code == result.SUCCESSFUL
+    print('the sequence is done' if done else
+          f'the sequence ended at step {result.step}: {result.error_string}')
+    return 0 if done else 1
 
 
 def _switch(client: ServerClient, position: Sequence[float]) -> None:

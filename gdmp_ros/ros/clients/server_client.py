@@ -4,12 +4,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import ServerState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.action import ActionClient
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, String
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros import messages
@@ -33,7 +33,12 @@ class ServerClient(Client):
         self._pose = self.node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
         self._matrix = self.node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
                                                   reliable(10))
+        self._numbers = {topic: self.node.create_publisher(Float64, f'{server}/{topic}',
+                                                           reliable(10))
+                         for topic in ('amplitude', 'frequency')}
+        self._signal = self.node.create_publisher(String, f'{server}/signal', reliable(10))
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
+        self._sequences = ActionClient(self.node, ExecuteSequence, f'{server}/execute_sequence')
         self._result: Any = None
         self._handle: Any = None
 
@@ -47,9 +52,22 @@ class ServerClient(Client):
 
     def execute(self, goal: ExecuteSkill.Goal | None = None, timeout: float = 10.0) -> None:
         """Start the loaded skill with the action."""
-        self.wait('the action server', self._action.server_is_ready, timeout)
+        self._send(self._action, goal or ExecuteSkill.Goal(), timeout)
+
+    def execute_sequence(self, path: str, first_step: int = 0, timeout: float = 10.0) -> None:
+        """
+        Start a sequence with the action.
+
+        :param path: sequence file
+        :param first_step: counted from 1; 0: the first one
+        """
+        self._send(self._sequences, ExecuteSequence.Goal(sequence=path, first_step=first_step),
+                   timeout)
+
+    def _send(self, action: ActionClient, goal: Any, timeout: float) -> None:
+        self.wait('the action server', action.server_is_ready, timeout)
         self._result = None
-        sent = self._action.send_goal_async(goal or ExecuteSkill.Goal())
+        sent = action.send_goal_async(goal)
         self.wait('the goal to be accepted', sent.done, timeout)
         if not sent.result().accepted:
             raise GdmpError('the server rejected the goal')
@@ -76,7 +94,7 @@ class ServerClient(Client):
                 raise GdmpError(f'the motion ended with {result.error_code}: '
                                 f'{result.error_string}')
 
-    def result(self, timeout: float) -> ExecuteSkill.Result:
+    def result(self, timeout: float) -> Any:
         """Wait for the result of the action."""
         self.wait('the motion to finish', self._result.done, timeout)
         return self._result.result().result
@@ -95,3 +113,23 @@ class ServerClient(Client):
         self.wait('the server to subscribe to stiffness goals',
                   lambda: self._matrix.get_subscription_count() > 0, 5.0)
         self._matrix.publish(Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))
+
+    def amplitude(self, amplitude: float) -> None:
+        """Change the amplitude of a rhythmic motion; 0 ends it at its centre."""
+        self._publish_number('amplitude', amplitude)
+
+    def frequency(self, frequency: float) -> None:
+        """Change the frequency of a rhythmic motion [Hz]."""
+        self._publish_number('frequency', frequency)
+
+    def signal(self, name: str) -> None:
+        """Tell the present step of a sequence that something has happened."""
+        self.wait('the server to subscribe to signals',
+                  lambda: self._signal.get_subscription_count() > 0, 5.0)
+        self._signal.publish(String(data=name))
+
+    def _publish_number(self, topic: str, value: float) -> None:
+        publisher = self._numbers[topic]
+        self.wait(f'the server to subscribe to {topic}',
+                  lambda: publisher.get_subscription_count() > 0, 5.0)
+        publisher.publish(Float64(data=value))

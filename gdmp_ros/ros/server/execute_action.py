@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
-from gdmp_msgs.msg import ServerState
+from gdmp_msgs.msg import ArmStatus, ServerState
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
@@ -38,6 +38,20 @@ class _Execution(NamedTuple):
     done: Future
     goal: Distance
     path: Distance
+
+
+def why_not_followed(arm: ArmStatus | None) -> str:
+    """
+    Why the robot does not move.
+
+    :param arm: what the arm said last; None if that is not known
+    """
+    if arm is None or arm.mode == ArmMode.UNKNOWN:
+        return 'it is blocked, or does not follow'
+    if arm.mode == ArmMode.FOLLOW:
+        return 'it is blocked'
+    said = arm.reason or arm.last_refusal
+    return f'the arm does not follow{", " if said else ""}{said}'
 
 
 class ExecuteAction:
@@ -123,7 +137,8 @@ class ExecuteAction:
         robot, result = self._streamer.robot, ExecuteSkill.Result
         if 'blocked' in robot.flags:
             self._give_up(result.BLOCKED, f'the robot is {robot.lag} from the reference and has '
-                          f'not moved for {robot.settings.blocked_time:g} s: {self._why()}')
+                          f'not moved for {robot.settings.blocked_time:g} s: '
+                          f'{why_not_followed(self._report.arm)}')
         elif not robot.largest_lag.within(*(limit or math.inf for limit in execution.path)):
             self._give_up(result.PATH_TOLERANCE_VIOLATED, f'the robot was {robot.largest_lag} '
                           f'from the reference, expected at most {execution.path}')
@@ -155,16 +170,6 @@ class ExecuteAction:
             text = (f'the reference is at the goal, the robot {away} from it after '
                     f'{settings.settling_time:g} s, expected {execution.goal}')
             self._finish(result.GOAL_TOLERANCE_VIOLATED, text)
-
-    def _why(self) -> str:
-        """Why the robot does not move."""
-        arm = self._report.arm
-        if arm is None or arm.mode == ArmMode.UNKNOWN:
-            return 'it is blocked, or does not follow'
-        if arm.mode == ArmMode.FOLLOW:
-            return 'it is blocked'
-        said = arm.reason or arm.last_refusal
-        return f'the arm does not follow{", " if said else ""}{said}'
 
     def _give_up(self, code: int, text: str) -> None:
         if self._streamer.player is not None:

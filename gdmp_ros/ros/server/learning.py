@@ -108,7 +108,8 @@ class LearningProcess:
             'gdmp_ros.cli.start', 'learn', f'--output={output}', '--json',
             f'--stiffness={parameters.learned_stiffness}',
             f'--n-basis={request.n_basis or parameters.n_basis or "auto"}',
-            f'--connection={connection}', '--', *request.bags)
+            f'--connection={connection}', *(['--rhythmic'] if request.rhythmic else []),
+            '--', *request.bags)
 
     def cancel(self) -> None:
         """End the process."""

@@ -38,6 +38,7 @@ from gdmp_ros.ros.server.parameters import (
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.report import ServerReport
 from gdmp_ros.ros.server.robot_inputs import RobotInputs
+from gdmp_ros.ros.server.sequence_action import SequenceAction
 from gdmp_ros.ros.server.skill_loader import SkillLoader
 
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
@@ -55,6 +56,7 @@ class TrajectoryServer(ManagedNode):
     _skills: SkillLoader
     _report: ServerReport
     _action: ExecuteAction
+    _sequences: SequenceAction
     _references: ReferencePublisher
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
     _clock_input: tuple[Any, Callable[[ClockMessage], None]]
@@ -86,6 +88,7 @@ class TrajectoryServer(ManagedNode):
         self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id)
         self._action = ExecuteAction(self, self.streamer, self._report, self._base,
                                      self._skills.load)
+        self._sequences = SequenceAction(self, self.streamer, self._report)
         self.add_report(self._publish_report)
         self._add_services()
         parameters.check = stream_settings
@@ -117,6 +120,7 @@ class TrajectoryServer(ManagedNode):
             self.streamer.member = None
         self._references.end()
         self._action.deactivated()
+        self._sequences.deactivated()
         if self.parameters.lateness_file:
             self.streamer.lateness.save(self.parameters.lateness_file)
 
@@ -124,6 +128,7 @@ class TrajectoryServer(ManagedNode):
         self.release()
         if self._configured:
             self._action.destroy()
+            self._sequences.destroy()
             self._learning.cancel()
         self._configured = False
         self.parameters.locked = False
@@ -180,7 +185,7 @@ class TrajectoryServer(ManagedNode):
 
         streamer = self.streamer
         service(Trigger, 'start', lambda _: streamer.begin())
-        service(Trigger, 'stop', lambda _: streamer.loaded().stop())
+        service(Trigger, 'stop', lambda _: streamer.stop_motion())
         service(SetBool, 'pause', lambda request: streamer.loaded().pause(request.data))
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
         self.add_service(LoadSkill, 'load_skill', self._skills.answer)
@@ -227,7 +232,9 @@ class TrajectoryServer(ManagedNode):
             self.goals.poll(self.parameters.tf_timeout)
         # Read before the state: a new motion must not be compared with the previous state.
         motion = player.motion if player is not None else 0
-        self._action.watch(self._report.publish(), motion)
+        state = self._report.publish()
+        self._action.watch(state, motion)
+        self._sequences.watch(state, motion)
 
     def _use_parameters(self) -> None:
         parameters = self.parameters

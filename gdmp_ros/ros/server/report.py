@@ -83,6 +83,10 @@ class ServerReport:
             if pose is not None:
                 message.goal = [Pose()]
                 set_pose(message.goal[0], pose)
+        sequence = streamer.sequence.status
+        if sequence is not None and sequence.running:
+            message.sequence, message.step_name = sequence.name, sequence.step_name
+            message.step, message.steps = sequence.step, sequence.steps
         message.flags = sorted(flags | self._arm_flags(message.status == Status.MOVING))
         return message
 
