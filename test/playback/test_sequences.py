@@ -1,0 +1,175 @@
+"""Sequences as streams of references, with pauses, stops and a gripper, without ROS."""
+import numpy as np
+import pytest
+
+from gdmp_ros.control.gripper import GripperState
+from gdmp_ros.control.target import ACCELERATION, POSE
+from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, Sequence
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.playback.measured_input import Measured, MeasuredInput
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.util.profiles import minimum_jerk
+
+MS = 1_000_000
+HOME = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
+
+
+class Hand:
+    """A gripper that needs 50 states for a command, and fails if it is told to."""
+
+    def __init__(self):
+        self.sent, self.asked, self.fails, self.known = [], 0, '', True
+
+    def send(self, command):
+        self.sent.append(command)
+        self.asked = 0
+
+    def state(self):
+        self.asked += 1
+        done = self.asked > 50
+        return GripperState(0.0, 0.08, not done, False, len(self.sent),
+                            self.fails if done else '') if self.known else None
+
+
+@pytest.fixture(scope='module')
+def skills():
+    manifold, s = tool_manifold(None), np.linspace(0.0, 1.0, 200)
+    blend = minimum_jerk(s)[:, None]
+    made = []
+    for way in ([0.0, 0.1, -0.05], [0.05, -0.1, 0.0]):
+        points = np.tile(HOME, (len(s), 1))
+        points[:, :3] += blend * way
+        made.append(Skill.learn(Demonstration(s, points, manifold), 30))
+    times = np.arange(0.0, 3.3, 0.01)
+    points = np.tile(HOME, (len(times), 1))
+    points[:, 0] += 0.03 * np.cos(2.0 * np.pi * times)
+    points[:, 1] += 0.03 * np.sin(2.0 * np.pi * times)
+    return [*made, Skill.learn_rhythmic(Demonstration(times, points, manifold))]
+
+
+@pytest.fixture
+def stream():
+    hand = Hand()
+    streamer = Streamer(MS, MeasuredInput(lambda: Measured(HOME, 0.0), '/pose', 'pose'),
+                        StreamSettings(), PlayerSettings(phase_stopping=0.0), gripper=hand)
+    streamer.activate(MS)
+    streamer.hand, streamer.clock = hand, MS
+    return streamer
+
+
+def run(stream, ticks, act=lambda tick: None):
+    targets = []
+    for tick in range(ticks):
+        act(tick)
+        stream.clock += MS
+        target = stream.tick(stream.clock, 1.0)
+        if target is not None:
+            targets.append(target.copy())
+    return np.array(targets)
+
+
+def test_all_kinds_of_steps_are_executed_without_a_step(stream, skills):
+    first, second, wipe = skills
+    sequence = Sequence([MotionStep('there', first, blend=0.3), MotionStep('back', second),
+                         GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1)),
+                         MotionStep('wipe', wipe, cycles=2.0, blend=0.1),
+                         MotionStep('away', first), HoldStep('wait', 0.2)])
+    stream.begin_sequence(sequence)
+    seen, times = [], []
+
+    def act(tick):
+        status = stream.sequence.status
+        if status.running and (not seen or seen[-1] != status.step_name):
+            seen.append(status.step_name)
+            times.append(tick)
+    targets = run(stream, 7000, act)
+    assert seen == ['there', 'back', 'close', 'wipe', 'away', 'wait']
+    assert [command.width for command in stream.hand.sent] == [0.02]
+    # 'there' is left 0.3 s before its end of 1 s (and 0.2 s of growing tempo).
+    assert 650 < times[1] < 1000
+    status = stream.sequence.status
+    assert not status.running and not status.problem and status.step == 6
+    changes = np.abs(np.diff(targets[:, ACCELERATION:ACCELERATION + 6], axis=0)).max(axis=1)
+    # The filter of a motion of 1 s has a time constant of 33 ticks. A step in one tick would be
+    # many times larger than the changes in the ticks after it.
+    for tick in np.flatnonzero(changes > 0.05):
+        assert changes[tick] < 2.0 * changes[tick + 1:tick + 6].max()
+    np.testing.assert_allclose(targets[-1, POSE:POSE + 3], first.goal[:3], atol=1e-3)
+
+
+def test_pause_stop_and_another_motion(stream, skills):
+    first, _, wipe = skills
+    sequence = Sequence([MotionStep('there', first), HoldStep('wait', 0.5),
+                         MotionStep('wipe', wipe, until='enough')])
+    stream.begin_sequence(sequence)
+    run(stream, 300)
+    stream.player.pause(True)
+    run(stream, 3000)
+    assert stream.sequence.status.step_name == 'there'
+    stream.player.pause(False)
+    run(stream, 2500)
+    assert stream.sequence.status.step_name == 'wipe'
+    stream.stop_motion()
+    run(stream, 1000)
+    assert stream.sequence.status.problem == 'stopped'
+    assert stream.player.status is Status.HOLDING
+    # Restart at a step, and let another motion take over.
+    stream.begin_sequence(sequence, 2)
+    run(stream, 500)
+    assert stream.sequence.status.running and stream.player.rollout.skill.rhythmic
+    stream.use(first, 'first')
+    stream.begin()
+    run(stream, 2000)
+    assert stream.sequence.status.problem == 'another motion was started'
+    assert stream.player.rollout.finished
+
+
+def test_a_gripper_that_fails_ends_the_sequence_with_the_reason(stream, skills):
+    first, second, _ = skills
+    close = GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1))
+    stream.hand.fails = 'it is jammed'
+    stream.begin_sequence(Sequence([MotionStep('there', first), close,
+                                    MotionStep('back', second)]))
+    run(stream, 3000)
+    status = stream.sequence.status
+    assert status.gripper_failed and status.problem == 'gripper: it is jammed'
+    assert status.step == 2 and stream.player.status is Status.HOLDING
+    stream.hand.known = False
+    with pytest.raises(ParameterError, match='no state of one is known'):
+        stream.begin_sequence(Sequence([MotionStep('there', first), close]))
+
+
+def test_frequency_and_amplitude_belong_to_a_rhythmic_motion(stream, skills):
+    first, _, wipe = skills
+    stream.use(first, 'first')
+    stream.begin()
+    run(stream, 100)
+    for command in (stream.commands.amplitude, stream.commands.frequency):
+        with pytest.raises(ParameterError, match='is not rhythmic'):
+            command(0.5)
+    stream.use(wipe, 'wipe')
+    stream.begin()
+    run(stream, 3000)
+    stream.commands.frequency(1.5)
+    run(stream, 1000)
+    assert stream.player.rollout.frequency == pytest.approx(1.5)
+    stream.player.pause(True)
+    run(stream, 500)
+    assert stream.player.rollout.frequency == 0.0
+    stream.player.pause(False)
+    run(stream, 500)
+    assert stream.player.rollout.frequency == pytest.approx(1.5)
+    # The next motion has its own tempo again.
+    stream.use(first, 'first')
+    stream.begin()
+    run(stream, 1000)
+    assert stream.player.rollout.speed == pytest.approx(1.0)
+    with pytest.raises(ParameterError, match='cycles: the skill is not rhythmic'):
+        stream.begin(cycles=2.0)
