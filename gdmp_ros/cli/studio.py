@@ -10,6 +10,7 @@ examples:
   gdmp studio skill.json            change a skill, run it
   gdmp studio skill.json takes      with the takes it was learned from
   gdmp studio a.json b.json         compare skills
+  gdmp studio sequence.yaml         run a sequence
   gdmp studio out/demo/run          look at a run
   gdmp studio skill.json --ros      use running nodes: ros2 launch gdmp_ros arm.launch.py
 """
@@ -30,8 +31,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('sources', type=Path, nargs='*', metavar='SKILL|BAG|FOLDER',
-                        help='skill files, takes (rosbag2), folders of takes, or a recorded run')
+    parser.add_argument('sources', type=Path, nargs='*', metavar='FILE|BAG|FOLDER',
+                        help='skill files, sequence files, takes (rosbag2), folders of takes, or '
+                        'a recorded run')
     parser.add_argument('--ros', action='store_true',
                         help='show and use running nodes instead of a simulation in this process')
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',

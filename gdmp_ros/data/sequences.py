@@ -1,4 +1,4 @@
-"""Sequence files: YAML with the steps of a sequence, and the skill files they name."""
+"""SkillSequence files: YAML with the steps of a sequence, and the skill files they name."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,7 +9,7 @@ import yaml
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, Sequence, Step
+from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence, Step
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError
 
@@ -22,7 +22,7 @@ _KEYS = {'skill': ('skill', 'name', 'goal', 'duration', 'cycles', 'until', 'freq
 _GRIPPER_KEYS = ('width', 'force', 'speed')
 
 
-def read_sequence(path: str | Path) -> Sequence:
+def read_sequence(path: str | Path) -> SkillSequence:
     """
     Read a sequence file; skills are looked for beside it.
 
@@ -51,7 +51,7 @@ def read_sequence(path: str | Path) -> Sequence:
             made.append(_step(number, given, path.parent, skills))
         except GdmpError as error:
             raise DataError(f'{path}: step {number}: {error}') from None
-    return Sequence(made, str(path))
+    return SkillSequence(made, str(path))
 
 
 def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> Step:

@@ -1,6 +1,7 @@
-"""The motion of a primitive between another start and another goal."""
+"""The motion of a primitive between another start and another goal, or around another centre."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,15 @@ def between(primitive: Primitive, start: np.ndarray | None = None,
     """
     Return a primitive with another start and goal; it moves as a roll-out between them would.
 
+    A rhythmic one moves around another centre.
+
     :param start: point; its own by default
     :param goal: point; its own by default
     :raises ManifoldError: if a point is not on the manifold
-    :raises ParameterError: for a rhythmic skill
+    :raises ParameterError: for another start of a rhythmic one
     """
-    primitive.check_ends('another start or goal')
+    if primitive.rhythmic:
+        return _around(primitive, start, goal)
     manifold = primitive.manifold
     first = primitive.start if start is None else manifold.check_point(start)
     last = primitive.goal if goal is None else manifold.check_point(goal)
@@ -31,6 +35,39 @@ def between(primitive: Primitive, start: np.ndarray | None = None,
         weights = weights @ by[0].T
     return replace(moved, weights=weights, velocity=by[0] @ primitive.velocity,
                    variation=None if variation is None else turned_variation(variation, by))
+
+
+def _around(primitive: Primitive, start: np.ndarray | None, centre: np.ndarray | None
+            ) -> Primitive:
+    if start is not None:
+        primitive.check_ends('another start')
+    if centre is None:
+        return primitive
+    manifold = primitive.manifold
+    centre = manifold.check_point(centre)
+    frame = carry_frame(manifold, manifold.frame(primitive.goal), centre)[0]
+    return moved_cycle(primitive, centre, frame, lambda coordinates: coordinates)
+
+
+def moved_cycle(primitive: Primitive, centre: np.ndarray, frame: np.ndarray,
+                coordinates: Callable[[np.ndarray], np.ndarray]) -> Primitive:
+    """
+    Return a rhythmic primitive around another centre.
+
+    :param frame: at the new centre
+    :param coordinates: coordinates in it of those in the canonical frame of the old centre
+    """
+    manifold, old = primitive.manifold, primitive.manifold.frame(primitive.goal)
+    away, _ = manifold.log_in_frame(old, primitive.start)
+    moved = coordinates(away)
+    before, after = manifold.transport_frame(old, away), manifold.transport_frame(frame, moved)
+    start = manifold.exp(centre, manifold.from_frame(frame, moved))
+    velocity = manifold.to_frame(before, manifold.from_frame(primitive.frame, primitive.velocity))
+    canonical = change_of_frame(manifold, frame, manifold.frame(centre))
+    weights = np.array([canonical @ coordinates(row) for row in primitive.weights])
+    return replace(primitive, start=start, goal=centre, frame=manifold.frame(start),
+                   weights=weights, variation=None, velocity=manifold.to_frame(
+                       manifold.frame(start), manifold.from_frame(after, coordinates(velocity))))
 
 
 def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ server (`gdmp_ros.playback.sequence_runner`).
 """
 from __future__ import annotations
 
-from collections.abc import Sequence as Items
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -116,10 +116,10 @@ class GripperStep(Step):
         checked_events((self.command,))
 
 
-class Sequence:
+class SkillSequence:
     """Steps that are executed one after the other."""
 
-    def __init__(self, steps: Items[Step], name: str = 'sequence'):
+    def __init__(self, steps: Sequence[Step], name: str = 'sequence'):
         """
         Check that the steps fit.
 
@@ -134,7 +134,7 @@ class Sequence:
         return len(self.steps)
 
     def __repr__(self) -> str:
-        return f'Sequence({self.name}: {", ".join(step.name for step in self.steps)})'
+        return f'SkillSequence({self.name}: {", ".join(step.name for step in self.steps)})'
 
     def check_index(self, index: int) -> int:
         """:raises ParameterError: unless there is a step with this index"""
@@ -157,7 +157,7 @@ class Course:
     :ivar index: of the present step; that of the last one plus one at the end
     """
 
-    def __init__(self, sequence: Sequence, first: int = 0):
+    def __init__(self, sequence: SkillSequence, first: int = 0):
         """:raises ParameterError: unless there is such a step"""
         self.sequence = sequence
         self.enter(sequence.check_index(first))

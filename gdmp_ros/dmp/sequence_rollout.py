@@ -5,7 +5,7 @@ import numpy as np
 
 from gdmp_ros.dmp.options import check_range
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.sequence import Course, HoldStep, LONGEST_HOLD, MotionStep, Sequence, Step
+from gdmp_ros.dmp.sequence import Course, HoldStep, LONGEST_HOLD, MotionStep, SkillSequence, Step
 from gdmp_ros.dmp.state import State
 from gdmp_ros.errors import DataError
 
@@ -19,7 +19,7 @@ class SequenceRollout:
     :ivar course: where it is
     """
 
-    def __init__(self, sequence: Sequence, start: np.ndarray | None = None, first: int = 0):
+    def __init__(self, sequence: SkillSequence, start: np.ndarray | None = None, first: int = 0):
         """
         Begin at the start of the first skill, or elsewhere.
 

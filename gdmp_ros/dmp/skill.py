@@ -133,6 +133,7 @@ class Skill(Primitive):
         Return a skill with another start and goal of its own.
 
         It moves as a roll-out between them would. To pass via points there, call `through` after.
+        The goal of a rhythmic skill is the centre of its cycle.
 
         :param start: point; its own by default
         :param goal: point; its own by default

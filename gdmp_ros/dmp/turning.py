@@ -1,11 +1,11 @@
 """A skill turned as a whole about its start, a rhythmic one about its centre."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from gdmp_ros.dmp.ends import moved_cycle
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.errors import ParameterError
 
@@ -43,7 +43,7 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
         away, _ = manifold.log_in_frame(frame, given)
         return manifold.exp(origin, manifold.from_frame(frame, coordinates(away)))
     if primitive.rhythmic:
-        return _turned_cycle(primitive, coordinates, matrix)
+        return moved_cycle(primitive, primitive.goal, frame, coordinates)
     shape = manifold.point_shape
     waypoints = [point(row.reshape(shape)).reshape(-1) for row in primitive.segments.waypoints]
     segments = primitive.segments
@@ -52,18 +52,3 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
     return replace(primitive, goal=point(primitive.goal), velocity=coordinates(primitive.velocity),
                    weights=primitive.weights @ matrix.T,
                    segments=segments, variation=None)
-
-
-def _turned_cycle(primitive: Primitive, coordinates: Callable[[np.ndarray], np.ndarray],
-                  matrix: np.ndarray) -> Primitive:
-    """A rhythmic primitive with every coordinate in the frame of its centre turned."""
-    manifold, centre = primitive.manifold, primitive.manifold.frame(primitive.goal)
-    away, _ = manifold.log_in_frame(centre, primitive.start)
-    before, after = (manifold.transport_frame(centre, way) for way in (away, coordinates(away)))
-    start = manifold.exp(primitive.goal, manifold.from_frame(centre, coordinates(away)))
-    velocity = manifold.to_frame(before, manifold.from_frame(primitive.frame, primitive.velocity))
-    frame = manifold.frame(start)
-    return replace(primitive, start=start, frame=frame, variation=None,
-                   velocity=manifold.to_frame(frame, manifold.from_frame(
-                       after, coordinates(velocity))),
-                   weights=primitive.weights @ matrix.T)

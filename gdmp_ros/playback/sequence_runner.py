@@ -8,7 +8,7 @@ import numpy as np
 
 from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.sequence import Course, GripperStep, HoldStep, MotionStep, Sequence
+from gdmp_ros.dmp.sequence import Course, GripperStep, HoldStep, MotionStep, SkillSequence
 from gdmp_ros.playback.gripper_sequence import GripperCommands
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
@@ -48,7 +48,7 @@ class SequenceStatus(NamedTuple):
     motion: int = 0
 
 
-def prepared_steps(sequence: Sequence, settings: PlayerSettings,
+def prepared_steps(sequence: SkillSequence, settings: PlayerSettings,
                    check: Callable[[StreamedSkill, np.ndarray], None]
                    ) -> dict[int, PreparedStep]:
     """
@@ -70,7 +70,7 @@ def prepared_steps(sequence: Sequence, settings: PlayerSettings,
 class _Run:
     """One execution of a sequence; used by the thread that ticks."""
 
-    def __init__(self, sequence: Sequence, first: int, prepared: dict[int, PreparedStep],
+    def __init__(self, sequence: SkillSequence, first: int, prepared: dict[int, PreparedStep],
                  measured: np.ndarray | None):
         self.course, self.prepared, self.measured = Course(sequence, first), prepared, measured
         self.motion = 0  # number of the motion of the present step; 0 before it has one
@@ -89,7 +89,7 @@ class SequenceRunner:
         self._run: _Run | None = None
         self._last: _Run | None = None
 
-    def begin(self, sequence: Sequence, first: int, prepared: dict[int, PreparedStep],
+    def begin(self, sequence: SkillSequence, first: int, prepared: dict[int, PreparedStep],
               measured: np.ndarray | None) -> None:
         """
         Begin a sequence; another one ends.

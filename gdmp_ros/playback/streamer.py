@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.dmp.sequence import GripperStep, MotionStep, Sequence
+from gdmp_ros.dmp.sequence import GripperStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounded_stream import BoundedStream
@@ -162,7 +162,7 @@ class Streamer:
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
                             tolerances, cycles)
 
-    def begin_sequence(self, sequence: Sequence, first: int = 0) -> None:
+    def begin_sequence(self, sequence: SkillSequence, first: int = 0) -> None:
         """
         Start a sequence, from the present motion if there is one.
 

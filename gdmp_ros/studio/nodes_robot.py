@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.manifolds.quaternion import pose_distance
@@ -113,7 +114,10 @@ class NodesRobot:
             tuple(f'{limit.name} by {value:.2g} {limit.unit}'
                   for limit, value in zip(LIMITS, limited) if value > 0.0),
             recorder.duration if recorder is not None and recording else None,
-            self._problem or _problem_of(state), 1.0)
+            self._problem or _problem_of(state), 1.0,
+            None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
+            '' if state is None or not state.sequence else
+            f'{state.step} of {state.steps}, {state.step_name}')
 
     # Skills
 
@@ -135,6 +139,16 @@ class NodesRobot:
     def set_tempo(self, tempo: float) -> None:
         self._tempo = tempo
         self._commands.put(partial(self._request, f'{self._server}/set_speed', scale=tempo))
+
+    def set_amplitude(self, amplitude: float) -> None:
+        self._commands.put(partial(self._client.amplitude, amplitude))
+
+    def start_sequence(self, sequence: SkillSequence, first: int) -> None:
+        self._problem = ''
+        self._commands.put(partial(self._start_sequence, sequence.name, first))
+
+    def signal(self, name: str) -> None:
+        self._commands.put(partial(self._client.signal, name))
 
     def switch_goal(self, pose: np.ndarray) -> None:
         self._commands.put(partial(self._switch, pose.copy()))
@@ -214,6 +228,11 @@ class NodesRobot:
             self._request(f'{self._server}/load_skill', path=str(path))
         self._request(f'{self._server}/set_speed', scale=self._tempo)
         self._client.execute(timeout=ANSWER_S)
+        self._executing = True
+
+    def _start_sequence(self, path: str, first: int) -> None:
+        self._request(f'{self._server}/set_speed', scale=self._tempo)
+        self._client.execute_sequence(path, first + 1, ANSWER_S)
         self._executing = True
 
     def _stop(self) -> None:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 
 
@@ -28,6 +29,8 @@ class RobotView:
     :ivar recording: time of the take that is being recorded [s]; None without one
     :ivar problem: why something was refused or ended; empty without a reason
     :ivar rate: of its time to real time
+    :ivar cycle: frequency [Hz] and amplitude of a rhythmic motion; None for others
+    :ivar step: of a sequence that is executed; empty without one
     """
 
     joints: np.ndarray
@@ -43,6 +46,8 @@ class RobotView:
     recording: float | None
     problem: str
     rate: float
+    cycle: tuple[float, float] | None = None
+    step: str = ''
 
 
 class Robot(Protocol):
@@ -81,6 +86,24 @@ class Robot(Protocol):
 
     def set_tempo(self, tempo: float) -> None:
         """Change the tempo of this motion and of the next ones."""
+
+    def set_amplitude(self, amplitude: float) -> None:
+        """
+        Change the amplitude of a rhythmic motion; 0 ends it.
+
+        :raises GdmpError: if there is none
+        """
+
+    def start_sequence(self, sequence: SkillSequence, first: int) -> None:
+        """
+        Start a sequence that was read from a file.
+
+        :param first: index of its first step
+        :raises GdmpError: if it cannot be started
+        """
+
+    def signal(self, name: str) -> None:
+        """Tell the present step of a sequence that something has happened."""
 
     def switch_goal(self, pose: np.ndarray) -> None:
         """

@@ -29,6 +29,9 @@ class RunPanel:
         self._tempo = gui.add_slider('tempo', 0.0, 2.0, 0.05, 1.0)
         self._tempo.on_update(studio.later(
             lambda: studio.robot.set_tempo(self._tempo.value), 'tempo'))
+        self._amplitude = gui.add_slider('amplitude', 0.0, 2.0, 0.05, 1.0,
+                                         hint='of a rhythmic skill; 0 ends it at its centre')
+        self._amplitude.on_update(studio.later(self._set_amplitude, 'amplitude'))
         self._switch = gui.add_checkbox(
             'switch the goal while it moves', True,
             hint='a goal that you drag or type is sent to a robot that moves')
@@ -38,11 +41,17 @@ class RunPanel:
         studio.on_view.append(self._show)
         studio.on_goal.append(self._switch_goal)
 
+    def _set_amplitude(self) -> None:
+        """Send an amplitude that the user has moved to a rhythmic motion."""
+        view = self._studio.view
+        if view is not None and view.cycle is not None:
+            self._studio.robot.set_amplitude(self._amplitude.value)
+
     def _start(self) -> None:
         studio = self._studio
         studio.robot.use(studio.bench.edited(), studio.bench.chosen)
         studio.robot.set_tempo(self._tempo.value)
-        self._paused.value = False
+        self._paused.value, self._amplitude.value = False, 1.0
         studio.robot.start()
         self._running = studio.bench.chosen
 
@@ -60,9 +69,14 @@ class RunPanel:
         if view is None:
             self._state.content = f'{self._studio.robot.name}: silent'
             return
-        self._progress.value = float(np.clip(100.0 * view.progress, 0.0, 100.0))
+        done = view.progress if view.cycle is None else view.progress % 1.0
+        self._progress.value = float(np.clip(100.0 * done, 0.0, 100.0))
         p = view.pose
-        lines = [f'**{view.status}**, arm: {view.mode}, tempo {view.tempo:.2f}',
+        lines = [f'step {view.step}'] if view.step else []
+        if view.cycle is not None:
+            lines.append(f'cycle {int(view.progress) + 1}, {view.cycle[0]:.2f} Hz, amplitude '
+                         f'{view.cycle[1]:.2f}')
+        lines += [f'**{view.status}**, arm: {view.mode}, tempo {view.tempo:.2f}',
                  f'tool at {p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f} m']
         if view.goal is not None:
             lines.append(f'{1e3 * view.distance[0]:.1f} mm and {view.distance[1]:.3f} rad from '

@@ -16,6 +16,7 @@ from gdmp_ros.studio.access import Access
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import Robot
 from gdmp_ros.studio.run_panel import RunPanel, TimePanel
+from gdmp_ros.studio.sequence_panel import SequencePanel
 from gdmp_ros.studio.skill_panel import SkillPanel
 from gdmp_ros.studio.teach_panel import TeachPanel
 from gdmp_ros.studio.workbench import Workbench
@@ -103,6 +104,9 @@ def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: S
         SkillPanel(studio)
     with tabs.add_tab('run'):
         RunPanel(studio)
+    if studio.bench.sequences:
+        with tabs.add_tab('sequence'):
+            SequencePanel(studio)
     with tabs.add_tab('teach'):
         teach = TeachPanel(studio)
     server.on_client_disconnect(lambda _: studio.jobs.put(teach.release))

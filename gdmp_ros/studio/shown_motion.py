@@ -67,8 +67,9 @@ def check_shown(skill: Skill) -> None:
 
 
 def of_skill(skill: Skill) -> ShownMotion:
-    """The motion of a skill of a pose between its own ends."""
-    times = np.linspace(0.0, DURATIONS * skill.duration, SAMPLES)
+    """The motion of a skill of a pose between its own ends; one cycle of a rhythmic one."""
+    last = skill.duration if skill.rhythmic else DURATIONS * skill.duration
+    times = np.linspace(0.0, last, SAMPLES)
     return _of_points(times, skill.rollout().sample(times).points, skill.manifold)
 
 

@@ -13,6 +13,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.control.tick import Tick
+from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.manifolds.quaternion import pose_distance
@@ -82,17 +83,29 @@ class SimulatedRobot:
         self._streamer.use(skill, name)
 
     def start(self) -> None:
-        if self._loop.hand_guided or self._loop.moves_joints:
-            raise ParameterError('the arm is guided by hand, or on its way home: wait, or end it')
-        self._problem = ''
+        self._check_free()
         self._streamer.loaded().set_speed(self._tempo)
         self._streamer.begin()
 
+    def start_sequence(self, sequence: SkillSequence, first: int) -> None:
+        self._check_free()
+        self._streamer.begin_sequence(sequence, first)
+        self._streamer.loaded().set_speed(self._tempo)
+
+    def signal(self, name: str) -> None:
+        self._streamer.sequence.signal(name)
+
+    def _check_free(self) -> None:
+        if self._loop.hand_guided or self._loop.moves_joints:
+            raise ParameterError('the arm is guided by hand, or on its way home: wait, or end it')
+        self._problem = ''
+
     def stop(self) -> None:
         self._commands.put(self._end_joint_motion)
-        player = self._streamer.player
-        if player is not None and player.status in (Status.MOVING, Status.PAUSED):
-            player.stop()
+        player, sequence = self._streamer.player, self._streamer.sequence.status
+        runs = sequence is not None and sequence.running
+        if player is not None and (runs or player.status in (Status.MOVING, Status.PAUSED)):
+            self._streamer.stop_motion()
 
     def pause(self, paused: bool) -> None:
         if self._streamer.player is None:
@@ -103,6 +116,9 @@ class SimulatedRobot:
         self._tempo = tempo
         if self._streamer.player is not None:
             self._streamer.player.set_speed(tempo)
+
+    def set_amplitude(self, amplitude: float) -> None:
+        self._streamer.commands.amplitude(amplitude)
 
     def switch_goal(self, pose: np.ndarray) -> None:
         self._streamer.commands.goal_pose(pose, self._streamer.now)
@@ -196,13 +212,20 @@ class SimulatedRobot:
                         for number, (at, most) in sorted(self._acted.items())
                         if now - at < SHOWN_S)
         rollout = None if player is None else player.rollout
+        sequence = streamer.sequence.status
+        if sequence is not None and sequence.problem:
+            self._problem = sequence.problem
         return RobotView(
             self._joints, self._pose, goal,
             'idle' if player is None else str(player.status), tick.mode.name.lower(),
             0.0 if rollout is None else rollout.progress,
             0.0 if rollout is None else rollout.speed,
             (0.0, 0.0) if away is None else (float(away[0]), float(away[1])), float(tick.tank),
-            limited, None if take is None else take.duration, self._problem, self._rate)
+            limited, None if take is None else take.duration, self._problem, self._rate,
+            None if rollout is None or not rollout.skill.rhythmic
+            else (rollout.frequency, rollout.amplitude),
+            '' if sequence is None or not sequence.running else
+            f'{sequence.step} of {sequence.steps}, {sequence.step_name}')
 
     def _guide(self, guided: bool) -> None:
         loop = self._loop

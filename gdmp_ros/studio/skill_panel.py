@@ -193,7 +193,8 @@ class SkillPanel:
                 scene.handle(name, None)
             return
         scene.handle('goal', last, partial(self._drag, 'goal'))
-        scene.handle('start', first, partial(self._drag, 'start'), scale=0.1)
+        scene.handle('start', None if bench.skill.rhythmic else first,
+                     partial(self._drag, 'start'), scale=0.1)
         wanted = {f'via {100 * s:.0f} %': (s, position)
                   for s, position in bench.changes.via.items()}
         for name in scene.handles('via'):

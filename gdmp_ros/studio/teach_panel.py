@@ -46,6 +46,8 @@ class TeachPanel:
             self._smoothing = gui.add_number(
                 'smoothing [Hz]', 0.0, min=0.0, max=100.0, step=0.5,
                 hint='cut-off frequency; 0: only what the fit chooses itself')
+            self._rhythmic = gui.add_checkbox(
+                'rhythmic', False, hint='the takes repeat a cycle, such as wiping')
             self._stiffness = gui.add_dropdown('stiffness', STIFFNESSES, initial_value='auto')
             gui.add_button('learn', color='green').on_click(studio.later(self._learn))
         self._rows: list[Any] = []
@@ -102,7 +104,8 @@ class TeachPanel:
         studio = self._studio
         settings = LearningSettings(
             n_basis='auto' if self._automatic.value else int(self._functions.value),
-            smoothing=float(self._smoothing.value) or None, stiffness=self._stiffness.value)
+            smoothing=float(self._smoothing.value) or None, stiffness=self._stiffness.value,
+            rhythmic=self._rhythmic.value)
         bench = studio.bench
 
         def learned(result: Any) -> None:

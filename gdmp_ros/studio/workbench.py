@@ -9,8 +9,10 @@ import numpy as np
 
 from gdmp_ros.data import bags, episodes, recordings, runs, takes
 from gdmp_ros.data.recordings import Recording
+from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.data.skill_from_bags import LearnedSkill, LearningSettings, skill_from_bags
 from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import DataError
@@ -71,6 +73,7 @@ class Workbench:
     :ivar takes: in their order
     :ivar skills: by name
     :ivar runs: what was sent and what the arm did, by name of the bag
+    :ivar sequences: by name of the file
     :ivar chosen: name of the skill that is changed; empty without one
     :ivar changes: of that skill
     """
@@ -79,6 +82,7 @@ class Workbench:
         self.takes: list[Take] = []
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
+        self.sequences: dict[str, SkillSequence] = {}
         self.chosen = ''
         self.changes = self._saved = Changes()
 
@@ -92,6 +96,22 @@ class Workbench:
         skill = Skill.load(path)
         check_shown(skill)
         return self.add(path.stem, skill)
+
+    def open_sequence(self, path: Path) -> None:
+        """
+        Read a sequence file; its skills can be seen and changed like others.
+
+        :raises DataError: if it cannot be read, or a skill is not one of a pose
+        """
+        sequence = read_sequence(path.absolute())
+        names: dict[Skill, str] = {}
+        for step in sequence.steps:
+            if isinstance(step, MotionStep):
+                names.setdefault(step.skill, step.name)
+        for skill, name in names.items():
+            check_shown(skill)
+            self.add(name, skill)
+        self.sequences[path.name] = sequence
 
     def add(self, name: str, skill: Skill) -> str:
         """Add a skill; choose it if it is the first. Returns its name, which is free."""
@@ -246,11 +266,7 @@ def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def _is_run(bag: Path) -> bool:
-    """
-    Whether a bag has references and states of an arm.
-
-    :raises DataError: if reading it would take minutes
-    """
+    """Whether a bag has references and states of an arm; refused if it is too long."""
     found = bags.topics(bag)
     for topic, _, count in found:
         if count > LARGEST:
@@ -262,7 +278,7 @@ def _is_run(bag: Path) -> bool:
 
 def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -> Workbench:
     """
-    Open skill files, takes, folders of takes, and recorded runs.
+    Open skill files, sequence files, takes, folders of takes, and recorded runs.
 
     :param step: called after each source
     :raises DataError: naming what cannot be read
@@ -271,6 +287,8 @@ def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -
     for source in sources:
         if source.suffix == '.json' and not source.is_dir():
             bench.open_skill(source)
+        elif source.suffix in ('.yaml', '.yml') and not source.is_dir():
+            bench.open_sequence(source)
         else:
             for bag in takes.bags_in(source):
                 if not episodes.is_foreign(bag) and _is_run(bag):

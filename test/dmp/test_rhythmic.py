@@ -117,7 +117,7 @@ def test_entry_changes_and_exit_have_no_step_of_acceleration(learned, rng):
             rollout.retarget(skill.goal)
 
     # One tick of 1 ms is 1/1700 of a period; the fastest lag has 1/30 of a period.
-    largest = _steps_of_acceleration(rollout, 7000, act)
+    largest = _steps_of_acceleration(rollout, 10000, act)
     assert largest < 0.1 * _largest_acceleration(skill)
     assert rollout.finished and not rollout.flags
     assert manifold.distance(rollout.state.point, skill.goal) < 1e-3
@@ -147,9 +147,11 @@ def test_the_centre_moves_the_cycle(rng):
     first, second = (one.sample(times).points for one in (plain, moved))
     np.testing.assert_allclose(second[:, :3], first[:, :3] + shift, atol=1e-6)
     np.testing.assert_allclose(second[:, 3:], first[:, 3:], atol=1e-6)
-    # From the beginning too.
+    # From the beginning too, and as a skill of its own.
     other = Rollout(skill, goal=centre)
     np.testing.assert_allclose(other.sample(times).points, second, atol=1e-6)
+    own = skill.between(goal=centre)
+    np.testing.assert_allclose(Rollout(own).sample(times).points, second, atol=1e-6)
 
 
 def test_it_begins_with_a_velocity_and_an_acceleration(learned, rng):
@@ -195,6 +197,18 @@ def test_a_turned_cycle_is_turned_about_its_centre(rng):
     np.testing.assert_allclose(turned, plain @ turn.T, atol=1e-7)
 
 
+def test_a_skill_around_another_centre_moves_as_a_roll_out_there(learned, rng):
+    skill, _ = learned
+    manifold = skill.manifold
+    away = manifold.random_tangent(skill.goal, rng)
+    centre = manifold.exp(skill.goal, 0.4 * away / manifold.norm(skill.goal, away))
+    times = np.linspace(10.0, 12.0, 30)
+    own = Rollout(skill.between(goal=centre)).sample(times).points
+    moved = Rollout(skill, goal=centre).sample(times).points
+    for one, other in zip(own, moved):
+        assert manifold.distance(one, other) < 1e-6
+
+
 @pytest.mark.parametrize('count', [4, 5, 6, 13, 40])
 def test_the_kernel_of_the_forcing_term_is_the_sum_of_all_functions(count, rng):
     functions, weights = periodic_basis(count), rng.standard_normal((count, 3))
@@ -210,7 +224,8 @@ def test_the_kernel_of_the_forcing_term_is_the_sum_of_all_functions(count, rng):
 def test_what_needs_an_end_is_refused(rng):
     manifold = Euclidean(3)
     skill = Skill.learn_rhythmic(recorded_cycles(manifold, cycle(manifold, rng), PERIOD, 3.3))
-    for use in (lambda: skill.through([(0.5, np.zeros(3))]), lambda: skill.between(np.zeros(3)),
+    for use in (lambda: skill.through([(0.5, np.zeros(3))]),
+                lambda: skill.between(start=np.zeros(3)),
                 lambda: Rollout(skill, final_velocity=np.zeros(3))):
         with pytest.raises(ParameterError, match='repeats a cycle and has no end'):
             use()

@@ -13,7 +13,7 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.data.sequences import read_sequence
-from gdmp_ros.dmp.sequence import HoldStep, MotionStep, Sequence
+from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.sequence_rollout import SequenceRollout
 from test.motions import cycle, motion, recorded_cycles, TOOL
 
@@ -56,7 +56,7 @@ def random_sequence(manifold, skills, rng):
         else:
             steps.append(MotionStep(f'motion {number}', skills[kind], goal, blend=blend,
                                     duration=float(rng.uniform(0.8, 1.5))))
-    return Sequence(steps)
+    return SkillSequence(steps)
 
 
 @pytest.mark.parametrize('seed', range(200))
@@ -105,7 +105,7 @@ def test_a_sequence_stops_at_each_goal_unless_it_blends(library):
     for blend in (0.0, 0.3):
         steps = [MotionStep('there', first, second.start, blend=blend),
                  MotionStep('on', second)]
-        rollout, speeds = SequenceRollout(Sequence(steps)), []
+        rollout, speeds = SequenceRollout(SkillSequence(steps)), []
         while not rollout.finished:
             state = rollout.advance(DT)
             if rollout.course.index == 1:
@@ -120,7 +120,7 @@ def test_cycles_and_signals_end_a_rhythmic_step(library):
     _, motion_after, wipe = library[manifold]
     steps = [MotionStep('wipe', wipe, cycles=2.0), MotionStep('until', wipe, until='enough'),
              HoldStep('wait', until='go'), MotionStep('away', motion_after)]
-    rollout = SequenceRollout(Sequence(steps), wipe.goal)
+    rollout = SequenceRollout(SkillSequence(steps), wipe.goal)
     times = {}
     while not rollout.finished:
         state = rollout.advance(DT)
@@ -139,7 +139,7 @@ def test_cycles_and_signals_end_a_rhythmic_step(library):
 def test_it_goes_on_with_any_step_from_where_it_is(library):
     manifold = TOOL
     first, second, wipe = library[manifold]
-    sequence = Sequence([MotionStep('a', first), MotionStep('b', wipe, cycles=1.0),
+    sequence = SkillSequence([MotionStep('a', first), MotionStep('b', wipe, cycles=1.0),
                          MotionStep('c', second)])
     rollout = SequenceRollout(sequence)
     for _ in range(300):
@@ -161,9 +161,9 @@ def test_what_does_not_fit_is_refused(library):
     first, _, wipe = library[Euclidean(3)]
     other = library[Sphere(2)][0]
     with pytest.raises(DataError, match='a sequence needs a step with a skill'):
-        Sequence([HoldStep('hold', 1.0)])
+        SkillSequence([HoldStep('hold', 1.0)])
     with pytest.raises(DataError, match='step two is on'):
-        SequenceRollout(Sequence([MotionStep('one', first), MotionStep('two', other)]))
+        SequenceRollout(SkillSequence([MotionStep('one', first), MotionStep('two', other)]))
     for make in (lambda: MotionStep('m', first, cycles=2.0),
                  lambda: MotionStep('m', wipe), lambda: MotionStep('m', wipe, cycles=-1.0),
                  lambda: MotionStep('m', first, blend=0.9),

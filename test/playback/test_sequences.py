@@ -7,7 +7,7 @@ from gdmp_ros.control.target import ACCELERATION, POSE
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, Sequence
+from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.measured_input import Measured, MeasuredInput
@@ -77,7 +77,7 @@ def run(stream, ticks, act=lambda tick: None):
 
 def test_all_kinds_of_steps_are_executed_without_a_step(stream, skills):
     first, second, wipe = skills
-    sequence = Sequence([MotionStep('there', first, blend=0.3), MotionStep('back', second),
+    sequence = SkillSequence([MotionStep('there', first, blend=0.3), MotionStep('back', second),
                          GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1)),
                          MotionStep('wipe', wipe, cycles=2.0, blend=0.1),
                          MotionStep('away', first), HoldStep('wait', 0.2)])
@@ -106,7 +106,7 @@ def test_all_kinds_of_steps_are_executed_without_a_step(stream, skills):
 
 def test_pause_stop_and_another_motion(stream, skills):
     first, _, wipe = skills
-    sequence = Sequence([MotionStep('there', first), HoldStep('wait', 0.5),
+    sequence = SkillSequence([MotionStep('there', first), HoldStep('wait', 0.5),
                          MotionStep('wipe', wipe, until='enough')])
     stream.begin_sequence(sequence)
     run(stream, 300)
@@ -135,7 +135,7 @@ def test_a_gripper_that_fails_ends_the_sequence_with_the_reason(stream, skills):
     first, second, _ = skills
     close = GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1))
     stream.hand.fails = 'it is jammed'
-    stream.begin_sequence(Sequence([MotionStep('there', first), close,
+    stream.begin_sequence(SkillSequence([MotionStep('there', first), close,
                                     MotionStep('back', second)]))
     run(stream, 3000)
     status = stream.sequence.status
@@ -143,7 +143,7 @@ def test_a_gripper_that_fails_ends_the_sequence_with_the_reason(stream, skills):
     assert status.step == 2 and stream.player.status is Status.HOLDING
     stream.hand.known = False
     with pytest.raises(ParameterError, match='no state of one is known'):
-        stream.begin_sequence(Sequence([MotionStep('there', first), close]))
+        stream.begin_sequence(SkillSequence([MotionStep('there', first), close]))
 
 
 def test_frequency_and_amplitude_belong_to_a_rhythmic_motion(stream, skills):

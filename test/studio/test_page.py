@@ -6,8 +6,9 @@ import socket
 import numpy as np
 import pytest
 
-from gdmp_ros import Skill
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import lasa, recordings
+from gdmp_ros.data.tool import tool_manifold
 from test.commands import gdmp
 from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
 
@@ -201,3 +202,32 @@ def test_it_ends_at_once_and_leaves_nothing(folder, number):
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         again.bind(('127.0.0.1', int(process.address.rstrip('/').rpartition(':')[2])))
+
+
+def test_a_sequence_is_run_from_the_page(browser, folder):
+    times = np.arange(0.0, 4.3, 0.01)
+    home = Skill.load(folder / 'skill.json').start[:7]
+    points = np.tile(home, (len(times), 1))
+    points[:, :2] += 0.04 * np.column_stack([np.cos(2.0 * np.pi * times),
+                                             np.sin(2.0 * np.pi * times)])
+    Skill.learn_rhythmic(Demonstration(times, points, tool_manifold(None))).save(
+        folder / 'wipe.json')
+    (folder / 'clean.yaml').write_text(
+        'steps: [{skill: skill.json}, {skill: wipe.json, until: enough}, {skill: other.json}]')
+    process = StudioProcess('clean.yaml', cwd=folder)
+    try:
+        page = Page(browser, process.address)
+        page.page.get_by_text('sequence', exact=True).first.click()
+        page.wait_text('wipe: until enough')
+        page.click('start the sequence')
+        page.page.get_by_text('run', exact=True).first.click()
+        page.wait_text('step 2 of 3, wipe')
+        page.wait_text('amplitude 1.00')
+        page.page.get_by_text('sequence', exact=True).first.click()
+        page.click('send the signal')
+        page.page.get_by_text('run', exact=True).first.click()
+        page.wait_text('step 3 of 3, other')
+        page.check_clean()
+        page.page.close()
+    finally:
+        process.end()

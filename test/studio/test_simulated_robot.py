@@ -6,8 +6,12 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.data import lasa, recordings
+from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.studio.simulated_robot import SimulatedRobot
+from gdmp_ros.studio.workbench import opened
 from test.studio.views import wait
 
 
@@ -84,3 +88,48 @@ def test_a_goal_outside_the_workspace_is_refused_and_the_motion_goes_on(robot, s
     with pytest.raises(Exception, match='outside the workspace'):
         robot.switch_goal(far)
     assert wait(robot, lambda view: view.status == 'holding').distance[0] < 5e-3
+
+
+def _circles():
+    """The tool goes round four times near where the arm stands."""
+    home = Arm().pose_at(Arm().home)
+    times = np.arange(0.0, 4.3, 0.01)
+    points = np.tile(home, (len(times), 1))
+    points[:, 0] += 0.04 * np.cos(2.0 * np.pi * times)
+    points[:, 1] += 0.04 * np.sin(2.0 * np.pi * times)
+    return Demonstration(times, points, tool_manifold(None))
+
+
+def test_a_rhythmic_skill_changes_its_amplitude_and_centre(robot):
+    wipe = Skill.learn_rhythmic(_circles())
+    robot.use(wipe, 'wipe')
+    robot.start()
+    view = wait(robot, lambda view: view.progress > 1.5)
+    frequency, amplitude = view.cycle
+    assert frequency == pytest.approx(1.0, rel=0.1) and amplitude == pytest.approx(1.0, rel=0.01)
+    robot.set_amplitude(0.5)
+    wait(robot, lambda view: view.cycle[1] < 0.51)
+    goal = wipe.goal[:7] + [0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    robot.switch_goal(goal)
+    robot.set_amplitude(0.0)
+    view = wait(robot, lambda view: view.status == 'holding' and view.distance[0] < 5e-3)
+    np.testing.assert_allclose(view.pose[:3], goal[:3], atol=5e-3)
+
+
+def test_a_sequence_is_shown_step_by_step_and_ended_by_a_signal(robot, tmp_path):
+    Skill.learn_rhythmic(_circles()).save(tmp_path / 'wipe.json')
+    path = tmp_path / 'clean.yaml'
+    path.write_text('steps: [{skill: wipe.json, cycles: 1}, {hold: 0.1}, '
+                    '{skill: wipe.json, until: enough, name: polish}]')
+    bench = opened([path])
+    assert list(bench.sequences) == ['clean.yaml'] and list(bench.skills) == ['wipe']
+    robot.start_sequence(bench.sequences['clean.yaml'], 0)
+    wait(robot, lambda view: view.step == '1 of 3, wipe')
+    wait(robot, lambda view: view.step == '3 of 3, polish')
+    robot.signal('enough')
+    view = wait(robot, lambda view: not view.step)
+    assert view.problem == ''
+    robot.start_sequence(bench.sequences['clean.yaml'], 2)
+    wait(robot, lambda view: view.step == '3 of 3, polish' and view.progress > 0.2)
+    robot.stop()
+    wait(robot, lambda view: view.status == 'holding' and view.problem == 'stopped')
