@@ -32,6 +32,8 @@ from gdmp_ros.util.profiles import smoothstep
 
 #: A goal nearer than this to being opposite to the last waypoint carries it [rad].
 OPPOSITE = 0.3
+#: A goal has reached its target after this many time constants: e^-8 of the way is left.
+SETTLED = 8.0
 #: A velocity of the goal below this part of a still factor's limit is taken as zero.
 _NEGLIGIBLE = 1e-6
 
@@ -241,7 +243,7 @@ def switch_goal(manifold: Manifold, motion: Motion, new: np.ndarray, velocity: n
     if far or velocity is None:
         scalars.finished = scalars.not_settled = 0
         scalars.arrived_at = -1.0
-        scalars.settle_by = max(2.0, switched_at + 1.0 + slow)
+        scalars.settle_by = max(2.0, switched_at + max(1.0, SETTLED / scalars.alpha_g) + slow)
 
 
 def _moved_on(manifold: Manifold, point: np.ndarray, velocity: np.ndarray, time: float

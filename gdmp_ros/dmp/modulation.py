@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import math
 
+from gdmp_ros.dmp.goal import SETTLED
 from gdmp_ros.dmp.layout import Motion
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.primitive import Primitive
@@ -10,8 +11,6 @@ from gdmp_ros.errors import ParameterError
 
 #: Largest amplitude, as a factor of the demonstrated one.
 MAX_AMPLITUDE = 2.0
-#: Cycles in which a motion has to come to rest after its amplitude has been set to 0.
-_SETTLE = 3.0
 
 
 class Modulation:
@@ -88,7 +87,8 @@ class Modulation:
         scalars.amplitude_goal = amplitude
         scalars.finished = scalars.not_settled = 0
         scalars.arrived_at = -1.0
-        scalars.settle_by = scalars.progress + _SETTLE
+        # The amplitude needs as long as a goal; half a cycle more for the filter behind it.
+        scalars.settle_by = scalars.progress + 0.5 + max(1.0, SETTLED / scalars.alpha_g)
 
     def set_frequency(self, frequency: float) -> None:
         """
