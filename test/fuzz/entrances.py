@@ -23,7 +23,9 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.data import bags, lasa, recordings
+from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.sequence_rollout import SequenceRollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.product import Product
@@ -310,6 +312,53 @@ def topic_goal_stiffness() -> Entrance:
     return _serialised([_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], use)
 
 
+def short_cycle() -> Skill:
+    """A rhythmic skill near the start of `short_skill`."""
+    times = np.linspace(0.0, 3.0, 60)
+    points = np.tile(np.array(demonstration().points[0]), (60, 1))
+    points[:, 0] += 0.02 * np.sin(2.0 * np.pi * times)
+    points[:, 1] += 0.02 * np.cos(2.0 * np.pi * times)
+    return Skill.learn_rhythmic(Demonstration(times, points, TOOL), n_basis=8)
+
+
+def topic_amplitude() -> Entrance:
+    """``~/amplitude`` and ``~/frequency`` while a rhythmic skill is executed, and one that ends."""
+    from std_msgs.msg import Float64
+    skills = [short_cycle(), short_skill()]
+
+    def use(server: Any, data: bytes) -> None:
+        streamer = server.streamer
+        rhythmic = skills[len(data) % 2]
+        streamer.use(rhythmic, 'fuzzed')
+        streamer.begin()
+        tick('server')
+        server.goals.take('amplitude', data)
+        server.goals.take('frequency', data)
+        tick('server')
+        streamer.use(skills[1], 'fuzzed')
+        streamer.begin()
+    return _serialised([Float64(data=0.5), Float64(data=float('nan'))], use)
+
+
+def sequence_file() -> Entrance:
+    """Bytes of a sequence file with skills beside it; what loads must also move."""
+    folder = _folder()
+    path = folder / 'sequence.yaml'
+    short_skill().save(folder / 'a.json')
+    short_cycle().save(folder / 'b.json')
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        with suppress(GdmpError):
+            rollout = SequenceRollout(read_sequence(path))
+            for _ in range(3):
+                rollout.advance(0.4)
+    return Entrance(feed, [
+        b'steps: [{skill: a.json, blend: 0.1, goal: [0.4, 0, 0.4]}, {skill: b.json, cycles: 2}]',
+        b'steps:\n- gripper: {width: 0.02, force: 20}\n- hold:\n  until: go\n'
+        b'- {skill: b.json, until: x, frequency: 2, amplitude: 0.5, name: y}\n'])
+
+
 def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
     def use(server: Any, data: bytes) -> None:
@@ -578,7 +627,8 @@ def parameters_of_the_simulation() -> Entrance:
 ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
-        topic_moving_goal, topic_goal_stiffness, topic_measured_pose, topic_clock, topic_hand_pose,
+        topic_moving_goal, topic_goal_stiffness, topic_amplitude, sequence_file,
+        topic_measured_pose, topic_clock, topic_hand_pose,
         topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
         action_execute, services_of_the_simulation, service_set_payload, service_set_tool,
