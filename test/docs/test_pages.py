@@ -54,6 +54,14 @@ takes = lasa.robot_demonstrations('GShape')[:4]
 first, second, third, _ = takes
 start, goal, via = first.points[0], first.points[-1], motion.points[4]
 covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
+""", 'docs/rhythmic.md': """
+import numpy as np
+from gdmp_ros import *
+times = np.arange(0.0, 8.0, 0.01)
+angle = 2.0 * np.pi * times / 2.5
+shown = Demonstration(times, 0.1 * np.column_stack([np.cos(angle), np.sin(angle)]), Euclidean(2))
+first = second = third = shown
+point, centre = np.array([0.2, 0.1]), np.array([0.3, 0.0])
 """}
 
 

@@ -322,7 +322,7 @@ def short_cycle() -> Skill:
 
 
 def topic_amplitude() -> Entrance:
-    """``~/amplitude`` and ``~/frequency`` while a rhythmic skill is executed, and one that ends."""
+    """``~/amplitude`` and ``~/frequency`` while a rhythmic skill, or another, is executed."""
     from std_msgs.msg import Float64
     skills = [short_cycle(), short_skill()]
 
