@@ -6,10 +6,14 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import gdmp_ros
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.cli.main import parse, VERBS
+from gdmp_ros.data import recordings
+from gdmp_ros.data.tool import tool_manifold
 from test.commands import GDMP, gdmp
 
 
@@ -190,6 +194,34 @@ def test_learning_finds_its_own_number_of_basis_functions_and_reports_the_fit(fo
     assert 10 <= report['n_basis'] <= 100 and report['mean_relative_error'] < 5e-3
     assert report['fit']['factors'] == ['position', 'orientation', 'stiffness']
     assert len(report['fit']['demonstrations'][0]['mean_error']) == 3
+
+
+def test_a_cycle_is_learned_shown_and_used_in_a_sequence(folder):
+    times, home = np.arange(0.0, 5.0, 0.01), Skill.load(folder / 'skill.json').start[:7]
+    points = np.tile(home, (len(times), 1))
+    points[:, 0] += 0.05 * np.cos(2.0 * np.pi * times)
+    points[:, 1] += 0.05 * np.sin(2.0 * np.pi * times)
+    recordings.write(folder / 'wiping', Demonstration(times, points, tool_manifold(None)),
+                     'panda_link0', recordings.EPOCH_NS)
+    done = gdmp('learn', 'wiping', '-o', 'wipe.json', '--rhythmic', cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert 'period [s]' in done.stdout and 'cycles of 1.000 s' in done.stdout
+    assert 'period [s]' in gdmp('inspect', 'wipe.json', cwd=folder).stdout
+    out = gdmp('rollout', 'wipe.json', '--cycles', 2, '--dt', 0.1, cwd=folder).stdout
+    assert len(out.splitlines()) == 22  # names, and 2 s
+    drawn = gdmp('plot', 'wipe.json', '-o', 'wipe.png', '--demonstrations', 'wiping', cwd=folder)
+    assert drawn.returncode == 0, drawn.stderr
+    (folder / 'clean.yaml').write_text('steps: [{skill: wipe.json, until: clean}, {hold: 0.2}]')
+    drawn = gdmp('plot', 'clean.yaml', '-o', 'clean.png', cwd=folder)
+    assert drawn.returncode == 0 and (folder / 'clean.png').stat().st_size > 20_000
+    for words, reason in (
+            (('learn', 'wiping', '-o', 'x.json', '--period', 2.0), 'belongs to a rhythmic skill'),
+            (('learn', 'demos/GShape_1', '-o', 'x.json', '--rhythmic'), 'no period was found'),
+            (('learn', 'wiping', '-o', 'x.json', '--rhythmic', '--stiffness', 'variance'),
+             'not for rhythmic skills'),
+            (('rollout', 'wipe.json', '--cycles', 0), 'cycles')):
+        refused = gdmp(*words, cwd=folder)
+        assert refused.returncode == 1 and reason in refused.stderr, refused.stderr
 
 
 def test_a_skill_is_drawn_over_its_demonstrations(folder):
