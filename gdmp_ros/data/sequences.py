@@ -30,13 +30,19 @@ def read_sequence(path: str | Path) -> SkillSequence:
     """
     path = Path(path)
     try:
+        if path.exists() and not path.is_file():
+            raise DataError(f'{path}: not a sequence file: it is a folder or a device')
         if path.stat().st_size > MAX_BYTES:
             raise DataError(f'{path}: not a sequence file: it has {path.stat().st_size} bytes, '
                             f'expected at most {MAX_BYTES}')
         document = yaml.safe_load(path.read_text())
+    except GdmpError:
+        raise
     except OSError as error:
         raise DataError(f'{path}: cannot read the sequence: {error.strerror}') from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+    # Wrong dates, tags and numbers are not all errors of YAML.
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError,
+            RecursionError) as error:
         reason = ' '.join(str(error).split())
         raise DataError(f'{path}: not a sequence file: {reason}') from None
     if not isinstance(document, dict) or set(document) != {'steps'}:
@@ -98,7 +104,7 @@ def _goal(skill: Skill, given: Any) -> np.ndarray | None:
     flat = np.array(skill.manifold.flat(skill.goal))
     try:
         numbers = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DataError(f'goal: expected numbers, got {given!r}') from None
     pose = skill.manifold.names[:2] == ('position', 'orientation')
     allowed = sorted({len(flat), *((3, 7) if pose else ())})
@@ -118,9 +124,12 @@ def _command(given: Any) -> GripperEvent:
 
 
 def _number(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, (int, float)):
-        raise DataError(f'{name}: expected a number, got {given!r}')
-    return float(given)
+    try:
+        if isinstance(given, (int, float)) and not isinstance(given, bool):
+            return float(given)
+    except OverflowError:
+        raise DataError(f'{name}: the number is too large') from None
+    raise DataError(f'{name}: expected a number, got {given!r}')
 
 
 def _text(given: dict[str, Any], key: str) -> str:

@@ -52,6 +52,10 @@ class LearningSettings:
     def __post_init__(self) -> None:
         if self.period is not None and not self.rhythmic:
             raise ParameterError('a period belongs to a rhythmic skill')
+        if self.rhythmic and (self.connection != 'parallel' or self.fit != 'output'
+                              or self.end is not None or self.regularization):
+            raise ParameterError('connection, fit, end and regularization are for skills that '
+                                 'end, not for rhythmic ones')
         if self.rhythmic and self.stiffness == 'variance':
             raise ParameterError('stiffness from the variance of takes is not for rhythmic '
                                  'skills: record the stiffness, or learn without it')
@@ -100,7 +104,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization,
-                        alpha_g=settings.alpha_g or 8.0, fit=settings.fit, end=settings.end,
+                        alpha_g=8.0 if settings.alpha_g is None else settings.alpha_g,
+                        fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, provenance=provenance)
     events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
                            [one.events for one in shown])
@@ -110,7 +115,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
 def _cycle(shown: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
            ) -> Skill:
     return Skill.learn_rhythmic(shown, settings.period, settings.n_basis,
-                                alpha_g=settings.alpha_g or 4.0, tolerance=settings.tolerance,
+                                alpha_g=4.0 if settings.alpha_g is None else settings.alpha_g,
+                                tolerance=settings.tolerance,
                                 smoothing=settings.smoothing,
                                 demonstration_weights=settings.weights, provenance=provenance)
 

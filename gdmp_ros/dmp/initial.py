@@ -115,7 +115,7 @@ def _begin_cycle(motion: Motion, skill: Primitive, options: Options, centre: np.
     acceleration begins at zero.
     """
     manifold, scalars, frames = skill.manifold, motion.scalars, motion.frames
-    scalars.amplitude_goal = 1.0
+    scalars.amplitude_goal = options.amplitude
     frame, opposite = carry_frame(manifold, manifold.frame(skill.goal), centre)
     if start.point is None and start.velocity is None and np.array_equal(centre, skill.goal):
         scalars.amplitude = 1.0

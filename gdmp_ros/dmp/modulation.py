@@ -5,12 +5,9 @@ import math
 
 from gdmp_ros.dmp.goal import SETTLED
 from gdmp_ros.dmp.layout import Motion
-from gdmp_ros.dmp.options import check_range, MAX_SPEED
+from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.errors import ParameterError
-
-#: Largest amplitude, as a factor of the demonstrated one.
-MAX_AMPLITUDE = 2.0
 
 
 class Modulation:
@@ -88,7 +85,9 @@ class Modulation:
         scalars.finished = scalars.not_settled = 0
         scalars.arrived_at = -1.0
         # The amplitude needs as long as a goal; half a cycle more for the filter behind it.
-        scalars.settle_by = scalars.progress + 0.5 + max(1.0, SETTLED / scalars.alpha_g)
+        # A centre that moves slowly may need longer.
+        scalars.settle_by = max(scalars.settle_by if scalars.goal_is_moving else 0.0,
+                                scalars.progress + 0.5 + max(1.0, SETTLED / scalars.alpha_g))
 
     def set_frequency(self, frequency: float) -> None:
         """

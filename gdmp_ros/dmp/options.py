@@ -15,6 +15,8 @@ from gdmp_ros.manifolds import Manifold
 LONGEST_STEP = 3600.0
 #: Shortest duration of a motion [s]: its grid has 4000 steps, 80 in a millisecond then.
 SHORTEST_DURATION = 0.05
+#: Largest amplitude of a cycle, as a factor of the demonstrated one.
+MAX_AMPLITUDE = 2.0
 #: Fastest speed of the phase that `Rollout.set_speed` accepts.
 MAX_SPEED = 2.0
 
@@ -32,6 +34,7 @@ class Options:
     :ivar phase_stopping: κ in ``ds/dt ← ds/dt / (1 + κ e²)``; 0 ignores the tracking error
     :ivar error_weights: for each factor, weight of its squared tracking error in ``e² = Σ w d²``;
         1 by default
+    :ivar amplitude: of a rhythmic skill, 0 to 2; 1 is as demonstrated
     """
 
     speed: float = 1.0
@@ -40,10 +43,12 @@ class Options:
     goal_speed: Sequence[float] | None = None
     phase_stopping: float = 0.0
     error_weights: Sequence[float] | None = None
+    amplitude: float = 1.0
 
     def check(self, manifold: Manifold) -> None:
         """:raises ParameterError: if a number is out of range"""
         check_range('speed', self.speed, 0.0, MAX_SPEED)
+        check_range('amplitude', self.amplitude, 0.0, MAX_AMPLITUDE)
         check_range('speed_rate', self.speed_rate, 1e-6, math.inf)
         check_range('phase_stopping', self.phase_stopping, 0.0, 1e9)
         count = len(manifold.factors)

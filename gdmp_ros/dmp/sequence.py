@@ -15,8 +15,12 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.events import checked_events, GripperEvent
-from gdmp_ros.dmp.modulation import MAX_AMPLITUDE
-from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
+from gdmp_ros.dmp.options import (
+    check_range,
+    MAX_AMPLITUDE,
+    merged_options,
+    SHORTEST_DURATION,
+)
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
@@ -82,7 +86,8 @@ class MotionStep(Step):
 
     def rollout(self, **options: Any) -> Rollout:
         """Roll-out of the skill with goal and duration of the step."""
-        return Rollout(self.skill, goal=self.goal, duration=self.duration, **options)
+        made = merged_options(options.pop('options', None), {'amplitude': self.amplitude})
+        return Rollout(self.skill, goal=self.goal, duration=self.duration, options=made, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +197,8 @@ class Course:
             self._ends = cycled or (bool(step.until) and step.until in self._signals)
             if self._ends and not blends:
                 rollout.set_amplitude(0.0)
-        return self._ends and (blends or rollout.finished)
+        # Somebody else may have set its amplitude to 0.
+        return rollout.finished or (self._ends and blends)
 
     def hold_ended(self, step: HoldStep, dt: float) -> bool:
         """Let ``dt`` seconds pass; whether the present hold has ended."""

@@ -113,6 +113,4 @@ class SequenceRollout:
         rollout = step.rollout()
         rollout.begin(self.manifold.align(state.point, step.skill.start), state.velocity,
                       state.acceleration)
-        if step.skill.rhythmic:
-            rollout.set_amplitude(step.amplitude)
         self._rollout = rollout

@@ -11,10 +11,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import CutLocusError, DataError
-from gdmp_ros.learning.cycles import Cycles, find_cycles, find_period
+from gdmp_ros.learning.cycles import Cycles, FEWEST_SAMPLES, find_cycles, find_period
 from gdmp_ros.learning.fourier import columns, Series, Smoother
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, work_array
@@ -28,6 +29,8 @@ TURNS = 4
 #: Samples differ if their squared distances are this many times the median, and more than this
 #: part of the mean square of the cycle, on average over this part of a cycle.
 DIFFERENT, ALIKE, WINDOW = 9.0, 0.005, 0.1
+#: Most samples of a recording that are used: an hour at 28 Hz.
+MOST_SAMPLES = 100_000
 #: Points from which a centre is guessed.
 _FEW = 200
 #: Phases at which cycles of different recordings are compared.
@@ -144,7 +147,12 @@ class CycleFit:
     def _found(self, number: int, period: float | None) -> Cycles:
         curve = self._coordinates[number] / self._spread(self._span)
         dt = self._dt[number]
+        if not np.isfinite(self._span).any():
+            raise DataError(f'demonstration {number} does not move: no period was found')
         samples = find_period(curve, dt) if period is None else period / dt
+        if samples < FEWEST_SAMPLES:
+            raise DataError(f'demonstration {number} has {samples:.3g} samples in a period of '
+                            f'{samples * dt:.3g} s, expected at least {FEWEST_SAMPLES}')
         if len(curve) < samples:
             raise DataError(f'demonstration {number} lasts {self._shown[number].duration:.4g} s, '
                             f'expected at least one period of {samples * dt:.4g} s')
@@ -197,14 +205,7 @@ class CycleFit:
         passed = one.progress(np.arange(one.first, one.last + 1))
         cycle = np.minimum(passed.astype(np.int64), len(one.marks) - 2)
         after = passed - cycle
-        hats = np.zeros((len(passed), len(one.marks)))
-        rows = np.arange(len(passed))
-        hats[rows, cycle], hats[rows, cycle + 1] = 1.0 - after, after
-        normal = hats.T @ (gain[:, None] * hats)
-        # Beginnings beyond the recording are hardly seen: they follow their neighbours.
-        bends = np.diff(np.eye(len(one.marks)), 2, axis=0)
-        normal += 1e-4 * gain.sum() / len(one.marks) * (bends.T @ bends)
-        change = np.linalg.lstsq(normal, hats.T @ error, rcond=1e-12)[0]
+        change = _beginnings(len(one.marks), cycle, after, gain, error)
         if number == 0:
             change -= np.interp(one.first, one.marks, change)
         marks = one.marks - np.clip(change, -0.25, 0.25) * one.period
@@ -242,6 +243,40 @@ class CycleFit:
         one = self._cycles[number]
         return FittedTake((one.last - one.first) / one.period, one.period * self._dt[number],
                           (one.first, one.last), self._progress(number))
+
+
+def thinned(shown: Demonstration) -> Demonstration:
+    """A demonstration with at most `MOST_SAMPLES`."""
+    every = -(-len(shown.times) // MOST_SAMPLES)
+    return shown if every == 1 else Demonstration(shown.times[::every], shown.points[::every],
+                                                  shown.manifold)
+
+
+def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarray,
+                error: np.ndarray) -> np.ndarray:
+    """
+    By how much the phase changes at the beginnings of cycles: linear between them.
+
+    :param cycle: number of the beginning before each sample
+    :param after: part of the cycle that has passed since
+    :param gain: weight of each sample
+    :param error: gain times the change that it asks for
+    """
+    def sums(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return np.bincount(at, values, count)
+    before = 1.0 - after
+    bands = np.zeros((3, count))  # the upper diagonals, as scipy wants them
+    bands[2] = sums(cycle, gain * before ** 2) + sums(cycle + 1, gain * after ** 2)
+    bands[1, 1:] = sums(cycle, gain * before * after)[:-1]
+    # Beginnings beyond the recording are hardly seen: they follow their neighbours.
+    stiff = 1e-4 * gain.sum() / count
+    bend = (1.0, -2.0, 1.0)
+    for i in range(3):
+        for j in range(i, 3):
+            bands[2 - (j - i), j:max(count - 2, 0) + j] += stiff * bend[i] * bend[j]
+    bands[2] += 1e-9 * (gain.sum() / count + 1e-300)
+    right = sums(cycle, error * before) + sums(cycle + 1, error * after)
+    return np.asarray(solveh_banded(bands, right))
 
 
 def coordinates(manifold: Manifold, centre: np.ndarray, points: np.ndarray

@@ -8,7 +8,8 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.learning.cycle_fit import CycleFit
+from gdmp_ros.errors import DataError
+from gdmp_ros.learning.cycle_fit import CycleFit, thinned
 from gdmp_ros.learning.preparation import prepared
 from gdmp_ros.manifolds import Manifold
 
@@ -42,8 +43,11 @@ def cycle_takes(skill: Primitive, shown: list[Demonstration]) -> list[CycleTake]
 
     :raises GdmpError: if a recording does not repeat a cycle
     """
-    manifold, uniform = skill.manifold, prepared(shown, None)
-    fitted = CycleFit(uniform, np.ones(len(shown)), skill.duration).fitted()
+    manifold, uniform = skill.manifold, [thinned(one) for one in prepared(shown, None)]
+    try:
+        fitted = CycleFit(uniform, np.ones(len(shown)), None).fitted()
+    except DataError:  # one cycle, learned with its period
+        fitted = CycleFit(uniform, np.ones(len(shown)), skill.duration).fitted()
     s = np.arange(_PHASES) / _PHASES
     orbit = Rollout(skill).sample((1.0 + s) * skill.duration).points.reshape(_PHASES, -1)
     spans = manifold.factor_distances(np.repeat(orbit[:1], _PHASES, axis=0), orbit).max(axis=0)

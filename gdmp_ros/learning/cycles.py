@@ -115,7 +115,7 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
     :param period: in samples
     """
     count, length = len(curve), round(period)
-    middle = max((count - length) // 2, 0)
+    middle = _template(curve, length)
     template = curve[middle:middle + length]
     scatter = float(((template - template.mean(axis=0)) ** 2).sum(axis=1).mean())
     marks, errors = [float(middle)], [0.0]
@@ -142,6 +142,19 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
     return Cycles(whole, begin, end)
 
 
+def _template(curve: np.ndarray, length: int) -> int:
+    """First sample of the part nearest to the middle that moves as much as others, not in rest."""
+    count, centred = len(curve), curve - curve.mean(axis=0)
+    if count <= length:
+        return 0
+    sums, squares = (np.concatenate([np.zeros((1, curve.shape[1])), np.cumsum(one, axis=0)])
+                     for one in (centred, centred ** 2))
+    mean, square = ((one[length:] - one[:-length]) / length for one in (sums, squares))
+    scatter = (square - mean ** 2).sum(axis=1)
+    enough = np.flatnonzero(scatter >= 0.9 * np.median(scatter[scatter >= 0.01 * scatter.max()]))
+    return int(enough[np.argmin(np.abs(enough - (count - length) // 2))])
+
+
 def _follow(curve: np.ndarray, template: np.ndarray, start: float, period: float, forward: bool
             ) -> tuple[list[float], list[float]]:
     """Beginnings of the cycles on one side, and their mean squared distances."""
@@ -160,15 +173,19 @@ def _follow(curve: np.ndarray, template: np.ndarray, start: float, period: float
         if overlap.min() < fewest:
             return marks, errors
         apart = np.array([_distance(curve, template, int(shift)) for shift in shifts])
-        best = int(np.argmin(apart))
+        # Where nothing moves all are alike: the expected one is taken then.
+        alike = np.flatnonzero(apart <= apart.min() * (1.0 + 1e-9))
+        best = int(alike[np.argmin(np.abs(shifts[alike] - expected))])
         place = float(shifts[best])
+        if sign * (place - at) < 0.5 * period:
+            return marks, errors
         if 0 < best < len(shifts) - 1:
             before, there, after = apart[best - 1:best + 2]
             bend = before - 2.0 * there + after
             place += 0.5 * (before - after) / bend if bend > 0.0 else 0.0
         marks.append(place)
         errors.append(float(apart[best]))
-        step = 0.5 * step + 0.5 * abs(place - at)
+        step = min(max(0.5 * step + 0.5 * abs(place - at), 0.5 * period), 1.5 * period)
         at = place
 
 

@@ -12,7 +12,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import Gains, MIN_STEPS, Primitive
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.learning.cycle_fit import coordinates, CycleFit, FittedCycle
+from gdmp_ros.learning.cycle_fit import coordinates, CycleFit, FittedCycle, thinned
 from gdmp_ros.learning.fourier import Series
 from gdmp_ros.learning.preparation import (
     check_tolerance,
@@ -51,7 +51,7 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
                              "'auto'")
     check_tolerance(tolerance)
-    shown = prepared(demonstrations, settings.smoothing)
+    shown = [thinned(one) for one in prepared(demonstrations, settings.smoothing)]
     weights = settings.weights(len(shown))
     fitted = CycleFit(shown, weights, period).fitted()
     manifold, gains = shown[0].manifold, settings.gains

@@ -71,6 +71,11 @@ class GripperSequence:
         self._motion = self._next = 0
         self._waits = False
 
+    def waits_for_more(self, player: Player) -> bool:
+        """Whether commands of the skill that moves have not been carried out."""
+        return player.status is Status.MOVING and (
+            player.motion != self._motion or self._next < len(player.playing.skill.events))
+
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""
         if player.motion != self._motion:

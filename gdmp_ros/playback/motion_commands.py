@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gdmp_ros.dmp.modulation import MAX_AMPLITUDE
-from gdmp_ros.dmp.options import check_range, MAX_SPEED
+from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
-from gdmp_ros.playback.kinematics import ArmKinematics, place_for
+from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 
 class MotionCommands:
@@ -45,6 +45,12 @@ class MotionCommands:
         ended = self._tracker.expired(now)
         if ended is not None and not player.playing.of_joints:
             player.go_to(ended.pose)
+
+    def check_place(self, skill: StreamedSkill, place: np.ndarray) -> None:
+        """:raises GdmpError: if a skill cannot have a place as goal"""
+        if not skill.of_joints:
+            self.settings.check_goal(place)
+        check_reach(self._kinematics, skill, place)
 
     def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0) -> None:
         """

@@ -110,7 +110,11 @@ class ReferenceSource:
         """
         self._approach = None
         if tool.of_joints != self.playing.of_joints:
-            self._change_kind()
+            try:
+                self._change_kind()
+            except GdmpError:
+                self.motion = number
+                raise
         if self.status is STOPPING and self._is_far(measured):
             # The robot does not follow: come to rest first, then go there.
             self._then = [lambda: self.begin(tool, rollout, measured, number, cycles)]
@@ -172,16 +176,16 @@ class ReferenceSource:
 
     def set_frequency(self, frequency: float) -> None:
         """Change the frequency of this motion [Hz]."""
-        if self._approach is not None:
+        if self._then:
             self._then.append(lambda: self.set_frequency(frequency))
         elif self.rollout is not None:
+            if self.status in (MOVING, HOLDING) and not self._waits:
+                self.rollout.set_frequency(frequency)
             self._own_speed = frequency * self.rollout.duration
-            if self.status in (MOVING, HOLDING):
-                self.rollout.set_frequency(frequency if not self._waits else 0.0)
 
     def set_amplitude(self, amplitude: float) -> None:
         """Change the amplitude of this motion."""
-        if self._approach is not None:
+        if self._then:
             self._then.append(lambda: self.set_amplitude(amplitude))
         elif self.rollout is not None:
             self.rollout.set_amplitude(amplitude)

@@ -9,13 +9,16 @@ import numpy as np
 from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.sequence import Course, GripperStep, HoldStep, MotionStep, SkillSequence
-from gdmp_ros.playback.gripper_sequence import GripperCommands
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperSequence
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.streamed import streamed
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 
+_MOVING = (Status.MOVING, Status.PAUSED, Status.STOPPING)
 #: Why a sequence ended: because of another motion.
 OTHER_MOTION = 'another motion was started'
 
@@ -25,6 +28,30 @@ class PreparedStep(NamedTuple):
 
     tool: StreamedSkill
     rollout: Rollout
+
+
+class PreparedSequence(NamedTuple):
+    """
+    A sequence, ready to begin.
+
+    :ivar first: index of the step that it begins with
+    :ivar motions: by the index of their step
+    """
+
+    sequence: SkillSequence
+    first: int
+    motions: dict[int, PreparedStep]
+
+    @property
+    def first_tool(self) -> StreamedSkill:
+        """Skill of the first motion; of a sequence that has none any more, of the last."""
+        later = [one.tool for index, one in self.motions.items() if index >= self.first]
+        return (later or [one.tool for one in self.motions.values()][-1:])[0]
+
+    @property
+    def moves_first(self) -> bool:
+        """Whether the first step is a motion."""
+        return self.first in self.motions
 
 
 class SequenceStatus(NamedTuple):
@@ -48,31 +75,12 @@ class SequenceStatus(NamedTuple):
     motion: int = 0
 
 
-def prepared_steps(sequence: SkillSequence, settings: PlayerSettings,
-                   check: Callable[[StreamedSkill, np.ndarray], None]
-                   ) -> dict[int, PreparedStep]:
-    """
-    Motions of a sequence by the index of their step.
-
-    :param check: refuses a place that a motion cannot have as goal
-    :raises GdmpError: if a skill or goal cannot be used
-    """
-    made = {}
-    for index, step in enumerate(sequence.steps):
-        if isinstance(step, MotionStep):
-            tool = streamed(step.skill, settings)
-            rollout = step.rollout(options=tool.options(0.0, None))
-            check(tool, tool.place_of(rollout.goal))
-            made[index] = PreparedStep(tool, rollout)
-    return made
-
-
 class _Run:
     """One execution of a sequence; used by the thread that ticks."""
 
-    def __init__(self, sequence: SkillSequence, first: int, prepared: dict[int, PreparedStep],
-                 measured: np.ndarray | None):
-        self.course, self.prepared, self.measured = Course(sequence, first), prepared, measured
+    def __init__(self, prepared: PreparedSequence, measured: np.ndarray | None):
+        self.course = Course(prepared.sequence, prepared.first)
+        self.prepared, self.measured = prepared.motions, measured
         self.motion = 0  # number of the motion of the present step; 0 before it has one
         self.entered, self.problem, self.gripper_failed = False, '', False
 
@@ -82,23 +90,53 @@ class SequenceRunner:
     Executes one sequence at a time; one thread calls `advance`, others the rest.
 
     :ivar gripper: for steps with a command for it; None without one
+    :ivar paused: no step begins and no hold passes meanwhile
     """
 
-    def __init__(self, gripper: GripperCommands | None):
-        self.gripper = gripper
+    def __init__(self, gripper: GripperCommands | None, events: GripperSequence | None):
+        """:param events: carries out the gripper commands of skills; None without a gripper"""
+        self.gripper, self._events, self.paused = gripper, events, False
         self._run: _Run | None = None
         self._last: _Run | None = None
 
-    def begin(self, sequence: SkillSequence, first: int, prepared: dict[int, PreparedStep],
-              measured: np.ndarray | None) -> None:
+    def prepare(self, sequence: SkillSequence, first: int, settings: PlayerSettings,
+                check: Callable[[StreamedSkill, np.ndarray], None]) -> PreparedSequence:
+        """
+        Check a sequence, and prepare its motions.
+
+        :param first: index of the step to begin with
+        :param check: refuses a place that a motion cannot have as goal
+        :raises GdmpError: if a skill or goal cannot be used, or there is no such step
+        """
+        sequence.check_index(first)
+        made: dict[int, PreparedStep] = {}
+        for index, step in enumerate(sequence.steps):
+            if isinstance(step, MotionStep):
+                tool = streamed(step.skill, settings)
+                rollout = step.rollout(options=tool.options(0.0, None))
+                check(tool, tool.place_of(rollout.goal))
+                made[index] = PreparedStep(tool, rollout)
+        name, tools = sequence.name, [one.tool for one in made.values()]
+        if len({tool.of_joints for tool in tools}) > 1:
+            raise ParameterError(f'{name}: skills of the tool and of the joints cannot be in one '
+                                 'sequence')
+        commands = any(isinstance(step, GripperStep) for step in sequence.steps)
+        if (commands or any(tool.skill.events for tool in tools)) and (
+                self.gripper is None or not self.gripper.is_known()):
+            raise ParameterError(f'{name}: it has commands for a gripper, and no state of one is '
+                                 'known')
+        for skill in {tool.skill for tool in tools}:
+            rehearse(skill, settings)
+        return PreparedSequence(sequence, first, made)
+
+    def begin(self, prepared: PreparedSequence, measured: np.ndarray | None) -> None:
         """
         Begin a sequence; another one ends.
 
-        :param first: index of the first step
         :param measured: where the robot is; None to begin at the start of the first skill
-        :raises ParameterError: unless there is such a step
         """
-        self._run = self._last = _Run(sequence, first, prepared, measured)
+        self.paused = False
+        self._run = self._last = _Run(prepared, measured)
 
     def cancel(self, reason: str) -> None:
         """End the sequence; the present motion goes on, or is stopped by somebody else."""
@@ -126,18 +164,20 @@ class SequenceRunner:
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""
         run = self._run
-        if run is None:
+        if run is None or self.paused:
             return
         if not run.entered:
+            if not isinstance(run.course.step, MotionStep) and player.status in _MOVING:
+                return  # the motion before stops first
             self._enter(run, player)
         if run.motion and not self._has_begun(run, player):
             return
-        if self._ended(run, player, 0.0 if player.status is Status.PAUSED else dt):
+        if self._ended(run, player, dt):
             run.course.enter(run.course.index + 1)
-            if run.course.step is None:
+            if run.course.step is not None:
+                self._enter(run, player)
+            elif self._run is run:
                 self._run = None
-                return
-            self._enter(run, player)
 
     def _enter(self, run: _Run, player: Player) -> None:
         run.entered, step = True, run.course.step
@@ -145,8 +185,6 @@ class SequenceRunner:
             made = run.prepared[run.course.index]
             run.motion = player.begin(made.tool, made.rollout, run.measured,
                                       still=lambda: self._run is run)
-            if step.skill.rhythmic and step.amplitude != 1.0:
-                player.set_amplitude(step.amplitude)
             run.measured = None
         elif isinstance(step, GripperStep) and self.gripper is not None:
             self.gripper.begin(GripperCommand(*step.command[1:]))
@@ -166,14 +204,22 @@ class SequenceRunner:
         if isinstance(step, HoldStep):
             return run.course.hold_ended(step, dt)
         if isinstance(step, MotionStep):
+            if self._events is not None and step.skill.events:
+                if self._events.problem:
+                    self._fail(run, player, self._events.problem)
+                if self._events.problem or self._events.waits_for_more(player):
+                    return False
             return rollout is not None and run.course.motion_ended(step, rollout)
         problem = '' if self.gripper is None else self.gripper.outcome(dt)
         if problem:
-            run.gripper_failed = True
-            self._end(run, f'gripper: {problem}')
-            player.stop()
+            self._fail(run, player, f'gripper: {problem}')
             return False
         return problem is not None
+
+    def _fail(self, run: _Run, player: Player, problem: str) -> None:
+        run.gripper_failed = True
+        self._end(run, problem)
+        player.stop()
 
     def _end(self, run: _Run, problem: str) -> None:
         run.problem = problem

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.dmp.sequence import GripperStep, MotionStep, SkillSequence
+from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounded_stream import BoundedStream
@@ -22,7 +22,7 @@ from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
-from gdmp_ros.playback.sequence_runner import OTHER_MOTION, prepared_steps, SequenceRunner
+from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.realtime.loop import RunningLoop
@@ -78,7 +78,7 @@ class Streamer:
         self._player_settings = player_settings
         commands = None if gripper is None else GripperCommands(gripper)
         self.gripper = None if commands is None else GripperSequence(commands)
-        self.sequence = SequenceRunner(commands)
+        self.sequence = SequenceRunner(commands, self.gripper)
         self._pose = pose
         self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
         self._used: Measured | None = None
@@ -171,35 +171,30 @@ class Streamer:
         """
         if not self.active:
             raise ParameterError('the node is not active')
-        sequence.check_index(first)
-        gripper = self.sequence.gripper
-        if (any(isinstance(step, GripperStep) for step in sequence.steps)
-                and (gripper is None or not gripper.is_known())):
-            raise ParameterError(f'{sequence.name}: it has commands for a gripper, and no state '
-                                 'of one is known')
-        for skill in {step.skill for step in sequence.steps if isinstance(step, MotionStep)}:
-            rehearse(skill, self._player_settings)
-        prepared = prepared_steps(sequence, self._player_settings, self._check_place)
-        later = [made.tool for index, made in prepared.items() if index >= first]
-        tool = (later or [made.tool for made in prepared.values()])[0]
+        prepared = self.sequence.prepare(sequence, first, self._player_settings,
+                                         self.commands.check_place)
+        tool = prepared.first_tool
         measured = self._start_place(tool)
         if self.player is None:
             self.player = Player(tool.skill, self._player_settings, self.refusals)
+        moves = self.player.status not in (Status.IDLE, Status.HOLDING)
+        if moves and tool.of_joints != self.player.playing.of_joints:
+            raise ParameterError('a motion of the other kind (tool, joints) is being executed: '
+                                 'stop it first')
         self.commands.begin()
         self.robot.begin()
-        self.sequence.begin(sequence, first, prepared, measured)
+        self.sequence.begin(prepared, measured)
+        if moves and not prepared.moves_first:
+            self.player.stop()
 
-    def _check_place(self, tool: StreamedSkill, place: np.ndarray) -> None:
-        if not tool.of_joints:
-            self.settings.check_goal(place)
-        check_reach(self.kinematics, tool, place)
+    def pause(self, paused: bool) -> None:
+        """Come to a smooth stop on the path, or continue; a sequence waits with it."""
+        player = self.loaded()
+        self.sequence.paused = paused
+        player.pause(paused)
 
     def stop_motion(self) -> None:
-        """
-        Stop a motion, and a sequence, smoothly.
-
-        :raises ParameterError: if there is no skill
-        """
+        """Stop a motion, and a sequence, smoothly."""
         player = self.loaded()
         self.sequence.cancel('stopped')
         player.stop()

@@ -63,6 +63,7 @@ class SimulatedRobot:
         self._take: RecordedTake | None = None
         self._acted: dict[int, tuple[float, float]] = {}
         self._problem, self._refused, self._guard_refused, self._tempo = '', 0, 0, 1.0
+        self._in_sequence = False
         self._view: RobotView | None = None
         self._commands = Commands()
         self._rate, self._ends = 1.0, threading.Event()
@@ -110,7 +111,7 @@ class SimulatedRobot:
     def pause(self, paused: bool) -> None:
         if self._streamer.player is None:
             raise ParameterError('nothing moves: press start first')
-        self._streamer.player.pause(paused)
+        self._streamer.pause(paused)
 
     def set_tempo(self, tempo: float) -> None:
         self._tempo = tempo
@@ -213,8 +214,9 @@ class SimulatedRobot:
                         if now - at < SHOWN_S)
         rollout = None if player is None else player.rollout
         sequence = streamer.sequence.status
-        if sequence is not None and sequence.problem:
+        if sequence is not None and not sequence.running and self._in_sequence:
             self._problem = sequence.problem
+        self._in_sequence = sequence is not None and sequence.running
         return RobotView(
             self._joints, self._pose, goal,
             'idle' if player is None else str(player.status), tick.mode.name.lower(),

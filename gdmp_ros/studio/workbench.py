@@ -111,7 +111,7 @@ class Workbench:
         for skill, name in names.items():
             check_shown(skill)
             self.add(name, skill)
-        self.sequences[path.name] = sequence
+        self.sequences[str(path) if path.name in self.sequences else path.name] = sequence
 
     def add(self, name: str, skill: Skill) -> str:
         """Add a skill; choose it if it is the first. Returns its name, which is free."""

@@ -8,7 +8,6 @@ from gdmp_ros import (
     DataError,
     Demonstration,
     Euclidean,
-    GdmpWarning,
     ParameterError,
     Product,
     Rollout,
@@ -148,6 +147,39 @@ def test_what_does_not_repeat_has_no_period(rng):
         Skill.learn_rhythmic(still)
 
 
+@pytest.mark.parametrize('before, after', [(0, 400), (0, 1000), (1000, 0)])
+def test_exact_rest_beside_the_cycles(before, after):
+    times = np.arange(0.0, 4.0, 0.01)
+    curve = np.column_stack([np.cos(2.0 * np.pi * times), np.sin(2.0 * np.pi * times)])
+    points = np.concatenate([np.repeat(curve[:1], before, axis=0), curve,
+                             np.repeat(curve[-1:], after, axis=0)])
+    shown = Demonstration(0.01 * np.arange(len(points)), points, Euclidean(2))
+    skill = Skill.learn_rhythmic(shown, period=1.0)
+    assert skill.duration == pytest.approx(1.0, rel=0.02)
+    radii = np.linalg.norm(Rollout(skill).sample(np.linspace(0.0, 1.0, 50)).points, axis=1)
+    np.testing.assert_allclose(radii, 1.0, atol=0.03)
+
+
+def test_too_few_samples_and_no_motion_are_refused():
+    still = Demonstration(np.arange(0.0, 30.0, 0.01), np.zeros((3000, 2)), Euclidean(2))
+    with pytest.raises(DataError, match='does not move'):
+        Skill.learn_rhythmic(still, period=1.0)
+    times = np.arange(0.0, 4.0, 0.01)
+    shown = Demonstration(times, np.sin(2.0 * np.pi * times)[:, None], Euclidean(1))
+    with pytest.raises(DataError, match='samples in a period'):
+        Skill.learn_rhythmic(shown, period=0.05)
+
+
+def test_a_long_recording_at_a_high_rate(rng):
+    times = np.arange(0.0, 300.0, 0.001)
+    points = np.column_stack([np.cos(2.0 * np.pi * times), np.sin(2.0 * np.pi * times)])
+    points += 0.01 * rng.standard_normal(points.shape)
+    skill = Skill.learn_rhythmic(Demonstration(times, points, Euclidean(2)))
+    assert skill.duration == pytest.approx(1.0, rel=1e-4)
+    radii = np.linalg.norm(Rollout(skill).sample(np.linspace(0.0, 1.0, 50)).points, axis=1)
+    np.testing.assert_allclose(radii, 1.0, atol=2e-3)
+
+
 def test_a_whole_turn_is_refused():
     times = np.arange(0.0, 10.0, 0.01)
     angle = 2.0 * np.pi * times / 2.0
@@ -163,5 +195,3 @@ def test_settings_out_of_range_are_refused(rng):
                             ({'demonstration_weights': [1.0, 2.0]}, 'demonstration_weights')):
         with pytest.raises(ParameterError, match=match):
             Skill.learn_rhythmic(shown, **settings)
-    with pytest.warns(GdmpWarning, match='cannot be met'):
-        Skill.learn_rhythmic(shown, tolerance=1e-12)

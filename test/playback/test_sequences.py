@@ -10,6 +10,8 @@ from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.measured_input import Measured, MeasuredInput
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
@@ -110,10 +112,10 @@ def test_pause_stop_and_another_motion(stream, skills):
                          MotionStep('wipe', wipe, until='enough')])
     stream.begin_sequence(sequence)
     run(stream, 300)
-    stream.player.pause(True)
+    stream.pause(True)
     run(stream, 3000)
     assert stream.sequence.status.step_name == 'there'
-    stream.player.pause(False)
+    stream.pause(False)
     run(stream, 2500)
     assert stream.sequence.status.step_name == 'wipe'
     stream.stop_motion()
@@ -173,3 +175,84 @@ def test_frequency_and_amplitude_belong_to_a_rhythmic_motion(stream, skills):
     assert stream.player.rollout.speed == pytest.approx(1.0)
     with pytest.raises(ParameterError, match='cycles: the skill is not rhythmic'):
         stream.begin(cycles=2.0)
+
+
+def test_no_step_begins_while_it_is_paused(stream, skills):
+    first, second, wipe = skills
+    sequence = SkillSequence([MotionStep('there', first, blend=0.3), HoldStep('wait', 0.5),
+                         MotionStep('wipe', wipe, until='enough', blend=0.1),
+                         MotionStep('back', second)])
+    stream.begin_sequence(sequence)
+    run(stream, 880)  # just before its end
+    stream.pause(True)
+    run(stream, 2000)
+    assert stream.sequence.status.step_name == 'there'
+    stream.pause(False)
+    for _ in range(300):
+        run(stream, 10)
+        if stream.sequence.status.step_name == 'wait':
+            break
+    stream.pause(True)
+    run(stream, 2000)
+    assert stream.sequence.status.step_name == 'wait'
+    stream.pause(False)
+    run(stream, 1500)
+    stream.pause(True)
+    stream.sequence.signal('enough')
+    run(stream, 1000)
+    assert stream.sequence.status.step_name == 'wipe' and stream.player.rollout.speed == 0.0
+    stream.pause(False)
+    run(stream, 3000)
+    assert not stream.sequence.status.running and not stream.sequence.status.problem
+
+
+def test_a_sequence_that_does_not_begin_with_a_motion_stops_the_present_one(stream, skills):
+    first, _, wipe = skills
+    stream.use(wipe, 'wipe')
+    stream.begin()
+    run(stream, 1500)
+    stream.begin_sequence(SkillSequence([GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1)),
+                                    MotionStep('there', first)]))
+    speeds = []
+    run(stream, 3000, lambda tick: speeds.append(
+        (len(stream.hand.sent), stream.player.rollout is not None
+         and stream.player.rollout.speed > 0.0)))
+    assert not any(moves for sent, moves in speeds[:400] if sent)
+    assert stream.sequence.status.problem == '' and not stream.sequence.status.running
+
+
+def test_the_gripper_commands_of_skills_are_carried_out_before_the_next_step(stream, skills):
+    first, second, _ = skills
+    grasp = first.with_events([GripperEvent(0.95, 0.01, 0.0, 0.1)])
+    sequence = SkillSequence([MotionStep('grasp', grasp, blend=0.3), MotionStep('back', second)])
+    stream.begin_sequence(sequence)
+    run(stream, 4000)
+    assert [command.width for command in stream.hand.sent] == [0.01]
+    assert not stream.sequence.status.running and not stream.sequence.status.problem
+    stream.hand.fails = 'it is jammed'
+    stream.begin_sequence(sequence)
+    run(stream, 4000)
+    status = stream.sequence.status
+    assert status.step == 1 and status.problem == 'gripper: it is jammed'
+    stream.hand.known = False
+    with pytest.raises(ParameterError, match='no state of one is known'):
+        stream.begin_sequence(sequence)
+
+
+def test_an_amplitude_of_zero_ends_a_step_too(stream, skills):
+    first, _, wipe = skills
+    stream.begin_sequence(SkillSequence([MotionStep('wipe', wipe, until='never', amplitude=0.5),
+                                    MotionStep('there', first)]))
+    run(stream, 2000)
+    assert stream.player.rollout.amplitude == pytest.approx(0.5, abs=1e-3)
+    stream.commands.amplitude(0.0)
+    run(stream, 4500)
+    assert stream.sequence.status.step == 2
+
+
+def test_tool_and_joints_in_one_sequence_are_refused(stream, skills):
+    s, manifold = np.linspace(0.0, 1.0, 50), Product(Euclidean(7), names=['joints'])
+    joints = Skill.learn(Demonstration(s, np.outer(minimum_jerk(s), np.ones(7)), manifold), 10)
+    with pytest.raises(ParameterError, match='cannot be in one sequence'):
+        stream.begin_sequence(SkillSequence([MotionStep('tool', skills[0]),
+                                        MotionStep('joints', joints)]))

@@ -131,7 +131,7 @@ def _follow_sequence(client: ServerClient) -> int:
             shown = state.step
             print(f'step {state.step} of {state.steps}: {state.step_name}', flush=True)
     result = client.result(10.0)
-    done = result.error_code == result.SUCCESSFUL
+    done = client.succeeded()
     print('the sequence is done' if done else
           f'the sequence ended at step {result.step}: {result.error_string}')
     return 0 if done else 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import ServerState
 from geometry_msgs.msg import PoseStamped
@@ -85,6 +86,13 @@ class ServerClient(Client):
     def done(self) -> bool:
         """Whether the motion that was started has ended."""
         return self._result is not None and bool(self._result.done())
+
+    def succeeded(self) -> bool:
+        """Whether the motion or sequence that was started has ended well."""
+        if not self.done():
+            return False
+        answer = self._result.result()
+        return bool(answer.status == GoalStatus.STATUS_SUCCEEDED)
 
     def check_failure(self) -> None:
         """:raises GdmpError: if the motion that was started has ended without success"""

@@ -186,7 +186,7 @@ class TrajectoryServer(ManagedNode):
         streamer = self.streamer
         service(Trigger, 'start', lambda _: streamer.begin())
         service(Trigger, 'stop', lambda _: streamer.stop_motion())
-        service(SetBool, 'pause', lambda request: streamer.loaded().pause(request.data))
+        service(SetBool, 'pause', lambda request: streamer.pause(request.data))
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
         self.add_service(LoadSkill, 'load_skill', self._skills.answer)
         # It awaits: in the default group it would block the other services.

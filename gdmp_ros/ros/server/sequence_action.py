@@ -103,7 +103,6 @@ class SequenceAction:
 
     async def _execute(self, handle: Any) -> ExecuteSequence.Result:
         result, request = ExecuteSequence.Result(), handle.request
-        self._finish(result.PREEMPTED, 'a newer goal was accepted')
         try:
             first = max(int(request.first_step), 1) - 1
             self._streamer.begin_sequence(read_sequence(request.sequence), first)
@@ -112,6 +111,7 @@ class SequenceAction:
             handle.abort()
             result.error_code, result.error_string = result.INVALID_GOAL, str(error)
             return result
+        self._finish(result.PREEMPTED, 'a newer goal was accepted')
         execution = self._execution = _Execution(handle, self._node.future())
         self._cancelling = False
         result.error_code, result.error_string = await execution.done
