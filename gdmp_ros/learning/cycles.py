@@ -20,8 +20,9 @@ SHORTEST, FEWEST_SAMPLES = 0.1, 8
 #: A cycle may last this part shorter or longer than the one before it.
 UNEVEN = 0.2
 #: A cycle is one of the others if its mean squared distance from them is less than this many
-#: times the median, or than this part of the mean square of the motion.
-DIFFERENT, ALIKE = 9.0, 0.02
+#: times the median, or than this part of the mean square of the motion. What has nothing to do
+#: with the cycle, such as rest, is further away than the mean square.
+DIFFERENT, ALIKE, UNRELATED = 9.0, 0.02, 0.5
 
 
 class Cycles(NamedTuple):
@@ -124,7 +125,7 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
             more, apart = _follow(curve, template, float(middle), period, forward)
             marks = [*marks, *more] if forward else [*more[::-1], *marks]
             errors = [*errors, *apart] if forward else [*apart[::-1], *errors]
-    limit = max(DIFFERENT * float(np.median(errors)), ALIKE * scatter)
+    limit = min(max(DIFFERENT * float(np.median(errors)), ALIKE * scatter), UNRELATED * scatter)
     centre = marks.index(float(middle))
     first = last = centre
     while first > 0 and errors[first - 1] <= limit:
