@@ -117,7 +117,7 @@ def test_frequency_amplitude_and_centre_change_by_topic_and_it_ends_at_its_centr
     client.amplitude(0.0)
     result = client.result(20.0)
     assert result.error_code == ExecuteSkill.Result.SUCCESSFUL, result.error_string
-    assert running.state.status == 'holding'
+    client.wait_status('holding', 5.0)
     away = np.array(messages.pose_numbers(running.references[-1].pose)) - goal
     assert np.abs(away[:3]).max() < 1e-3
 
