@@ -51,7 +51,7 @@ class Limited(NamedTuple):
 
 def events(run: Run) -> list[Event]:
     """What happened: motions, changes of the goal, interruptions."""
-    found = [*_motions(run), *_goals(run), *_interruptions(run)]
+    found = [*_motions(run), *_goals(run), *run.steps, *_interruptions(run)]
     origin = run.state_stamps[0]
     return [Event((stamp - origin) * 1e-9, text) for stamp, text in sorted(found)]
 

@@ -37,6 +37,7 @@ class Run:
     :ivar applied: sequence number of the reference that the arm followed at each state
     :ivar goal_stamps: of the states of the server, if it had a goal and they were recorded
     :ivar goals: of the server at these times
+    :ivar steps: of sequences: when each began [ns], and what it is
     """
 
     reference_stamps: np.ndarray
@@ -62,6 +63,7 @@ class Run:
     joint_references: np.ndarray
     goal_stamps: np.ndarray
     goals: np.ndarray
+    steps: tuple[tuple[int, str], ...] = ()
 
 
 def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
@@ -106,6 +108,7 @@ def read(bag: Path, robot: str = '') -> Run:
     for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
+    steps = _steps(goals)
     goals = [message for message in goals if getattr(message, 'goal', ())]
     return Run(
         reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
@@ -125,7 +128,19 @@ def read(bag: Path, robot: str = '') -> Run:
         ticks=_column(states, lambda m: _later(m, 'tick')),
         wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
         joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
-        goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7))
+        goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7),
+        steps=steps)
+
+
+def _steps(states: list[Any]) -> tuple[tuple[int, str], ...]:
+    """When each step of a sequence began, in the states of a server."""
+    found, last = [], ('', 0)
+    for message, stamp in zip(states, _stamps(states).tolist()):
+        now = getattr(message, 'sequence', ''), _later(message, 'step')
+        if now != last and now[1]:
+            found.append((stamp, f'step {now[1]} of {message.steps} begins: {message.step_name}'))
+        last = now
+    return tuple(found)
 
 
 def lost(run: Run) -> int:

@@ -6,7 +6,7 @@ import pytest
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.data import recordings
+from gdmp_ros.data import recordings, run_events
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
@@ -146,6 +146,7 @@ def test_the_entry_and_the_exit_are_smooth_in_the_stream(running):
 
 def test_a_sequence_with_joins_in_motion_a_signal_and_feedback(running, folder):
     running.listen()
+    running.record()
     steps = []
     action = ActionClient(running.node, ExecuteSequence, f'{SERVER}/execute_sequence')
     running.wait('the action', action.server_is_ready)
@@ -170,6 +171,9 @@ def test_a_sequence_with_joins_in_motion_a_signal_and_feedback(running, folder):
     end = np.array(messages.pose_numbers(running.references[-1].pose))
     goal = Skill.load(folder / 'left.json').goal
     assert np.abs(end - goal).max() < 2e-3
+    # The recorded run tells the steps, too.
+    happened = [event.text for event in run_events.events(running.recorded())]
+    assert 'step 5 of 6 begins: polish' in happened
     action.destroy()
 
 
