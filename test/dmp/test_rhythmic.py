@@ -1,4 +1,6 @@
 """Rhythmic skills: the cycle, its frequency, amplitude and centre, entry and exit."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,10 +35,12 @@ def test_the_cycle_is_that_of_the_demonstration_and_stays_for_a_thousand_periods
     rollout = Rollout(skill)
     first = cycle_error(rollout, curve)
     assert first.max() < 1e-3 * curve.span
-    late = Rollout(skill)
+    # A coarse grid is enough to see a drift, and four times as fast.
+    coarse = Skill.of(replace(skill, steps=1000))
+    late = Rollout(coarse)
     late.sample(np.array([0.0, 500.0, 999.0]) * skill.duration)
     assert cycle_error(late, curve).max() < 1e-3 * curve.span
-    early = Rollout(skill)
+    early = Rollout(coarse)
     early.sample(np.array([10.0 * skill.duration]))
     manifold = skill.manifold
     for _ in range(5):
