@@ -1,11 +1,23 @@
 """Smooth motions on any manifold, to learn from."""
 import numpy as np
 
-from gdmp_ros import Demonstration, Euclidean, Product, SymmetricPositiveDefinite, UnitQuaternion
+from gdmp_ros import (
+    Demonstration,
+    Euclidean,
+    Product,
+    SpecialOrthogonal,
+    Sphere,
+    SymmetricPositiveDefinite,
+    UnitQuaternion,
+)
+from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),
                names=['position', 'orientation', 'stiffness'])
+#: One of each kind, and a product.
+MANIFOLDS = [Euclidean(3), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
+             SymmetricPositiveDefinite(3), TOOL]
 #: Stamps of `takes` [s].
 TAKE_TIMES = np.linspace(0.0, 2.0, 300)
 
@@ -116,3 +128,17 @@ def cycle_error(rollout, curve):
         one.reshape(manifold.point_shape), there.reshape(manifold.point_shape)))
         for one, there in zip(expected, points)])
     return np.linalg.norm(manifold.factor_distances(points, expected), axis=1)
+
+
+def circles(pose, radius, cycles, turn=0.0):
+    """
+    The tool goes round a pose, once in a second.
+
+    :param turn: by which it also turns to and fro about z [rad / 2]
+    """
+    times, manifold = np.arange(0.0, cycles, 0.01), tool_manifold(None)
+    angle = 2.0 * np.pi * times
+    away = np.zeros((len(times), 6))
+    away[:, 0], away[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+    away[:, 5] = turn * np.sin(angle)
+    return Demonstration(times, np.array([manifold.exp(pose, one) for one in away]), manifold)

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rhythmic', action='store_true',
                         help='learn a motion that repeats the cycle that the bags show')
     parser.add_argument('--period', type=float, metavar='S',
-                        help='with --rhythmic: period of the cycle (default: found by itself)')
+                        help='with --rhythmic: period of the cycle (default: it is measured)')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='topic of the stiffness, if a bag has several')
     parser.add_argument('--wrench-topic', default='', metavar='TOPIC',

@@ -88,7 +88,7 @@ def read(bag: Path, robot: str = '') -> Run:
     """
     references: list[Any] = []
     states: list[Any] = []
-    goals: list[Any] = []
+    server: list[Any] = []
     published: list[int] = []
     with opened(bag) as reader, _without_garbage_collection():
         found = streams(topics_in(reader), robot)
@@ -103,13 +103,12 @@ def read(bag: Path, robot: str = '') -> Run:
             if connection.topic == reference_topic:
                 published.append(bag_time)
             message: Any = reader.deserialize(raw, connection.msgtype)
-            {server_topic: goals, reference_topic: references, state_topic: states}.get(
+            {server_topic: server, reference_topic: references, state_topic: states}.get(
                 connection.topic, []).append(message)
     for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
-    steps = _steps(goals)
-    goals = [message for message in goals if getattr(message, 'goal', ())]
+    goals = [message for message in server if getattr(message, 'goal', ())]
     return Run(
         reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
         sequences=_column(references, lambda m: m.sequence),
@@ -129,7 +128,7 @@ def read(bag: Path, robot: str = '') -> Run:
         wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
         joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
         goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7),
-        steps=steps)
+        steps=_steps(server))
 
 
 def _steps(states: list[Any]) -> tuple[tuple[int, str], ...]:

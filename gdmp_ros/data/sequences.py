@@ -1,4 +1,4 @@
-"""SkillSequence files: YAML with the steps of a sequence, and the skill files they name."""
+"""Sequence files: YAML with the steps of a sequence, and the skill files they name."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,6 +12,7 @@ from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence, Step
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.util.small_file import read_text
 
 #: Larger files are refused [bytes], and so are more steps.
 MAX_BYTES, MAX_STEPS = 1_000_000, 1000
@@ -30,16 +31,9 @@ def read_sequence(path: str | Path) -> SkillSequence:
     """
     path = Path(path)
     try:
-        if path.exists() and not path.is_file():
-            raise DataError(f'{path}: not a sequence file: it is a folder or a device')
-        if path.stat().st_size > MAX_BYTES:
-            raise DataError(f'{path}: not a sequence file: it has {path.stat().st_size} bytes, '
-                            f'expected at most {MAX_BYTES}')
-        document = yaml.safe_load(path.read_text())
+        document = yaml.safe_load(read_text(path, 'sequence', MAX_BYTES))
     except GdmpError:
         raise
-    except OSError as error:
-        raise DataError(f'{path}: cannot read the sequence: {error.strerror}') from None
     # Wrong dates, tags and numbers are not all errors of YAML.
     except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError,
             RecursionError) as error:
@@ -69,10 +63,9 @@ def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> S
     if unknown:
         raise DataError(f'unknown key {", ".join(unknown)}; expected {", ".join(_KEYS[kind])}')
     if kind == 'hold':
-        seconds = given['hold']
-        name = _text(given, 'name') or f'hold {number}'
-        return HoldStep(name, np.inf if seconds is None else _number('hold', seconds),
-                        _text(given, 'until'))
+        # Without a number it waits for its signal, however long.
+        seconds = np.inf if given['hold'] is None else _number('hold', given['hold'])
+        return HoldStep(_text(given, 'name') or f'hold {number}', seconds, _text(given, 'until'))
     if kind == 'gripper':
         return GripperStep(_text(given, 'name') or f'gripper {number}', _command(given['gripper']))
     return _motion(number, given, folder, skills)

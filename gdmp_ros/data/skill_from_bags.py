@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from gdmp_ros.data import recordings
 from gdmp_ros.data.gripper_events import common_events
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 
@@ -48,6 +49,13 @@ class LearningSettings:
     weights: tuple[float, ...] | None = None
     rhythmic: bool = False
     period: float | None = None
+
+    @property
+    def goal_gain(self) -> float:
+        """The goal gain; that of its kind of skill by default."""
+        if self.alpha_g is not None:
+            return self.alpha_g
+        return CYCLE_ALPHA_G if self.rhythmic else Gains.alpha_g
 
     def __post_init__(self) -> None:
         if self.period is not None and not self.rhythmic:
@@ -104,8 +112,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization,
-                        alpha_g=8.0 if settings.alpha_g is None else settings.alpha_g,
-                        fit=settings.fit, end=settings.end,
+                        alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, provenance=provenance)
     events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
                            [one.events for one in shown])
@@ -115,8 +122,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
 def _cycle(shown: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
            ) -> Skill:
     return Skill.learn_rhythmic(shown, settings.period, settings.n_basis,
-                                alpha_g=4.0 if settings.alpha_g is None else settings.alpha_g,
-                                tolerance=settings.tolerance,
+                                alpha_g=settings.goal_gain, tolerance=settings.tolerance,
                                 smoothing=settings.smoothing,
                                 demonstration_weights=settings.weights, provenance=provenance)
 

@@ -66,7 +66,7 @@ def moved_cycle(primitive: Primitive, centre: np.ndarray, frame: np.ndarray,
     canonical = change_of_frame(manifold, frame, manifold.frame(centre))
     weights = np.array([canonical @ coordinates(row) for row in primitive.weights])
     return replace(primitive, start=start, goal=centre, frame=manifold.frame(start),
-                   weights=weights, variation=None, velocity=manifold.to_frame(
+                   weights=weights, velocity=manifold.to_frame(
                        manifold.frame(start), manifold.from_frame(after, coordinates(velocity))))
 
 

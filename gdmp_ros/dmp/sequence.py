@@ -197,7 +197,7 @@ class Course:
             self._ends = cycled or (bool(step.until) and step.until in self._signals)
             if self._ends and not blends:
                 rollout.set_amplitude(0.0)
-        # Somebody else may have set its amplitude to 0.
+        # The amplitude may have been set to 0 by a topic.
         return rollout.finished or (self._ends and blends)
 
     def hold_ended(self, step: HoldStep, dt: float) -> bool:

@@ -13,7 +13,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.ends import between
 from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.dmp.primitive import Gains, Primitive, Trajectory
+from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
 from gdmp_ros.dmp.via import through, warn_of_cost
@@ -89,8 +89,8 @@ class Skill(Primitive):
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],
                        period: float | None = None, n_basis: int | str = 'auto',
-                       alpha_z: float = 60.0, *, alpha_g: float = 4.0, tolerance: float = 1e-4,
-                       smoothing: float | None = None,
+                       alpha_z: float = 60.0, *, alpha_g: float = CYCLE_ALPHA_G,
+                       tolerance: float = 1e-4, smoothing: float | None = None,
                        demonstration_weights: Sequence[float] | None = None,
                        provenance: Mapping[str, Any] | None = None) -> Skill:
         """

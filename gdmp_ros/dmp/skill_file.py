@@ -17,6 +17,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, Manifold
 from gdmp_ros.manifolds.registry import KINDS
 from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.small_file import read_text
 
 FORMAT = 'gdmp skill'
 #: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
@@ -58,17 +59,9 @@ def write_primitive(skill: Primitive, path: Path) -> None:
 def read_primitive(path: Path) -> Primitive:
     """Read and validate a skill file; `DataError` names the file, the field and the reason."""
     try:
-        size = path.stat().st_size if path.is_file() else None
-        if size is None and path.exists():
-            raise DataError(f'{path}: not a skill file: it is a folder or a device')
-        if size is not None and size > MAX_BYTES:
-            raise DataError(f'{path}: not a skill file: it has {size} bytes, expected at most '
-                            f'{MAX_BYTES}')
-        document = json.loads(path.read_text())
+        document = json.loads(read_text(path, 'skill', MAX_BYTES))
     except GdmpError:
         raise
-    except OSError as error:
-        raise DataError(f'{path}: cannot read the skill: {error.strerror}') from None
     except (ValueError, RecursionError) as error:
         raise DataError(f'{path}: not a skill file: {error}') from None
     try:

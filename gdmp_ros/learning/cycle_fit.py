@@ -98,10 +98,11 @@ class CycleFit:
 
         :raises CutLocusError: if the cycle meets the cut locus of its centre
         """
-        own = [self._series([number]) for number in range(len(self._shown))]
-        for number in range(1, len(own)):
-            self._offsets[number] += self._shift(own[0], own[number])
-        series = self._series(range(len(self._shown)))
+        series = self._series([0])
+        for number in range(1, len(self._shown)):
+            self._offsets[number] += self._shift(series, self._series([number]))
+        if len(self._shown) > 1:
+            series = self._series(range(len(self._shown)))
         for turn in range(2 * TURNS):
             self._weigh(series)
             for number in range(len(self._shown)):
@@ -130,8 +131,7 @@ class CycleFit:
         if distances[at] < CUT_LOCUS_LIMIT:
             raise CutLocusError(f'{self._manifold!r}: sample {at} is on the cut locus of the '
                                 'centre of the cycle; a rhythmic skill cannot turn all the way '
-                                'round',
-                                float(distances[at]))
+                                'round', float(distances[at]))
         return away
 
     def _by_factor(self, away: np.ndarray) -> np.ndarray:
@@ -158,9 +158,14 @@ class CycleFit:
                             f'expected at least one period of {samples * dt:.4g} s')
         return find_cycles(curve, samples)
 
-    def _progress(self, number: int) -> np.ndarray:
+    def _passed(self, number: int) -> np.ndarray:
+        """Cycles of a recording passed at each sample that is used."""
         one = self._cycles[number]
-        return one.progress(np.arange(one.first, one.last + 1)) + self._offsets[number]
+        return one.progress(np.arange(one.first, one.last + 1))
+
+    def _progress(self, number: int) -> np.ndarray:
+        """The same, on the phase that all recordings have in common."""
+        return self._passed(number) + self._offsets[number]
 
     def _used(self, number: int) -> np.ndarray:
         one = self._cycles[number]
@@ -198,11 +203,11 @@ class CycleFit:
 
     def _correct_phase(self, number: int, series: Series) -> None:
         """One Gauss-Newton step for the beginnings of the cycles of a recording."""
-        one, progress = self._cycles[number], self._progress(number)
+        one, passed = self._cycles[number], self._passed(number)
+        progress = passed + self._offsets[number]
         scale = self._spread(self._scale)
         slope, away = series.slope(progress), self._used(number) - series.at(progress)
         gain, error = (slope ** 2) @ scale, (slope * away) @ scale
-        passed = one.progress(np.arange(one.first, one.last + 1))
         cycle = np.minimum(passed.astype(np.int64), len(one.marks) - 2)
         after = passed - cycle
         change = _beginnings(len(one.marks), cycle, after, gain, error)

@@ -59,7 +59,6 @@ def cycle_takes(skill: Primitive, shown: list[Demonstration]) -> list[CycleTake]
                            for p in one.points[first:last + 1]])
         at = np.rint(take.progress * _PHASES).astype(np.int64)
         few = slice(None, None, max(len(points) // 100, 1))
-
         at += _shift(manifold, points[few], at[few], orbit, weights)
         spacing = one.duration / (len(one.times) - 1)
         takes.append(CycleTake(take.cycles, take.period, (first * spacing, last * spacing),

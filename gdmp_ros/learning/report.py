@@ -96,12 +96,11 @@ def _cycle_report(skill: Primitive, shown: list[Demonstration]) -> Fit:
     periodic_design(periodic_basis(skill.n_basis), np.arange(PHASES) / PHASES, matrix)
     found = []
     for one, take in zip(shown, cycle_takes(skill, shown)):
-        first, last = take.times
         found.append(DemonstrationFit(
             take.period, len(one.times), tuple(take.away.mean(axis=0).tolist()),
             tuple(take.away.max(axis=0).tolist()),
             relative(mean_distance(take.away), one.span()), tuple(suspect_samples(one)),
-            _noise(one), take.cycles, (first, last)))
+            _noise(one), take.cycles, take.times))
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2), (),
                tuple(found))
 

@@ -141,9 +141,7 @@ class _Curve:
         """
         manifold, table = self._manifold, self._manifold.factor_table
         away = self._series.at(progress)
-        frames = np.repeat(self._frame[None], len(progress), axis=0)
-        work = work_array(table)
-        transport_frame_rows(table, frames, np.ascontiguousarray(away), work)
+        frames, work = _carried(manifold, self._frame, away), work_array(table)
         near = {}
         for step in (-2, -1, 1, 2):
             points = _points(manifold, self._frame, self._series.at(progress + step * _STEP))
@@ -158,12 +156,16 @@ class _Curve:
 
 def _points(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
     """Flat points at coordinates, shape ``(count, point_size)``."""
-    table, count = manifold.factor_table, len(away)
-    frames, out = np.repeat(frame[None], count, axis=0), np.empty((count, manifold.point_size))
-    work = work_array(table)
-    transport_frame_rows(table, frames, np.ascontiguousarray(away), work)
-    frame_point_rows(table, frames, out, work)
+    table, out = manifold.factor_table, np.empty((len(away), manifold.point_size))
+    frame_point_rows(table, _carried(manifold, frame, away), out, work_array(table))
     return out
+
+
+def _carried(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """A frame that is carried to each of the coordinates, shape ``(count, frame_size)``."""
+    table, frames = manifold.factor_table, np.repeat(frame[None], len(away), axis=0)
+    transport_frame_rows(table, frames, np.ascontiguousarray(away), work_array(table))
+    return frames
 
 
 def _interpolated(values: np.ndarray) -> Series:

@@ -139,7 +139,7 @@ class SequenceRunner:
         self._run = self._last = _Run(prepared, measured)
 
     def cancel(self, reason: str) -> None:
-        """End the sequence; the present motion goes on, or is stopped by somebody else."""
+        """End the sequence; its present motion goes on unless the caller stops it."""
         run, self._run = self._run, None
         if run is not None:
             run.problem = reason

@@ -116,8 +116,8 @@ class NodesRobot:
             recorder.duration if recorder is not None and recording else None,
             self._problem or _problem_of(state), 1.0,
             None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
-            '' if state is None or not state.sequence else
-            f'{state.step} of {state.steps}, {state.step_name}')
+            None if state is None or not state.sequence else
+            (state.step, state.steps, state.step_name))
 
     # Skills
 

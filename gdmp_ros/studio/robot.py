@@ -30,7 +30,7 @@ class RobotView:
     :ivar problem: why something was refused or ended; empty without a reason
     :ivar rate: of its time to real time
     :ivar cycle: frequency [Hz] and amplitude of a rhythmic motion; None for others
-    :ivar step: of a sequence that is executed; empty without one
+    :ivar sequence: number of its step, how many there are, and its name; None without one
     """
 
     joints: np.ndarray
@@ -47,7 +47,15 @@ class RobotView:
     problem: str
     rate: float
     cycle: tuple[float, float] | None = None
-    step: str = ''
+    sequence: tuple[int, int, str] | None = None
+
+    @property
+    def step(self) -> str:
+        """The step of the sequence, as text; empty without one."""
+        if self.sequence is None:
+            return ''
+        number, count, name = self.sequence
+        return f'{number} of {count}, {name}'
 
 
 class Robot(Protocol):

@@ -21,7 +21,7 @@ class SequencePanel:
         gui.add_button('send the signal').on_click(studio.later(
             lambda: studio.robot.signal(self._signal.value)))
         self._steps = gui.add_markdown('')
-        self._shown = ''
+        self._shown: int | None = None
         studio.on_view.append(self._show)
         self._list()
 
@@ -38,18 +38,17 @@ class SequencePanel:
     def _list(self) -> None:
         self._first.max = max(len(self._sequence), 2)
         self._signal.value = _first_signal(self._sequence)
-        self._shown = '?'
+        self._shown = None
         self._show(self._studio.view)
 
     def _show(self, view: RobotView | None) -> None:
         """List the steps; the present one is bold."""
-        present = '' if view is None else view.step
-        if present == self._shown:
+        number = 0 if view is None or view.sequence is None else view.sequence[0]
+        if number == self._shown:
             return
-        self._shown = present
-        number = int(present.split()[0]) if present else 0
+        self._shown = number
         self._steps.content = '\n'.join(
-            f'{at}. {"**" if at == number else ""}{_described(step)}{"**" if at == number else ""}'
+            f'{at}. **{_described(step)}**' if at == number else f'{at}. {_described(step)}'
             for at, step in enumerate(self._sequence.steps, 1))
 
 

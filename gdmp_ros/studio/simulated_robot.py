@@ -226,8 +226,8 @@ class SimulatedRobot:
             limited, None if take is None else take.duration, self._problem, self._rate,
             None if rollout is None or not rollout.skill.rhythmic
             else (rollout.frequency, rollout.amplitude),
-            '' if sequence is None or not sequence.running else
-            f'{sequence.step} of {sequence.steps}, {sequence.step_name}')
+            None if sequence is None or not sequence.running else
+            (sequence.step, sequence.steps, sequence.step_name))
 
     def _guide(self, guided: bool) -> None:
         loop = self._loop

@@ -7,8 +7,7 @@ import numpy as np
 from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.sequence_rollout import SequenceRollout
 from gdmp_ros.errors import DataError
-from gdmp_ros.manifolds import Manifold
-from gdmp_ros.view import plots
+from gdmp_ros.view.skill_plots import draw_motion
 
 #: Spacing of the samples [s], and most of them.
 _STEP_S, _MOST = 0.01, 100_000
@@ -25,13 +24,14 @@ def sequence_figure(sequence: SkillSequence) -> Figure:
     :raises DataError: if the skills are on different manifolds, or it lasts too long
     """
     rollout = SequenceRollout(sequence)
-    manifold, times, points = rollout.manifold, [], []
+    times: list[float] = []
+    points: list[np.ndarray] = []
     marks: list[tuple[float, str]] = []
     began = -1
     while not rollout.finished:
         state, step = rollout.advance(_STEP_S), rollout.course.step
         times.append(state.time)
-        points.append(manifold.flat(state.point).copy())
+        points.append(state.point.copy())
         if step is not None and rollout.course.index != began:
             began = rollout.course.index
             marks.append((state.time, step.name))
@@ -41,7 +41,14 @@ def sequence_figure(sequence: SkillSequence) -> Figure:
         if len(times) >= _MOST:
             raise DataError(f'{sequence.name}: it lasts more than {_MOST * _STEP_S:g} s, too long '
                             'to be drawn')
-    return _draw(manifold, np.array(times), np.array(points), marks)
+    drawn = draw_motion(rollout.manifold, np.array(times), np.array(points))
+    for number, (axes, _) in enumerate(drawn.factors):
+        for time, name in marks:
+            axes.axvline(time, color='0.6', lw=0.7)
+            if number == 0:
+                axes.text(time, 0.02, name, fontsize=7, rotation=90, va='bottom',
+                          transform=axes.get_xaxis_transform())
+    return drawn.figure
 
 
 def _waited(rollout: SequenceRollout, step: MotionStep | HoldStep, seconds: float) -> bool:
@@ -49,27 +56,3 @@ def _waited(rollout: SequenceRollout, step: MotionStep | HoldStep, seconds: floa
     if isinstance(step, MotionStep) and rollout.rollout is not None:
         return rollout.rollout.progress >= SIGNAL_AFTER
     return seconds >= SIGNAL_AFTER
-
-
-def _draw(manifold: Manifold, times: np.ndarray, points: np.ndarray,
-          marks: list[tuple[float, str]]) -> Figure:
-    factors, names, table = manifold.factors, manifold.names, manifold.factor_table
-    spatial = factors[0].is_flat and factors[0].size == 3
-    figure = Figure(figsize=(11 if spatial else 7, 2.4 * len(factors) + 0.6),
-                    layout='constrained')
-    grid = figure.add_gridspec(len(factors), 2 if spatial else 1)
-    for i, (name, factor) in enumerate(zip(names, factors)):
-        axes = figure.add_subplot(grid[i, 0])
-        labels, columns = zip(*factor.components)
-        first = int(table[i]['point'])
-        plots.series(axes, times, points[:, [first + column for column in columns]],
-                     list(labels), name)
-        for time, step in marks:
-            axes.axvline(time, color='0.6', lw=0.7)
-            if i == 0:
-                axes.text(time, 0.02, step, fontsize=7, rotation=90, va='bottom',
-                          transform=axes.get_xaxis_transform())
-    if spatial:
-        axes = figure.add_subplot(grid[:, 1], projection='3d')
-        plots.path_with_ellipsoids(axes, points[:, :3], None)
-    return figure

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -13,6 +13,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.cycle_report import cycle_takes
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
+from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
 
@@ -108,6 +109,46 @@ def _band(skill: Skill, trajectory: Trajectory) -> np.ndarray | None:
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
 
 
+class DrawnMotion(NamedTuple):
+    """
+    A motion that has been drawn.
+
+    :ivar factors: axes of each factor over time, and the columns of flat points that they show
+    :ivar space: axes of the path; None unless the first factor is a position
+    """
+
+    figure: Figure
+    factors: list[tuple[Any, list[int]]]
+    space: Any
+
+
+def draw_motion(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> DrawnMotion:
+    """
+    Draw every factor over time, and the path with its stiffness if the first one is a position.
+
+    :param points: shape ``(T, *point_shape)``
+    """
+    flat, count = points.reshape(len(points), -1), len(manifold.factors)
+    spatial = manifold.factors[0].is_flat and manifold.factors[0].size == 3
+    figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')
+    grid, panels = figure.add_gridspec(count, 2 if spatial else 1), []
+    for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
+        labels, columns = zip(*factor.components)
+        first = int(manifold.factor_table[i]['point'])
+        places = [first + column for column in columns]
+        axes = figure.add_subplot(grid[i, 0])
+        plots.series(axes, times, flat[:, places], list(labels), f'{name}{_UNITS.get(name, "")}')
+        panels.append((axes, places))
+    space = None
+    if spatial:
+        matrices = None
+        if isinstance(manifold, Product) and count > 2 and manifold.names[2] == 'stiffness':
+            matrices = np.array([manifold.split(point)[2][:3, :3] for point in points])
+        space = figure.add_subplot(grid[:, 1], projection='3d')
+        plots.path_with_ellipsoids(space, flat[:, :3], matrices)
+    return DrawnMotion(figure, panels, space)
+
+
 def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
     """
     Draw a roll-out: every factor over time, and the path if the first factor is a position.
@@ -126,19 +167,9 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
     trajectory = skill.reproduce(skill.duration / 500)
     same = [one for one in shown if one.manifold == manifold] if skill.rhythmic else []
     takes = cycle_takes(skill, same) if same else []
-    points: list[tuple[np.ndarray, ...]] = [
-        manifold.split(p) if isinstance(manifold, Product) else (p,) for p in trajectory.points]
-    count = len(manifold.factors)
-    spatial = manifold.factors[0].is_flat and manifold.factors[0].size == 3
-    figure = Figure(figsize=(11 if spatial else 7, 2.4 * count + 0.6), layout='constrained')
-    grid = figure.add_gridspec(count, 2 if spatial else 1)
+    drawn = draw_motion(manifold, trajectory.times, trajectory.points)
     band = _band(skill, trajectory)
-    for i, (name, factor) in enumerate(zip(manifold.names, manifold.factors)):
-        values = np.array([p[i].reshape(-1) for p in points])
-        names, columns = zip(*factor.components)
-        axes = figure.add_subplot(grid[i, 0])
-        first = int(manifold.factor_table[i]['point'])
-        places = [first + column for column in columns]
+    for axes, places in drawn.factors:
         for take in takes:
             axes.plot(take.progress % 1.0 * skill.duration, take.points[:, places], '.',
                       color='0.7', ms=1.0, zorder=1.0)
@@ -148,16 +179,9 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
                 axes.plot(times, one.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
         if band is not None:
             plots.bands(axes, trajectory.times, band[:, :, places])
-        plots.series(axes, trajectory.times, values[:, columns], list(names),
-                     f'{name}{_UNITS.get(name, "")}')
-    if spatial:
-        matrices = None
-        if count > 2 and manifold.names[2] == 'stiffness':
-            matrices = np.array([p[2][:3, :3] for p in points])
-        axes = figure.add_subplot(grid[:, 1], projection='3d')
+    if drawn.space is not None:
         for take in takes:
-            axes.plot(*take.points[:, :3].T, '.', color='0.7', ms=1.0)
+            drawn.space.plot(*take.points[:, :3].T, '.', color='0.7', ms=1.0, zorder=1.0)
         for one in shown if not takes else ():
-            axes.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7)
-        plots.path_with_ellipsoids(axes, np.array([p[0] for p in points]), matrices)
-    return figure
+            drawn.space.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7, zorder=1.0)
+    return drawn.figure

@@ -6,15 +6,14 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 import gdmp_ros
-from gdmp_ros import Demonstration, Skill
+from gdmp_ros import Skill
 from gdmp_ros.cli.main import parse, VERBS
 from gdmp_ros.data import recordings
-from gdmp_ros.data.tool import tool_manifold
 from test.commands import GDMP, gdmp
+from test.motions import circles
 
 
 @pytest.fixture(scope='module')
@@ -197,12 +196,9 @@ def test_learning_finds_its_own_number_of_basis_functions_and_reports_the_fit(fo
 
 
 def test_a_cycle_is_learned_shown_and_used_in_a_sequence(folder):
-    times, home = np.arange(0.0, 5.0, 0.01), Skill.load(folder / 'skill.json').start[:7]
-    points = np.tile(home, (len(times), 1))
-    points[:, 0] += 0.05 * np.cos(2.0 * np.pi * times)
-    points[:, 1] += 0.05 * np.sin(2.0 * np.pi * times)
-    recordings.write(folder / 'wiping', Demonstration(times, points, tool_manifold(None)),
-                     'panda_link0', recordings.EPOCH_NS)
+    home = Skill.load(folder / 'skill.json').start[:7]
+    recordings.write(folder / 'wiping', circles(home, 0.05, 5.0), 'panda_link0',
+                     recordings.EPOCH_NS)
     done = gdmp('learn', 'wiping', '-o', 'wipe.json', '--rhythmic', cwd=folder)
     assert done.returncode == 0, done.stderr
     assert 'period [s]' in done.stdout and 'cycles of 1.000 s' in done.stdout

@@ -10,16 +10,12 @@ from gdmp_ros import (
     Product,
     Rollout,
     Skill,
-    SpecialOrthogonal,
     Sphere,
-    SymmetricPositiveDefinite,
     UnitQuaternion,
 )
 from gdmp_ros.dmp.cycle import periodic_basis, periodic_design, periodic_forcing
-from test.motions import cycle, cycle_error, motion, recorded_cycles, TOOL
+from test.motions import cycle, cycle_error, MANIFOLDS, motion, recorded_cycles
 
-MANIFOLDS = [Euclidean(3), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
-             SymmetricPositiveDefinite(3), TOOL]
 PERIOD = 1.7
 
 

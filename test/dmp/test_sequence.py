@@ -7,18 +7,14 @@ from gdmp_ros import (
     Euclidean,
     ParameterError,
     Skill,
-    SpecialOrthogonal,
     Sphere,
-    SymmetricPositiveDefinite,
     UnitQuaternion,
 )
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.sequence_rollout import SequenceRollout
-from test.motions import cycle, motion, recorded_cycles, TOOL
+from test.motions import cycle, MANIFOLDS, motion, recorded_cycles, TOOL
 
-MANIFOLDS = [Euclidean(3), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
-             SymmetricPositiveDefinite(3), TOOL]
 DT = 1e-3
 
 

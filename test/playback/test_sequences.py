@@ -18,6 +18,7 @@ from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.util.profiles import minimum_jerk
+from test.motions import circles
 
 MS = 1_000_000
 HOME = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
@@ -49,11 +50,7 @@ def skills():
         points = np.tile(HOME, (len(s), 1))
         points[:, :3] += blend * way
         made.append(Skill.learn(Demonstration(s, points, manifold), 30))
-    times = np.arange(0.0, 3.3, 0.01)
-    points = np.tile(HOME, (len(times), 1))
-    points[:, 0] += 0.03 * np.cos(2.0 * np.pi * times)
-    points[:, 1] += 0.03 * np.sin(2.0 * np.pi * times)
-    return [*made, Skill.learn_rhythmic(Demonstration(times, points, manifold))]
+    return [*made, Skill.learn_rhythmic(circles(HOME, 0.03, 3.3))]
 
 
 @pytest.fixture

@@ -13,22 +13,15 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.testbed import SERVER
 from gdmp_ros.sim.arm import Arm
+from test.motions import circles
 from test.ros.nodes import FRAME, open_testbed
 
 PERIOD, RADIUS = 1.0, 0.04
 
 
-def _circles(cycles=4.3):
+def _circles():
     """The tool goes round, and turns to and fro, near where the arm stands."""
-    home, times = Arm().pose_at(Arm().home), np.arange(0.0, cycles * PERIOD, 0.01)
-    angle = 2.0 * np.pi * times / PERIOD
-    points = np.tile(home, (len(times), 1))
-    points[:, 0] += RADIUS * np.cos(angle)
-    points[:, 1] += RADIUS * np.sin(angle)
-    manifold = tool_manifold(None)
-    for row, a in zip(points, angle):
-        row[:] = manifold.exp(row, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.03 * np.sin(a)]))
-    return Demonstration(times, points, manifold)
+    return circles(Arm().pose_at(Arm().home), RADIUS, 4.3, 0.03)
 
 
 @pytest.fixture(scope='session')
@@ -190,7 +183,9 @@ def test_a_sequence_begins_at_a_step_is_cancelled_and_preempted(running, folder)
     running.call(Trigger, f'{SERVER}/start')
     result = client.result(20.0)
     assert result.error_code == ExecuteSequence.Result.PREEMPTED
-    assert running.state.sequence == '' and running.state.status == 'moving'
+    # The result may come before the next state.
+    running.wait('the state without the sequence', lambda: (
+        running.state.sequence == '' and running.state.status == 'moving'), 5.0)
     running.call(Trigger, f'{SERVER}/stop')
     # Another sequence takes over from one that is paused.
     client.execute_sequence(path, 5)

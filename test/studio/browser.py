@@ -113,6 +113,12 @@ class Page:
         self.page.get_by_label(label, exact=True).first.click()
         self.page.get_by_role('option', name=option, exact=True).click()
 
+    def set_slider(self, label, value):
+        """Type a value into the field of a slider."""
+        field = self.page.locator(f'xpath=//*[text()="{label}"]/following::input[@type="text"][1]')
+        field.fill(str(value))
+        field.press('Enter')
+
     def tick(self, box):
         """Tick or untick a box."""
         self.page.get_by_label(box, exact=True).click()

@@ -6,10 +6,10 @@ import socket
 import numpy as np
 import pytest
 
-from gdmp_ros import Demonstration, Skill
+from gdmp_ros import Skill
 from gdmp_ros.data import lasa, recordings
-from gdmp_ros.data.tool import tool_manifold
 from test.commands import gdmp
+from test.motions import circles
 from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
 
 pytestmark = needs_browser
@@ -90,13 +90,17 @@ def test_a_via_point_is_added_and_the_skill_saved(page, folder):
 
 def test_a_skill_is_run_and_its_goal_switched_in_motion(page):
     page.tab('run')
+    # A slow motion: a busy machine may show the page once in several seconds.
+    page.set_slider('tempo', 0.2)
     page.click('start')
-    page.wait('a motion', lambda text: 'moving' in text)
+    page.wait('a slow motion', lambda text: re.search(r'moving, .*tempo 0.20', text))
     page.tab('skill')
     field = page.page.get_by_label('goal [m]').first
     field.fill('0.45')
     field.press('Enter')
     page.tab('run')
+    page.wait('a tool on its way', lambda text: 'moving' in text)
+    page.set_slider('tempo', 1.0)
     reached = page.wait('the goal', lambda text: re.search(
         r'holding.*?tool at (0\.4[45]\d), .*?([\d.]+) mm and', text, re.S), 60.0)
     assert abs(float(reached.group(1)) - 0.45) < 0.004 and float(reached.group(2)) < 4.0
@@ -205,13 +209,8 @@ def test_it_ends_at_once_and_leaves_nothing(folder, number):
 
 
 def test_a_sequence_is_run_from_the_page(browser, folder):
-    times = np.arange(0.0, 4.3, 0.01)
     home = Skill.load(folder / 'skill.json').start[:7]
-    points = np.tile(home, (len(times), 1))
-    points[:, :2] += 0.04 * np.column_stack([np.cos(2.0 * np.pi * times),
-                                             np.sin(2.0 * np.pi * times)])
-    Skill.learn_rhythmic(Demonstration(times, points, tool_manifold(None))).save(
-        folder / 'wipe.json')
+    Skill.learn_rhythmic(circles(home, 0.04, 4.3)).save(folder / 'wipe.json')
     (folder / 'clean.yaml').write_text(
         'steps: [{skill: skill.json}, {skill: wipe.json, until: enough}, {skill: other.json}]')
     process = StudioProcess('clean.yaml', cwd=folder)

@@ -6,12 +6,11 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.data import lasa, recordings
-from gdmp_ros.data.tool import tool_manifold
-from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.studio.simulated_robot import SimulatedRobot
 from gdmp_ros.studio.workbench import opened
+from test.motions import circles
 from test.studio.views import wait
 
 
@@ -92,12 +91,7 @@ def test_a_goal_outside_the_workspace_is_refused_and_the_motion_goes_on(robot, s
 
 def _circles():
     """The tool goes round four times near where the arm stands."""
-    home = Arm().pose_at(Arm().home)
-    times = np.arange(0.0, 4.3, 0.01)
-    points = np.tile(home, (len(times), 1))
-    points[:, 0] += 0.04 * np.cos(2.0 * np.pi * times)
-    points[:, 1] += 0.04 * np.sin(2.0 * np.pi * times)
-    return Demonstration(times, points, tool_manifold(None))
+    return circles(Arm().pose_at(Arm().home), 0.04, 4.3)
 
 
 def test_a_rhythmic_skill_changes_its_amplitude_and_centre(robot):

@@ -31,13 +31,11 @@ class ServerClient(Client):
         self.state: ServerState | None = None
         self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
                                       reliable(10))
-        self._pose = self.node.create_publisher(PoseStamped, f'{server}/goal_pose', reliable(10))
-        self._matrix = self.node.create_publisher(Float64MultiArray, f'{server}/goal_stiffness',
-                                                  reliable(10))
-        self._numbers = {topic: self.node.create_publisher(Float64, f'{server}/{topic}',
-                                                           reliable(10))
-                         for topic in ('amplitude', 'frequency')}
-        self._signal = self.node.create_publisher(String, f'{server}/signal', reliable(10))
+        self._publishers = {
+            topic: self.node.create_publisher(kind, f'{server}/{topic}', reliable(10))
+            for topic, kind in (('goal_pose', PoseStamped), ('goal_stiffness', Float64MultiArray),
+                                ('amplitude', Float64), ('frequency', Float64),
+                                ('signal', String))}
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._sequences = ActionClient(self.node, ExecuteSequence, f'{server}/execute_sequence')
         self._result: Any = None
@@ -109,35 +107,30 @@ class ServerClient(Client):
 
     def goal_pose(self, pose: np.ndarray, frame: str) -> None:
         """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
-        self.wait('the server to subscribe to goals',
-                  lambda: self._pose.get_subscription_count() > 0, 5.0)
         message = PoseStamped()
         message.header.frame_id = frame
         messages.set_pose(message.pose, pose)
-        self._pose.publish(message)
+        self._publish('goal_pose', message)
 
     def goal_stiffness(self, matrix: np.ndarray) -> None:
         """Switch the stiffness goal."""
-        self.wait('the server to subscribe to stiffness goals',
-                  lambda: self._matrix.get_subscription_count() > 0, 5.0)
-        self._matrix.publish(Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))
+        self._publish('goal_stiffness',
+                      Float64MultiArray(data=np.asarray(matrix).reshape(-1).tolist()))
 
     def amplitude(self, amplitude: float) -> None:
         """Change the amplitude of a rhythmic motion; 0 ends it at its centre."""
-        self._publish_number('amplitude', amplitude)
+        self._publish('amplitude', Float64(data=amplitude))
 
     def frequency(self, frequency: float) -> None:
         """Change the frequency of a rhythmic motion [Hz]."""
-        self._publish_number('frequency', frequency)
+        self._publish('frequency', Float64(data=frequency))
 
     def signal(self, name: str) -> None:
         """Tell the present step of a sequence that something has happened."""
-        self.wait('the server to subscribe to signals',
-                  lambda: self._signal.get_subscription_count() > 0, 5.0)
-        self._signal.publish(String(data=name))
+        self._publish('signal', String(data=name))
 
-    def _publish_number(self, topic: str, value: float) -> None:
-        publisher = self._numbers[topic]
+    def _publish(self, topic: str, message: Any) -> None:
+        publisher = self._publishers[topic]
         self.wait(f'the server to subscribe to {topic}',
                   lambda: publisher.get_subscription_count() > 0, 5.0)
-        publisher.publish(Float64(data=value))
+        publisher.publish(message)

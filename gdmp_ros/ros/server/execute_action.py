@@ -2,16 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 from typing import Any, NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
-from gdmp_msgs.msg import ArmStatus, ServerState
+from gdmp_msgs.msg import ServerState
 import numpy as np
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
-from gdmp_ros.control.modes import ArmMode, StreamMode
+from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.requests import Status
@@ -19,6 +17,7 @@ from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.server.report import ServerReport
+from gdmp_ros.ros.server.server_action import ServerAction
 
 #: Tolerances of the reference if a goal has none [m, rad].
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 0.0005, 0.0025
@@ -40,27 +39,10 @@ class _Execution(NamedTuple):
     path: Distance
 
 
-def why_not_followed(arm: ArmStatus | None) -> str:
-    """
-    Why the robot does not move.
+class ExecuteAction(ServerAction):
+    """Executes a skill, and watches whether the robot follows it to its goal."""
 
-    :param arm: what the arm said last; None if that is not known
-    """
-    if arm is None or arm.mode == ArmMode.UNKNOWN:
-        return 'it is blocked, or does not follow'
-    if arm.mode == ArmMode.FOLLOW:
-        return 'it is blocked'
-    said = arm.reason or arm.last_refusal
-    return f'the arm does not follow{", " if said else ""}{said}'
-
-
-class ExecuteAction:
-    """
-    Executes one goal at a time.
-
-    The execute callback is asynchronous: it awaits a future that `watch` completes, so that goals,
-    cancellation and parameters are served meanwhile.
-    """
+    kind, name = ExecuteSkill, 'execute'
 
     def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport,
                  base: BaseFrame, load: Callable[[str], object]):
@@ -70,24 +52,10 @@ class ExecuteAction:
         :param base: frame of the motions; goal poses may be in others
         :param load: uses a skill file
         """
-        self._load = load
-        self._node, self._streamer, self._report = node, streamer, report
-        self._base = base
-        self._execution: _Execution | None = None
+        self._load, self._base = load, base
         self._rested_since = 0.0
         self._unverified = False
-        self._cancelling = False
-        self._action = ActionServer(node, ExecuteSkill, '~/execute', self._execute,
-                                    goal_callback=self._on_goal,
-                                    cancel_callback=lambda _: CancelResponse.ACCEPT)
-
-    def destroy(self) -> None:
-        """Destroy the action server."""
-        self._action.destroy()
-
-    def deactivated(self) -> None:
-        """End the present goal: the node does not stream any more."""
-        self._finish(ExecuteSkill.Result.DEACTIVATED, 'the node was deactivated')
+        super().__init__(node, streamer, report)
 
     def watch(self, state: ServerState, motion: int) -> None:
         """
@@ -98,8 +66,7 @@ class ExecuteAction:
         execution, player = self._execution, self._streamer.player
         if execution is None or player is None:
             return
-        if execution.handle.is_cancel_requested and not self._cancelling:
-            self._cancelling = True
+        if self._is_newly_cancelled(execution):
             player.stop()
         if motion > execution.motion:
             self._finish(ExecuteSkill.Result.PREEMPTED, 'another motion was started')
@@ -131,17 +98,9 @@ class ExecuteAction:
             self._judge_robot_at_goal(execution)
         else:
             self._rested_since = self._streamer.time
-            self._judge_robot_on_path(execution)
-
-    def _judge_robot_on_path(self, execution: _Execution) -> None:
-        robot, result = self._streamer.robot, ExecuteSkill.Result
-        if 'blocked' in robot.flags:
-            self._give_up(result.BLOCKED, f'the robot is {robot.lag} from the reference and has '
-                          f'not moved for {robot.settings.blocked_time:g} s: '
-                          f'{why_not_followed(self._report.arm)}')
-        elif not robot.largest_lag.within(*(limit or math.inf for limit in execution.path)):
-            self._give_up(result.PATH_TOLERANCE_VIOLATED, f'the robot was {robot.largest_lag} '
-                          f'from the reference, expected at most {execution.path}')
+            problem = self._problem_on_path(execution.path)
+            if problem is not None:
+                self._give_up(*problem)
 
     def _judge_robot_at_goal(self, execution: _Execution) -> None:
         """The reference is at the goal and at rest: wait until the robot is too."""
@@ -176,22 +135,13 @@ class ExecuteAction:
             self._streamer.player.stop()
         self._finish(code, text)
 
-    def _on_goal(self, goal: ExecuteSkill.Goal) -> GoalResponse:
-        if self._streamer.active:
-            return GoalResponse.ACCEPT
-        self._node.get_logger().warning('execute: rejected, the node is not active')
-        return GoalResponse.REJECT
-
     async def _execute(self, handle: Any) -> ExecuteSkill.Result:
         result = ExecuteSkill.Result()
         self._finish(ExecuteSkill.Result.PREEMPTED, 'a newer goal was accepted')
         try:
             motion = self._begin(handle.request, await self._goal_of(handle.request))
         except GdmpError as error:
-            self._node.get_logger().warning(f'execute: {error}')
-            handle.abort()
-            result.error_code, result.error_string = result.INVALID_GOAL, str(error)
-            return result
+            return self._refused(handle, error)
         request, settings = handle.request, self._streamer.robot.settings
         execution = _Execution(
             handle, motion, self._node.future(),
@@ -206,12 +156,7 @@ class ExecuteAction:
         result.factors, result.distance_to_goal = state.factors, state.distance_to_goal
         result.flags = [*state.flags, *(['unverified'] if self._unverified else [])]
         result.robot_distance = state.robot_distance
-        if result.error_code == result.SUCCESSFUL:
-            handle.succeed()
-        elif handle.is_cancel_requested:
-            handle.canceled()
-        else:
-            handle.abort()
+        self._end(handle, result)
         return result
 
     async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
@@ -239,8 +184,3 @@ class ExecuteAction:
                                     (goal.position_tolerance or POSITION_TOLERANCE,
                                      goal.rotation_tolerance or ROTATION_TOLERANCE),
                                     goal.cycles or None)
-
-    def _finish(self, code: int, text: str) -> None:
-        execution, self._execution = self._execution, None
-        if execution is not None:
-            execution.done.set_result((code, text))

@@ -5,17 +5,17 @@ from typing import Any, NamedTuple
 
 from gdmp_msgs.action import ExecuteSequence
 from gdmp_msgs.msg import ServerState
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 from std_msgs.msg import String
 
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.server.execute_action import why_not_followed
 from gdmp_ros.ros.server.report import ServerReport
+from gdmp_ros.ros.server.server_action import ServerAction
 
 
 class _Execution(NamedTuple):
@@ -23,25 +23,14 @@ class _Execution(NamedTuple):
     done: Future
 
 
-class SequenceAction:
+class SequenceAction(ServerAction):
     """Executes one sequence at a time; the topic ``~/signal`` ends steps that wait for it."""
 
+    kind, name = ExecuteSequence, 'execute_sequence'
+
     def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport):
-        self._node, self._streamer, self._report = node, streamer, report
-        self._execution: _Execution | None = None
-        self._cancelling = False
+        super().__init__(node, streamer, report)
         node.add_subscription(String, '~/signal', self._on_signal, 10)
-        self._action = ActionServer(node, ExecuteSequence, '~/execute_sequence', self._execute,
-                                    goal_callback=self._on_goal,
-                                    cancel_callback=lambda _: CancelResponse.ACCEPT)
-
-    def destroy(self) -> None:
-        """Destroy the action server."""
-        self._action.destroy()
-
-    def deactivated(self) -> None:
-        """End the present goal: the node does not stream any more."""
-        self._finish(ExecuteSequence.Result.DEACTIVATED, 'the node was deactivated')
 
     def watch(self, state: ServerState, motion: int) -> None:
         """
@@ -53,8 +42,7 @@ class SequenceAction:
         if execution is None or status is None:
             return
         result = ExecuteSequence.Result
-        if execution.handle.is_cancel_requested and not self._cancelling:
-            self._cancelling = True
+        if self._is_newly_cancelled(execution):
             self._streamer.stop_motion()
         execution.handle.publish_feedback(ExecuteSequence.Feedback(
             step=status.step, steps=status.steps, step_name=status.step_name,
@@ -72,34 +60,22 @@ class SequenceAction:
             self._finish(result.SUCCESSFUL, '')
 
     def _judge(self, state: ServerState) -> None:
-        robot, result = self._streamer.robot, ExecuteSequence.Result
-        problem, code = '', result.SUCCESSFUL
+        settings, result = self._streamer.robot.settings, ExecuteSequence.Result
+        problem: tuple[int, str] | None
         if 'held' in state.flags:
-            problem, code = 'a step was not finite; the last state is held', result.HELD
+            problem = result.HELD, 'a step was not finite; the last state is held'
         elif 'not_settled' in state.flags:
-            problem = 'the goal was not reached within its tolerance in time'
-            code = result.GOAL_TOLERANCE_VIOLATED
-        elif 'blocked' in robot.flags:
-            problem = (f'the robot is {robot.lag} from the reference and does not move: '
-                       f'{why_not_followed(self._report.arm)}')
-            code = result.BLOCKED
-        elif not robot.largest_lag.within(robot.settings.path_position_tolerance or float('inf'),
-                                          robot.settings.path_rotation_tolerance
-                                          or float('inf')):
-            problem = f'the robot was {robot.largest_lag} from the reference'
-            code = result.PATH_TOLERANCE_VIOLATED
-        if problem:
+            problem = (result.GOAL_TOLERANCE_VIOLATED,
+                       'the goal was not reached within its tolerance in time')
+        else:
+            problem = self._problem_on_path(Distance(settings.path_position_tolerance,
+                                                     settings.path_rotation_tolerance))
+        if problem is not None:
             self._streamer.stop_motion()
-            self._finish(code, problem)
+            self._finish(*problem)
 
     def _on_signal(self, message: String) -> None:
         self._streamer.sequence.signal(message.data)
-
-    def _on_goal(self, goal: ExecuteSequence.Goal) -> GoalResponse:
-        if self._streamer.active:
-            return GoalResponse.ACCEPT
-        self._node.get_logger().warning('execute_sequence: rejected, the node is not active')
-        return GoalResponse.REJECT
 
     async def _execute(self, handle: Any) -> ExecuteSequence.Result:
         result, request = ExecuteSequence.Result(), handle.request
@@ -107,25 +83,12 @@ class SequenceAction:
             first = max(int(request.first_step), 1) - 1
             self._streamer.begin_sequence(read_sequence(request.sequence), first)
         except GdmpError as error:
-            self._node.get_logger().warning(f'execute_sequence: {error}')
-            handle.abort()
-            result.error_code, result.error_string = result.INVALID_GOAL, str(error)
-            return result
+            return self._refused(handle, error)
         self._finish(result.PREEMPTED, 'a newer goal was accepted')
         execution = self._execution = _Execution(handle, self._node.future())
         self._cancelling = False
         result.error_code, result.error_string = await execution.done
         status = self._streamer.sequence.status
         result.step = 0 if status is None else status.step
-        if result.error_code == result.SUCCESSFUL:
-            handle.succeed()
-        elif handle.is_cancel_requested:
-            handle.canceled()
-        else:
-            handle.abort()
+        self._end(handle, result)
         return result
-
-    def _finish(self, code: int, text: str) -> None:
-        execution, self._execution = self._execution, None
-        if execution is not None:
-            execution.done.set_result((code, text))
