@@ -111,9 +111,8 @@ def test_invalid_goals_are_refused_with_the_reason_and_the_motion_continues(runn
         running.wait(f'a refusal: {reason}', lambda n=refused: running.state.refused == n)
         assert reason in running.state.last_refusal
         assert 'goal_stiffness' in running.state.last_refusal
-    for publisher, kind in ((running.client._pose, PoseStamped),
-                            (running.client._matrix, Float64MultiArray)):
-        publisher.publish(serialize_message(kind())[:6])  # cut off
+    for topic, kind in (('goal_pose', PoseStamped), ('goal_stiffness', Float64MultiArray)):
+        running.client._publishers[topic].publish(serialize_message(kind())[:6])  # cut off
         refused += 1
         running.wait('the refusal of a damaged message',
                      lambda n=refused: running.state.refused == n)
