@@ -15,7 +15,8 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.ends import turned_variation, turns
+from gdmp_ros.dmp.contexts import Context
+from gdmp_ros.dmp.ends import shifted, turned_variation, turns
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
@@ -30,8 +31,6 @@ S = TypeVar('S', bound=Primitive)
 REPETITIONS = 20
 #: A point counts as met when it is this near.
 MET = 1e-10
-#: A context further than this from the mean is reported [standard deviations of a number].
-FAR = 3.0
 #: A hard condition is met up to this part of the prior's variance: it keeps the system regular.
 _REGULAR = 1e-14
 
@@ -67,15 +66,15 @@ class Distribution(Generic[S]):
         :raises ParameterError: unless s is from 0 to 1
         """
         point, frame = _point(self._skill, _checked(s))
-        rows = self._rows(s) @ self._variation.factor
+        rows = self._rows(s) @ self._variation.whole_factor
         found = rows @ rows.T + np.diag(self._variation.noise)
         turn = change_of_frame(self._manifold, frame, self._manifold.frame(point))
         return np.asarray(turn @ found @ turn.T)
 
     def sample(self, rng: np.random.Generator) -> S:
         """Draw a skill: other start, goal, motion and duration, as another take might show."""
-        numbers = rng.standard_normal(self._variation.factor.shape[1])
-        drawn = self._shifted(self._variation.factor @ numbers)
+        factor = self._variation.whole_factor
+        drawn = shifted(self._skill, factor @ rng.standard_normal(factor.shape[1]))
         duration = drawn.duration * math.exp(self.timing * rng.standard_normal())
         return self._make(replace(drawn, duration=max(duration, SHORTEST_DURATION)))
 
@@ -86,7 +85,7 @@ class Distribution(Generic[S]):
 
     def condition(self, points: Sequence[tuple[float, np.ndarray]
                                          | tuple[float, np.ndarray, np.ndarray]] = (),
-                  context: Sequence[float] | np.ndarray | None = None) -> S:
+                  context: Context | None = None) -> S:
         """
         Return the most likely skill that passes through points; its distribution is what remains.
 
@@ -95,17 +94,17 @@ class Distribution(Generic[S]):
 
         :param points: progress and point of each; with a covariance in the canonical frame at the
             point, shape ``(n, n)``, the point is only likely, without one it is met
-        :param context: numbers as given to `Skill.learn`, shape ``(m,)``; far outside those of the
-            takes a `GdmpWarning` says so
+        :param context: as given to `Skill.learn`: a number for each name, or numbers of shape
+            ``(m,)``; outside of what the takes show a `GdmpWarning` says so
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if s is out of range or occurs twice, a covariance is none, or the
-            context has another size
+            context has other names or another size
         """
         if context is not None:
             known = self._in_context(context)
             return known.condition(points) if len(points) else self._make(known._skill)
         wanted = self._wanted(points)
-        factor = self._variation.factor
+        factor = self._variation.whole_factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
         shift, moved = np.zeros(factor.shape[0]), self._skill
         away, noise = _remaining(moved, wanted)
@@ -113,34 +112,33 @@ class Distribution(Generic[S]):
             # The gain refers to the mean: what has been shifted already counts as remaining.
             gain = _gain(rows @ factor, noise)
             shift = factor @ (gain @ (away + rows @ shift))
-            moved = self._shifted(shift)
+            moved = shifted(self._skill, shift)
             away, noise = _remaining(moved, wanted)
             if np.abs(away).max() <= MET:
                 break
         left = np.eye(factor.shape[1]) - gain @ (rows @ factor)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        rest = _without_context(self._variation, factor @ root)
-        # `_shifted` turned what the variation of the moved primitive refers to.
+        rest = replace(self._variation, factor=factor @ root, contexts=None)
+        # `shifted` turned what the variation of the moved primitive refers to.
         turned = turned_variation(rest, turns(self._skill, moved))
         return self._make(replace(moved, variation=turned))
 
-    def _in_context(self, context: Sequence[float] | np.ndarray) -> Distribution[S]:
+    def _in_context(self, context: Context) -> Distribution[S]:
         """The distribution of takes in a context."""
-        variation, given = self._variation, np.asarray(context, dtype=float)
-        count = len(variation.context_mean)
-        if count == 0 or given.shape != (count,) or not np.isfinite(given).all():
-            raise ParameterError(f'context: expected {count} finite numbers, as given to '
-                                 f'Skill.learn(contexts=), got {context!r}')
-        away = np.linalg.solve(variation.context_scale, given - variation.context_mean)
-        if np.linalg.norm(away) > FAR * math.sqrt(count):
-            warnings.warn(f'context {given.tolist()} is {np.linalg.norm(away):.1f} standard '
-                          'deviations from the mean of the takes: the skill for it is a guess',
-                          GdmpWarning, stacklevel=3)
-        moved = self._shifted(variation.factor[:, -count:] @ away)
-        rest = _without_context(variation, variation.factor[:, :-count])
+        variation, model = self._variation, self._variation.contexts
+        if model is None:
+            raise ParameterError('context: the skill was learned without contexts')
+        numbers = model.numbers(context)
+        if why := model.outside(numbers):
+            warnings.warn(f'context: {why}; the skill for it is a guess', GdmpWarning,
+                          stacklevel=4)
+        shift, longer = model.shift(numbers)
+        moved = shifted(self._skill, shift)
+        rest = replace(variation, factor=model.growth(numbers) * variation.factor, contexts=None)
         turned = turned_variation(rest, turns(self._skill, moved))
-        moved = replace(moved, variation=turned)
+        moved = replace(moved, variation=turned,
+                        duration=max(longer * moved.duration, SHORTEST_DURATION))
         return Distribution(moved, turned, self._make)
 
     # Coordinates
@@ -175,22 +173,6 @@ class Distribution(Generic[S]):
             raise ParameterError('conditions: expected at least one, each at another s, got '
                                  f'{progress}')
         return result
-
-    def _shifted(self, shift: np.ndarray) -> Primitive:
-        """The primitive with another start, goal and weights."""
-        skill, manifold = self._skill, self._manifold
-        size = manifold.tangent_size
-        start = manifold.exp(skill.start, manifold.from_frame(skill.frame, shift[:size]))
-        goal_frame = frame_of(skill, skill.goal)
-        goal = manifold.exp(skill.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
-        weights = skill.weights + shift[2 * size:].reshape(-1, size)
-        moved = replace(skill, start=start, goal=goal, frame=manifold.frame(start))
-        turn = turns(skill, moved)[0]
-        return replace(moved, weights=weights @ turn.T, velocity=turn @ skill.velocity)
-
-
-def _without_context(variation: Variation, factor: np.ndarray) -> Variation:
-    return Variation(factor, variation.noise, variation.timing)
 
 
 def _checked(s: float) -> float:

@@ -81,6 +81,24 @@ def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
     return start, goal
 
 
+def shifted(primitive: Primitive, shift: np.ndarray) -> Primitive:
+    """
+    Return a primitive with another start, goal and weights.
+
+    :param shift: of the start in the frame there, of the goal in the frame carried there, and
+        of the weights row by row, shape ``((2 + n_basis) n,)``
+    """
+    manifold = primitive.manifold
+    size = manifold.tangent_size
+    start = manifold.exp(primitive.start, manifold.from_frame(primitive.frame, shift[:size]))
+    goal_frame = frame_of(primitive, primitive.goal)
+    goal = manifold.exp(primitive.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
+    weights = primitive.weights + shift[2 * size:].reshape(-1, size)
+    moved = replace(primitive, start=start, goal=goal, frame=manifold.frame(start))
+    turn = turns(primitive, moved)[0]
+    return replace(moved, weights=weights @ turn.T, velocity=turn @ primitive.velocity)
+
+
 def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -> Variation:
     """
     The variation in the coordinates of a shifted primitive.
@@ -88,7 +106,15 @@ def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) ->
     :param by: see `turns`
     """
     start, goal = by
-    parts = variation.factor.reshape(-1, len(start), variation.factor.shape[1])
-    turned = np.einsum('ij,kjr->kir', start, parts)
-    turned[1] = goal @ parts[1]
-    return replace(variation, factor=turned.reshape(variation.factor.shape))
+
+    def turned(rows: np.ndarray) -> np.ndarray:
+        parts = rows.reshape(-1, len(start), rows.shape[1])
+        result = np.einsum('ij,kjr->kir', start, parts)
+        result[1] = goal @ parts[1]
+        return np.asarray(result.reshape(rows.shape))
+
+    model = variation.contexts
+    if model is not None:
+        model = replace(model, trend=turned(model.trend), bend=turned(model.bend),
+                        spread=turned(model.spread))
+    return replace(variation, factor=turned(variation.factor), contexts=model)

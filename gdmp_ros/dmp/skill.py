@@ -39,7 +39,7 @@ class Skill(Primitive):
               smoothing: float | None = None, regularization: float = 0.0, split: bool = True,
               fit: str = 'output', end: str | None = None, align: bool = True,
               demonstration_weights: Sequence[float] | None = None,
-              contexts: Sequence[Sequence[float]] | np.ndarray | None = None,
+              contexts: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -69,8 +69,8 @@ class Skill(Primitive):
         :param demonstration_weights: how much each demonstration counts, above 0; alike by
             default, whatever their numbers of samples; with ``fit='output'`` only
         :param contexts: numbers that describe the situation of each demonstration, such as the
-            height of an object, shape ``(demonstrations, m)``, with ``fit='output'`` only; see
-            `Distribution.condition`
+            height of an object: a name and one number for each demonstration, or rows of shape
+            ``(demonstrations, m)``; with ``fit='output'`` only, see `Distribution.condition`
         :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, if their manifolds differ, if one lasts less
             than 50 ms, or if there are too few for their contexts

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp.contexts import ContextModel
 from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.dmp.segments import Segments
@@ -21,11 +22,15 @@ from gdmp_ros.util.small_file import read_text
 
 FORMAT = 'gdmp skill'
 #: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
-#: version 5 rhythmic skills; older files can be read too.
-VERSION = 5
-READABLE = (1, 2, 3, 4, 5)
+#: version 5 rhythmic skills, version 6 contexts that bend; older files can be read too.
+VERSION = 6
+READABLE = (1, 2, 3, 4, 5, 6)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
+#: Arrays of a `ContextModel`.
+_CONTEXT_SHAPES: dict[str, tuple[int | None, ...]] = {
+    'takes': (None, None), 'lengths': (None,), 'noise': (None,), 'trend': (None, None),
+    'bend': (None, None), 'spread': (None, None), 'timing': (None,)}
 _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start',
           **{kind.kind: kind.unit for kind in KINDS}}
 
@@ -42,11 +47,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
                      'split': list(skill.segments.split),
                      'waypoints': skill.segments.waypoints.tolist()},
         'via': list(skill.via),
-        'variation': None if skill.variation is None else {
-            'factor': skill.variation.factor.tolist(),
-            'noise': skill.variation.noise.tolist(), 'timing': skill.variation.timing,
-            'context_mean': skill.variation.context_mean.tolist(),
-            'context_scale': skill.variation.context_scale.tolist()},
+        'variation': _variation_document(skill.variation),
         'gripper': [event._asdict() for event in skill.events],
         'rhythmic': skill.rhythmic,
         'units': _UNITS, 'provenance': dict(skill.provenance)}
@@ -153,12 +154,37 @@ def _variation(document: dict[str, Any]) -> Variation | None:
     if not isinstance(given, dict):
         raise DataError(f'variation: expected an object, got {given!r}')
     timing = _numbers({'timing': [given.get('timing', 0.0)]}, 'timing', (1,))
-    mean = _numbers({'context_mean': given.get('context_mean', [])}, 'context_mean', (None,))
-    scale = np.zeros((0, 0))
-    if len(mean):
+    factor, contexts = _numbers(given, 'factor', (None, None)), None
+    if 'contexts' in given:
+        contexts = _contexts(given['contexts'])
+    elif given.get('context_mean'):  # before version 6
+        mean = _numbers(given, 'context_mean', (None,))
         scale = _numbers(given, 'context_scale', (len(mean), len(mean)))
-    return Variation(_numbers(given, 'factor', (None, None)), _numbers(given, 'noise', (None,)),
-                     float(timing[0]), mean, scale)
+        if factor.shape[1] < len(mean) or not (np.diag(scale) > 0.0).all():
+            raise DataError('variation: context_scale does not fit factor, or is singular')
+        contexts = ContextModel.of_linear(mean, scale, factor[:, -len(mean):])
+        factor = factor[:, :-len(mean)]
+    return Variation(factor, _numbers(given, 'noise', (None,)), float(timing[0]), contexts)
+
+
+def _variation_document(variation: Variation | None) -> dict[str, Any] | None:
+    if variation is None:
+        return None
+    model = variation.contexts
+    return {'factor': variation.factor.tolist(), 'noise': variation.noise.tolist(),
+            'timing': variation.timing, 'contexts': None if model is None else {
+                'names': list(model.names),
+                **{name: getattr(model, name).tolist() for name in _CONTEXT_SHAPES}}}
+
+
+def _contexts(given: Any) -> ContextModel | None:
+    if given is None:
+        return None
+    names = given.get('names') if isinstance(given, dict) else None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise DataError(f'contexts: expected an object with names, got {given!r:.100}')
+    return ContextModel(tuple(names), *(_numbers(given, name, shape)
+                                        for name, shape in _CONTEXT_SHAPES.items()))
 
 
 def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:

@@ -1,10 +1,11 @@
 """How takes of a motion vary around their mean: the data of a `gdmp_ros.dmp.Distribution`."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from gdmp_ros.dmp.contexts import ContextModel
 from gdmp_ros.errors import DataError
 
 
@@ -19,22 +20,27 @@ class Variation:
     :ivar noise: variance of what start, goal and weights do not explain, for each coordinate,
         shape ``(n,)``
     :ivar timing: standard deviation of the logarithm of the duration
-    :ivar context_mean: mean of the numbers that describe the situation of a take, shape ``(m,)``
-    :ivar context_scale: L with their covariance ``L Lᵀ``, shape ``(m, m)``; the last m columns of
-        F belong to ``L⁻¹ (context - mean)``
+    :ivar contexts: how the motion depends on its context, if the takes were shown with contexts;
+        the factor is what the contexts do not explain then
     """
 
     factor: np.ndarray
     noise: np.ndarray
     timing: float = 0.0
-    context_mean: np.ndarray = field(default_factory=lambda: np.empty(0))
-    context_scale: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    contexts: ContextModel | None = None
 
     def __post_init__(self) -> None:
-        for name in ('factor', 'noise', 'context_mean', 'context_scale'):
-            array = np.array(getattr(self, name), dtype=np.float64)
+        for name in ('factor', 'noise'):
+            array = np.array(getattr(self, name), dtype=np.float64, order='C')
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+    @property
+    def whole_factor(self) -> np.ndarray:
+        """F of all that varies, with what the contexts explain."""
+        if self.contexts is None:
+            return self.factor
+        return np.hstack([self.factor, self.contexts.spread])
 
     def check(self, n_basis: int, size: int) -> None:
         """
@@ -50,12 +56,7 @@ class Variation:
         if self.noise.shape != (size,) or not (self.noise >= 0.0).all():
             raise DataError(f'variation: noise has shape {self.noise.shape}, expected {size} '
                             'numbers >= 0')
-        contexts = len(self.context_mean)
-        if self.context_scale.shape != (contexts, contexts) or self.factor.shape[1] < contexts:
-            raise DataError(f'variation: context_scale has shape {self.context_scale.shape}, '
-                            f'expected {(contexts, contexts)}, and at least as many columns of '
-                            'factor')
-        if contexts and not (np.diag(self.context_scale) > 0.0).all():
-            raise DataError('variation: context_scale is singular')
+        if self.contexts is not None:
+            self.contexts.check(rows)
         if not 0.0 <= self.timing <= 10.0:
             raise DataError(f'variation: timing is {self.timing!r}, expected 0 to 10')

@@ -50,12 +50,15 @@ class Aligned(NamedTuple):
     mean: np.ndarray
 
 
-def align(takes: Sequence[Demonstration], *, moved: bool = True) -> Aligned:
+def align(takes: Sequence[Demonstration], *, moved: bool = True,
+          expected: Sequence[Demonstration] | None = None) -> Aligned:
     """
     Find the warps of several takes.
 
     :param moved: compare each take with the mean moved to its own start and goal, as a skill would
         be; False compares the takes as they are
+    :param expected: compare each take with this motion, moved to its own start and goal, and not
+        with the mean
     :raises DataError: without takes, or if their manifolds differ
     """
     if not takes:
@@ -70,10 +73,12 @@ def align(takes: Sequence[Demonstration], *, moved: bool = True) -> Aligned:
     scales = _scales(manifold, own)
     warps, points = np.tile(progress, (len(takes), 1)), own
     mean = mean_path(manifold, points, points[0])
-    for _ in range(REPETITIONS if len(takes) > 1 else 0):
+    for _ in range(0 if len(takes) == 1 else 1 if expected else REPETITIONS):
+        models = [mean] * len(takes) if expected is None else [
+            _at(one, progress) for one in expected]
         warps = np.array([_warp(_costs(
-            manifold, _moved(manifold, mean, path) if moved else mean, path, scales))
-                          for path in own])
+            manifold, _moved(manifold, model, path) if moved else model, path, scales))
+                          for model, path in zip(models, own)])
         # The mean of the warps becomes the identity: the mean motion keeps the usual timing.
         usual = warps.mean(axis=0)
         warps = np.array([np.interp(progress, usual, warp) for warp in warps])
@@ -82,15 +87,17 @@ def align(takes: Sequence[Demonstration], *, moved: bool = True) -> Aligned:
     return Aligned(progress, warps, points, mean)
 
 
-def aligned(takes: Sequence[Demonstration]) -> list[Demonstration]:
+def aligned(takes: Sequence[Demonstration], expected: Sequence[Demonstration] | None = None
+            ) -> list[Demonstration]:
     """
     The takes with their time warped, so that the same progress is the same moment of the motion.
 
     Durations and numbers of samples stay.
 
+    :param expected: see `align`
     :raises DataError: see `align`
     """
-    found = align(takes)
+    found = align(takes, expected=expected)
     result = []
     for take, warp in zip(takes, found.warps):
         progress = (take.times - take.times[0]) / take.duration

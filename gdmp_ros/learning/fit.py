@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.learning.alignment import aligned
+from gdmp_ros.learning.alignment import aligned, SAMPLES
+from gdmp_ros.learning.context_fit import Contexts
 from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
@@ -22,6 +24,8 @@ __all__ = ['FitSettings', 'learn', 'learn_cycle']
 
 #: Range of basis functions that ``n_basis='auto'`` searches.
 MIN_BASIS, MAX_BASIS = 5, 500
+#: Alignments of takes with the motions of their contexts.
+PASSES = 2
 
 
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
@@ -42,15 +46,42 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
 
 def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
                 tolerance: float) -> Primitive:
-    several = len(shown) > 1
-    if several and settings.align:
+    several, contexts = len(shown) > 1, settings.contexts_of(len(shown))
+    if several and settings.align and contexts is None:
         shown = aligned(shown)
+    primitive = _fitted(shown, n_basis, settings, tolerance, contexts)
+    if contexts is None or not settings.align:
+        return primitive
+    for _ in range(PASSES):
+        # Motions of different contexts differ: each take is aligned with the one of its context.
+        expected = _in_contexts(primitive, contexts)
+        primitive = _fitted(aligned(shown, expected), n_basis, settings, tolerance, contexts)
+    return primitive
+
+
+def _fitted(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
+            tolerance: float, contexts: Contexts | None) -> Primitive:
     fit = OutputFit(shown, settings)
     primitive = fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
-    if not several:
+    if len(shown) == 1:
         return primitive
     return replace(primitive, variation=variation_of(
-        primitive, shown, settings.weights(len(shown)), settings.contexts_of(len(shown))))
+        primitive, shown, settings.weights(len(shown)), contexts))
+
+
+def _in_contexts(primitive: Primitive, contexts: Contexts) -> list[Demonstration]:
+    """The motion of a primitive in each context."""
+    result: list[Demonstration] = []
+    if primitive.variation is None:
+        return result
+    around: Distribution[Primitive] = Distribution(primitive, primitive.variation,
+                                                   lambda one: one)
+    for numbers in contexts.numbers:
+        moved = around.condition(context=numbers)
+        times = moved.duration * np.linspace(0.0, 1.0, SAMPLES)
+        result.append(Demonstration(times, Rollout(moved).sample(times).points,
+                                    primitive.manifold))
+    return result
 
 
 def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tolerance: float,

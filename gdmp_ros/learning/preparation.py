@@ -15,6 +15,7 @@ from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS, Primitive
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
+from gdmp_ros.learning.context_fit import Contexts, GivenContexts
 from gdmp_ros.manifolds import Manifold
 
 #: Largest error that the curvature of the space may add, as a part of the span.
@@ -35,7 +36,7 @@ class FitSettings:
     end: str | None = None
     align: bool = True
     demonstration_weights: Sequence[float] | None = None
-    contexts: Sequence[Sequence[float]] | np.ndarray | None = None
+    contexts: GivenContexts | None = None
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
@@ -77,19 +78,14 @@ class FitSettings:
                                  'numbers above 0, one for each demonstration')
         return np.asarray(given / given.mean())
 
-    def contexts_of(self, count: int) -> np.ndarray:
+    def contexts_of(self, count: int) -> Contexts | None:
         """
-        Contexts of ``count`` demonstrations, shape ``(count, m)``; m is 0 without any.
+        Contexts of ``count`` demonstrations; None without any.
 
         :raises ParameterError: unless there are as many finite numbers for each
+        :raises DataError: if there are too few demonstrations, or a number does not vary
         """
-        if self.contexts is None:
-            return np.empty((count, 0))
-        given = np.array(self.contexts, dtype=np.float64)
-        if given.ndim != 2 or len(given) != count or not np.isfinite(given).all():
-            raise ParameterError(f'contexts have shape {given.shape}, expected ({count}, any) '
-                                 'finite numbers, one row for each demonstration')
-        return given
+        return None if self.contexts is None else Contexts.of(self.contexts, count)
 
 
 def prepared(demonstrations: Demonstration | Sequence[Demonstration],

@@ -8,52 +8,60 @@ which counts like as many takes as there are numbers to know.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.ends import shifted
 from gdmp_ros.dmp.primitive import change_of_frame, frame_of, Gains, Primitive
 from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.variation import Variation
-from gdmp_ros.errors import DataError
+from gdmp_ros.learning.context_fit import ContextFit, Contexts
 
 #: Samples of a take.
 SAMPLES = 101
 #: Shortest wavelength of what varies, and correlation length of what is not known, in durations.
 WAVELENGTH, CORRELATION = 0.05, 0.1
-#: Largest condition of the correlations between the numbers of a context.
-LARGEST_CONDITION = 1e8
 #: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
 #: are left out.
 NEGLIGIBLE = 1e-3
+#: Most corrections for the curvature of the space, and when they have converged.
+CORRECTIONS, CONVERGED = 5, 1e-3
 
 
 def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
-                 take_weights: np.ndarray, contexts: np.ndarray) -> Variation:
+                 take_weights: np.ndarray, contexts: Contexts | None) -> Variation:
     """
     Compute the variation of at least two aligned takes.
 
     :param primitive: learned from them
     :param take_weights: of the takes, 1 on average
-    :param contexts: of the takes, shape ``(takes, m)``; with m = 0 there are none
-    :raises DataError: if there are too few takes for the contexts, or a context does not vary
+    :param contexts: of the takes, if they were shown with contexts
     """
     manifold, count = primitive.manifold, len(takes)
     progress = np.linspace(0.0, 1.0, SAMPLES)
-    # The skill contains each take: without it the rest would be larger by this.
-    unseen = count / (count - 1.0 - contexts.shape[1])
     smoother = _smoother(primitive.n_basis, primitive.gains, progress)
     # Second moments are then weighted means.
     roots = np.sqrt(take_weights)[:, None]
     ends = np.array([_ends(primitive, take) for take in takes])
-    ends = roots * (ends - np.average(ends, axis=0, weights=take_weights))
-    rest = roots[:, None] * np.array([_rest(primitive, take, progress) for take in takes])
-    mean = np.average(contexts, axis=0, weights=take_weights)
-    explained = _Explained(roots * (contexts - mean), ends, rest)
-    ends, rest = (unseen * part for part in (explained.ends_left, explained.rest_left))
+    rest = np.array([_rest(primitive, take, one, progress, smoother)
+                     for take, one in zip(takes, ends)])
+    lengths = np.log([take.duration / primitive.duration for take in takes])
+    model = None
+    if contexts is None:
+        # The skill contains each take: without it the rest would be larger by this.
+        unseen = roots * count / (count - 1.0)
+        ends = ends - np.average(ends, axis=0, weights=take_weights)
+        lengths = lengths - np.average(lengths, weights=take_weights)
+    else:
+        fit, rows = _context_fit(primitive, contexts, take_weights, smoother, ends, rest)
+        model, lengths = fit.model(rows, lengths)
+        ends, rest = fit.left[:, :ends.shape[1]], fit.left[:, ends.shape[1]:].reshape(rest.shape)
+        unseen = roots
+    ends, rest = unseen * ends, unseen[:, None] * rest
     weights = np.einsum('is,ksj->kij', smoother, rest)
     unexplained = rest - np.einsum('si,kij->ksj', _matrix(primitive, progress), weights)
     size = manifold.tangent_size
@@ -70,51 +78,29 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
     units = _units(primitive, ends, rest)
     scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
     factor = (_compressed(np.vstack(parts) * scales) / scales).T
-    factor = np.hstack([factor, explained.columns(smoother)])
     # Coordinates on a sphere have a normal component, in which nothing varies.
     tangent = change_of_frame(manifold, primitive.frame, primitive.frame)
     blocks = factor.reshape(-1, size, factor.shape[1])
+    timing = np.sqrt(take_weights @ lengths ** 2 / (count - 1.0))
     return Variation(np.einsum('ij,kjr->kir', tangent, blocks).reshape(factor.shape), noise,
-                     _timing(takes, take_weights), mean, explained.scale)
+                     float(timing), model)
 
 
-class _Explained:
-    """What the contexts of takes explain of their starts, goals and motions, linearly."""
+def _context_fit(primitive: Primitive, contexts: Contexts, take_weights: np.ndarray,
+                 smoother: np.ndarray, ends: np.ndarray, rest: np.ndarray
+                 ) -> tuple[ContextFit, Callable[[np.ndarray], np.ndarray]]:
+    """What the contexts of takes explain; and how to get rows of a factor from ends and rest."""
+    count, size = rest.shape[0], rest.shape[2]
+    units = _units(primitive, ends, rest)
+    scales = np.concatenate([units, units, np.tile(units, SAMPLES) / np.sqrt(SAMPLES)])
+    fit = ContextFit(contexts, np.hstack([ends, rest.reshape(count, -1)]), scales, take_weights)
 
-    def __init__(self, contexts: np.ndarray, ends: np.ndarray, rest: np.ndarray):
-        """:param contexts: of zero mean"""
-        count, size = contexts.shape
-        if size and count < size + 3:
-            raise DataError(f'{count} takes, expected at least {size + 3} for contexts of {size} '
-                            'numbers')
-        self.scale = np.zeros((size, size))
-        if size:
-            covariance = contexts.T @ contexts / (count - 1.0)
-            spread = np.sqrt(np.diag(covariance))
-            if not (spread > 0.0).all() or np.linalg.cond(
-                    covariance / np.outer(spread, spread)) > LARGEST_CONDITION:
-                raise DataError('contexts: a number does not vary between the takes, or follows '
-                                'from the others')
-            self.scale = np.linalg.cholesky(covariance)
-        flat = rest.reshape(count, -1)
-        regression = np.linalg.pinv(contexts)
-        self._of_ends, of_rest = regression @ ends, regression @ flat
-        self.ends_left = ends - contexts @ self._of_ends
-        self.rest_left = (flat - contexts @ of_rest).reshape(rest.shape)
-        self._of_rest = of_rest.reshape(size, *rest.shape[1:])
+    def rows(numbers: np.ndarray) -> np.ndarray:
+        motions = numbers[:, 2 * size:].reshape(len(numbers), SAMPLES, size)
+        weights = np.einsum('is,ksj->kij', smoother, motions).reshape(len(numbers), -1)
+        return np.hstack([numbers[:, :2 * size], weights])
 
-    def columns(self, smoother: np.ndarray) -> np.ndarray:
-        """Columns of the factor: start, goal and weights for a standard deviation."""
-        weights = np.einsum('is,msj->mij', smoother, self._of_rest)
-        flat = weights.reshape(len(weights), weights.shape[1] * weights.shape[2])
-        both = np.hstack([self._of_ends, flat])
-        return np.asarray(both.T @ self.scale)
-
-
-def _timing(takes: Sequence[Demonstration], take_weights: np.ndarray) -> float:
-    lengths = np.log([take.duration for take in takes])
-    away = lengths - np.average(lengths, weights=take_weights)
-    return float(np.sqrt(take_weights @ away ** 2 / (len(takes) - 1.0)))
+    return fit, rows
 
 
 def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
@@ -127,15 +113,28 @@ def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
             (goal_frame, take.points[-1], primitive.goal))])
 
 
-def _rest(primitive: Primitive, take: Demonstration, progress: np.ndarray) -> np.ndarray:
-    """From the moved skill to the take, in its frames, shape ``(samples, n)``."""
-    manifold = primitive.manifold
-    start = manifold.align(take.points[0], primitive.start)
-    rollout = Rollout(primitive, start=start, goal=take.points[-1], duration=1.0)
-    path = rollout.sample(progress).points.reshape(len(progress), -1)
-    shown = take.aligned(start).at(take.times[0] + progress * take.duration)
-    return Development(manifold, path, frame_of(primitive, start)).ways_to(
-        shown.reshape(len(progress), -1))
+def _rest(primitive: Primitive, take: Demonstration, ends: np.ndarray, progress: np.ndarray,
+          smoother: np.ndarray) -> np.ndarray:
+    """
+    From the moved skill to the take, in its frames, shape ``(samples, n)``.
+
+    Where the space is curved it is corrected for what the weights do not do linearly; with the
+    published connection, which has no frames along the motion, it is not.
+    """
+    manifold, matrix = primitive.manifold, _matrix(primitive, progress)
+    rest = np.zeros((len(progress), manifold.tangent_size))
+    for _ in range(CORRECTIONS if primitive.connection == 'parallel' else 1):
+        weights = smoother @ rest
+        moved = shifted(primitive, np.concatenate([ends, weights.reshape(-1)]))
+        path = Rollout(moved, duration=1.0).sample(progress).points.reshape(len(progress), -1)
+        shown = take.aligned(moved.start).at(take.times[0] + progress * take.duration)
+        # Coordinates of the weights are those in the frame carried from the skill's own start.
+        frame = frame_of(primitive, moved.start)
+        away = Development(manifold, path, frame).ways_to(shown.reshape(len(progress), -1))
+        before, rest = rest, matrix @ weights + away
+        if np.abs(rest - before).max() <= CONVERGED * (np.abs(rest).max() + 1e-12):
+            break
+    return rest
 
 
 def _matrix(primitive: Primitive, progress: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from gdmp_ros import (
     DataError,
     Demonstration,
     Euclidean,
-    GdmpWarning,
     ManifoldError,
     ParameterError,
     Skill,
@@ -18,7 +17,6 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.util.profiles import minimum_jerk
@@ -193,60 +191,3 @@ def test_durations_vary_as_those_of_the_takes(rng, tmp_path):
     skill.save(tmp_path / 'skill.json')
     assert Skill.load(tmp_path / 'skill.json').distribution.timing == skill.variation.timing
     assert Skill.learn(takes(Euclidean(2), 3, rng), 20).distribution.timing == 0.0
-
-
-def in_context(height, side, manifold, rng, noise=0.0):
-    """A motion whose goal and bow depend on two numbers."""
-    base = manifold.random_point(np.random.default_rng(5))
-    frame, size = manifold.frame(base), manifold.tangent_size
-    blend = minimum_jerk(TIMES / TIMES[-1])[:, None]
-    one, other = np.eye(size)[0], np.eye(size)[1]
-    away = (0.6 * blend * one + blend * 0.3 * height * other
-            + np.sin(np.pi * blend) ** 2 * (0.2 * side * one - 0.1 * height * other)
-            + noise * np.sin(np.pi * blend) ** 2 * rng.standard_normal(size))
-    return Demonstration(TIMES, np.array(
-        [manifold.exp(base, manifold.from_frame(frame, row)) for row in away]), manifold)
-
-
-@pytest.mark.parametrize('manifold', [Euclidean(3), UnitQuaternion(), TOOL], ids=repr)
-def test_a_context_that_was_not_shown_is_between_those_that_were(manifold, rng, tmp_path):
-    contexts = np.array([(h, s) for h in (-1.0, 0.0, 1.0) for s in (-1.0, 0.0, 1.0)])
-    shown = [in_context(*one, manifold, rng, 0.01) for one in contexts]
-    path = tmp_path / 'skill.json'
-    Skill.learn(shown, 40, align=False, contexts=contexts).save(path)
-    skill, wanted = Skill.load(path), in_context(0.6, -0.4, manifold, rng)
-    made = skill.distribution.condition(context=[0.6, -0.4])
-    plain = reproduction_error(skill, wanted)[0]
-    times = np.linspace(0.0, skill.duration, 50)
-    path, like = made.rollout(duration=skill.duration).sample(times), wanted.at(times)
-    away = np.linalg.norm(manifold.factor_distances(
-        path.points.reshape(50, -1), like.reshape(50, -1)), axis=1)
-    assert away.max() < 0.05 * wanted.span()
-    assert away.mean() / wanted.span() < 0.25 * plain
-    # What the context explains is no longer uncertain, and points can be met besides.
-    assert np.trace(made.distribution.covariance(1.0)) < 0.1 * np.trace(
-        skill.distribution.covariance(1.0))
-    via = manifold.exp(made.distribution.mean(0.5), 0.02 * manifold.random_tangent(
-        made.distribution.mean(0.5), rng))
-    both = skill.distribution.condition([(0.5, via)], context=[0.6, -0.4])
-    assert manifold.distance(both.distribution.mean(0.5), via) < 1e-6
-
-
-def test_contexts_that_say_nothing_are_refused(rng):
-    manifold = Euclidean(2)
-    shown = takes(manifold, 5, rng)
-    skill = Skill.learn(shown, 20, contexts=[[1.0], [2.0], [3.0], [4.0], [5.0]])
-    with pytest.warns(GdmpWarning, match='a guess'):
-        skill.distribution.condition(context=[50.0])
-    with pytest.raises(ParameterError, match='expected 1 finite'):
-        skill.distribution.condition(context=[1.0, 2.0])
-    with pytest.raises(ParameterError, match='expected 0 finite'):
-        Skill.learn(shown, 20).distribution.condition(context=[1.0])
-    with pytest.raises(ParameterError, match='one row for each'):
-        Skill.learn(shown, 20, contexts=[[1.0], [2.0]])
-    with pytest.raises(DataError, match='does not vary'):
-        Skill.learn(shown, 20, contexts=np.ones((5, 1)))
-    with pytest.raises(DataError, match='expected at least 6'):
-        Skill.learn(shown, 20, contexts=rng.standard_normal((5, 3)))
-    with pytest.raises(ParameterError, match='contexts need'):
-        Skill.learn(shown, fit='forcing', contexts=np.ones((5, 1)))
