@@ -49,6 +49,29 @@ def add_stiffness_range(parser: argparse.ArgumentParser) -> None:
                         help='largest stiffness from variance [N/m] (default %(default)g)')
 
 
+def add_context(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--context``, a dictionary."""
+    parser.add_argument('--context', nargs='+', action=_NamedNumbers, default={},
+                        metavar='NAME=NUMBER',
+                        help='use the skill in this context, of a skill that was learned with '
+                             'contexts')
+
+
+class _NamedNumbers(argparse.Action):
+    """Collects ``name=number`` in a dictionary."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: object, option_string: str | None = None) -> None:
+        found = {}
+        for word in values if isinstance(values, list) else []:
+            name, _, number = str(word).partition('=')
+            try:
+                found[name] = float(number)
+            except ValueError:
+                parser.error(f'{option_string}: {word!r} is not NAME=NUMBER')
+        setattr(namespace, self.dest, found)
+
+
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """Declare ``--robot``."""
     parser.add_argument('--robot', default='', metavar='NAME',

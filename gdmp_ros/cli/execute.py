@@ -7,6 +7,7 @@ examples:
   gdmp execute --goal-position 0.5 -0.1 0.4 --after 1.5
   gdmp execute --load skill.json --speed 0.5 --server left/trajectory_server
   gdmp execute --load wipe.json --cycles 5
+  gdmp execute --load skill.json --context height=0.03
   gdmp execute --sequence sequence.yaml --first-step 2
 """
 from __future__ import annotations
@@ -15,7 +16,7 @@ import argparse
 import os
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import add_context, check_number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='execute a sequence file instead of a skill')
     parser.add_argument('--first-step', type=int, default=1, metavar='N',
                         help='begin with this step of the sequence (default %(default)s)')
+    add_context(parser)
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                         help='switch the goal of the position to this [m]')
     parser.add_argument('--after', type=float, default=1.0, metavar='S',
@@ -54,4 +56,5 @@ def run(options: argparse.Namespace) -> int:
     return execute(ExecuteRequest(
         options.server, str(options.load.absolute()) if options.load else '',
         options.goal_position, options.after, options.speed, options.wait, options.cycles,
-        str(options.sequence.absolute()) if options.sequence else '', options.first_step))
+        str(options.sequence.absolute()) if options.sequence else '', options.first_step,
+        options.context))

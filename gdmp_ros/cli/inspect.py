@@ -101,6 +101,10 @@ def _print_skill(path: Path) -> None:
         ['segments', _segments(skill)],
         ['start', _numbers(skill.start)],
         ['centre' if skill.rhythmic else 'goal', _numbers(skill.goal)]]
+    if skill.variation is not None and skill.variation.contexts is not None:
+        shown = skill.variation.contexts
+        rows += [[f'context {name}', f'{low:g} … {high:g}'] for name, low, high in zip(
+            shown.names, shown.takes.min(axis=0), shown.takes.max(axis=0))]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
 

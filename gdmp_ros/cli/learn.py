@@ -14,6 +14,7 @@ examples:
   gdmp learn recorded.bag -o skill.json --end moving
   gdmp learn first.bag second.bag -o skill.json --weights 1 3
   gdmp learn takes -o skill.json --joints
+  gdmp learn takes -o skill.json --contexts heights.csv
   gdmp learn wiping.bag -o wipe.json --rhythmic
   gdmp learn demos -o skills --each --jobs 4 --resume done.jsonl
 """
@@ -72,6 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--weights', type=float, nargs='+', metavar='W',
                         help='how much each demonstration counts, in the order of the bags '
                              '(default: alike)')
+    parser.add_argument('--contexts', type=Path, metavar='CSV',
+                        help='table of what was different in each take: a column "take" with the '
+                             'names of the bags, and a column for each number, such as height')
     parser.add_argument('--fit', choices=FITS, default='output',
                         help='output (default): fit the motion, for recorded data; forcing: fit '
                              'the forcing term, as in the paper, for clean data')
@@ -109,10 +113,12 @@ def run(options: argparse.Namespace) -> None:
         options.pose_topic, options.stiffness_topic, options.wrench_topic,
         options.joint_topic, fit=options.fit,
         end=options.end, weights=options.weights and tuple(options.weights),
-        rhythmic=options.rhythmic, period=options.period)
+        rhythmic=options.rhythmic, period=options.period, contexts=options.contexts)
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
                              'demonstrations of one skill, expected one for each')
+    if options.contexts and options.each:
+        raise ParameterError('--contexts: takes of several contexts make one skill, not --each')
     if options.each:
         _learn_each(bags, settings, options)
         return

@@ -5,6 +5,7 @@ row-major).
 
 examples:
   gdmp rollout skill.json --dt 0.01 > path.csv
+  gdmp rollout skill.json --context height=0.03 > path.csv
   gdmp rollout skill.json --goal-position 0.5 0.1 0.4 --switch-at 2.0 -o path.csv
 """
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import check_number, check_output
+from gdmp_ros.cli.arguments import add_context, check_number, check_output
 from gdmp_ros.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='duration [s]; default: as demonstrated')
     parser.add_argument('--cycles', type=float, default=3.0, metavar='N',
                         help='of a rhythmic skill (default %(default)g)')
+    add_context(parser)
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
@@ -50,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
     check_number('cycles', options.cycles, above=0.0)
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
-    skill = Skill.load(options.skill)
+    skill = Skill.load(options.skill).in_context(options.context)
     goal = _goal(skill, options)
     from_the_start = options.switch_at <= 0.0
     rollout = Rollout(skill, goal=goal if from_the_start else None, duration=options.duration)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gdmp_ros.data import recordings
+from gdmp_ros.data.context_table import read_contexts
 from gdmp_ros.data.gripper_events import common_events
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains
@@ -26,6 +27,7 @@ class LearningSettings:
     :ivar frame: frame that the poses must have; empty for any
     :ivar weights: how much each demonstration counts; None for alike
     :ivar alpha_g: goal gain; None for that of `Skill.learn` or `Skill.learn_rhythmic`
+    :ivar contexts: table of the takes (`gdmp_ros.data.context_table`); None without contexts
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
     """
@@ -49,6 +51,7 @@ class LearningSettings:
     weights: tuple[float, ...] | None = None
     rhythmic: bool = False
     period: float | None = None
+    contexts: Path | None = None
 
     @property
     def goal_gain(self) -> float:
@@ -64,6 +67,8 @@ class LearningSettings:
                               or self.end is not None or self.regularization):
             raise ParameterError('connection, fit, end and regularization are for skills that '
                                  'end, not for rhythmic ones')
+        if self.rhythmic and self.contexts is not None:
+            raise ParameterError('contexts are not for rhythmic skills')
         if self.rhythmic and self.stiffness == 'variance':
             raise ParameterError('stiffness from the variance of takes is not for rhythmic '
                                  'skills: record the stiffness, or learn without it')
@@ -89,6 +94,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     :param step: called after each bag that has been read
     :raises GdmpError: if a bag is refused, the frames differ, or nothing can be learned
     """
+    contexts = None if settings.contexts is None else read_contexts(
+        settings.contexts, [Path(bag).name for bag in bags])
     shown = []
     for bag in bags:
         shown.append(_read(bag, settings))
@@ -113,7 +120,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization,
                         alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
-                        demonstration_weights=settings.weights, provenance=provenance)
+                        demonstration_weights=settings.weights, contexts=contexts,
+                        provenance=provenance)
     events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
                            [one.events for one in shown])
     return LearnedSkill(skill.with_events(events), demonstrations, source)

@@ -128,6 +128,19 @@ class Skill(Primitive):
         """
         return None if self.variation is None else Distribution(self, self.variation, Skill.of)
 
+    def in_context(self, context: Mapping[str, float] | Sequence[float]) -> Skill:
+        """
+        Return the skill for a context; see `Distribution.condition`.
+
+        :param context: as given to `learn`; itself for an empty one
+        :raises ParameterError: if it was learned without contexts, or with others
+        """
+        if not len(context):
+            return self
+        if self.distribution is None:
+            raise ParameterError('context: the skill was learned without contexts')
+        return self.distribution.condition(context=context)
+
     def between(self, start: np.ndarray | None = None, goal: np.ndarray | None = None) -> Skill:
         """
         Return a skill with another start and goal of its own.

@@ -18,7 +18,9 @@ LARGEST_CONDITION = 1e8
 #: Correlation lengths that are tried, as parts of the ranges of the numbers.
 LENGTHS = (0.2, 5.0)
 #: Noise that is tried, relative to the process. With the last nothing but the trend is left.
-NOISES = (1e-8, 1e6)
+NOISES = (1e-6, 1e6)
+#: Least part of what the takes show that counts.
+ROUNDING = 1e-12
 #: Where the search begins: length, noise.
 STARTS = ((0.5, 1e-4), (1.5, 1e-4), (1.0, 1.0))
 
@@ -125,9 +127,11 @@ class ContextFit:
         length, noise = np.exp(logarithms)
         near = self._covariance(length * self._range, noise)
         maps = kriging(near, self._linear)
-        energy = float(np.einsum('kc,kl,lc->', self._compact, maps.bend, self._compact))
+        energy = np.einsum('kc,kl,lc->', self._compact, maps.bend, self._compact)
+        # Takes that a trend explains exactly leave nothing but rounding.
+        energy = max(float(energy), ROUNDING * float((self._compact ** 2).sum()) + 1e-300)
         free = len(near) - self._linear.shape[1]
-        return float(free * np.log(energy + 1e-300) + np.linalg.slogdet(near)[1]
+        return float(free * np.log(energy) + np.linalg.slogdet(near)[1]
                      - np.linalg.slogdet(maps.trend_covariance)[1])
 
     def _chosen(self) -> tuple[np.ndarray, float]:

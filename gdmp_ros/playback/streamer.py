@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 import time
 from typing import Any
 
@@ -50,6 +51,7 @@ class Streamer:
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
     :ivar time: that the motions have had, without jumps [s]
+    :ivar context: that the skill of the next start is for
     :ivar time_jumps: [s], not reported yet
     :ivar jumps: number of time jumps
     """
@@ -68,7 +70,7 @@ class Streamer:
         self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
-        self.skill_name = ''
+        self.skill_name, self.context = '', dict[str, float]()
         self.refusals = Refusals()
         self.lateness = LatenessRecorder(period_ns)
         self.member: RunningLoop | None = None
@@ -107,10 +109,11 @@ class Streamer:
         """What the stream of references says of itself."""
         return StreamMode.HOLDING if self.player is None else self.player.mode
 
-    def use(self, skill: Skill, name: str) -> None:
+    def use(self, skill: Skill, name: str, context: Mapping[str, float] | None = None) -> None:
         """
         Use a skill for the next start.
 
+        :param context: that it is for
         :raises DataError: if it is neither one of a pose nor of joints; the present skill stays
         """
         rehearse(skill, self._player_settings)
@@ -118,7 +121,7 @@ class Streamer:
             self.player = Player(skill, self._player_settings, self.refusals)
         else:
             self.player.load(skill)
-        self.skill_name = name
+        self.skill_name, self.context = name, dict(context or {})
 
     def loaded(self) -> Player:
         """

@@ -1,7 +1,8 @@
 """Executes the skill of a running server, from the terminal."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
@@ -27,6 +28,7 @@ class ExecuteRequest(NamedTuple):
     :ivar cycles: of a rhythmic skill; 0: until its amplitude is 0
     :ivar sequence: file to execute instead of a skill; empty for a skill
     :ivar first_step: of the sequence, counted from 1
+    :ivar context: that the skill is to be used in; empty for that of the server
     """
 
     server: str
@@ -38,6 +40,7 @@ class ExecuteRequest(NamedTuple):
     cycles: float = 0.0
     sequence: str = ''
     first_step: int = 1
+    context: Mapping[str, float] = MappingProxyType({})
 
 
 def execute(request: ExecuteRequest) -> int:
@@ -61,6 +64,8 @@ def execute(request: ExecuteRequest) -> int:
                     raise GdmpError(reply.message)
                 if reply.message:
                     print(f'warning: {reply.message}', flush=True)
+        if request.context:
+            _use_context(client, request.context)
         _wait_for_robot(client, request.wait)
         try:
             if request.sequence:
@@ -74,6 +79,23 @@ def execute(request: ExecuteRequest) -> int:
             raise
     finally:
         client.close()
+
+
+def _use_context(client: ServerClient, context: Mapping[str, float]) -> None:
+    """:raises GdmpError: if the server refuses it"""
+    state = client.state
+    if state is None:
+        return
+    refused = state.refused
+    client.context(context)
+
+    def used() -> bool:
+        state = client.state
+        return state is not None and (state.refused > refused or context == dict(
+            zip(state.context.names, state.context.values)))
+    client.wait('the context to be used', used, 5.0)
+    if client.state is not None and client.state.refused > refused:
+        raise GdmpError(client.state.last_refusal)
 
 
 def _wait_for_robot(client: ServerClient, timeout: float) -> None:

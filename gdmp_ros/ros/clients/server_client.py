@@ -1,12 +1,12 @@
 """Client of a trajectory server: executes its skill, switches the goal, waits."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from action_msgs.msg import GoalStatus
 from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
-from gdmp_msgs.msg import ServerState
+from gdmp_msgs.msg import Context, ServerState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.action import ActionClient
@@ -35,7 +35,7 @@ class ServerClient(Client):
             topic: self.node.create_publisher(kind, f'{server}/{topic}', reliable(10))
             for topic, kind in (('goal_pose', PoseStamped), ('goal_stiffness', Float64MultiArray),
                                 ('amplitude', Float64), ('frequency', Float64),
-                                ('signal', String))}
+                                ('signal', String), ('context', Context))}
         self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
         self._sequences = ActionClient(self.node, ExecuteSequence, f'{server}/execute_sequence')
         self._result: Any = None
@@ -128,6 +128,10 @@ class ServerClient(Client):
     def signal(self, name: str) -> None:
         """Tell the present step of a sequence that something has happened."""
         self._publish('signal', String(data=name))
+
+    def context(self, context: Mapping[str, float]) -> None:
+        """Use the loaded skill in a context from the next start on."""
+        self._publish('context', Context(names=list(context), values=list(context.values())))
 
     def _publish(self, topic: str, message: Any) -> None:
         publisher = self._publishers[topic]

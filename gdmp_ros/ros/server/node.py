@@ -9,6 +9,7 @@ import shutil
 import time
 from typing import Any
 
+from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -90,6 +91,7 @@ class TrajectoryServer(ManagedNode):
                                      self._skills.load)
         self._sequences = SequenceAction(self, self.streamer, self._report)
         self.add_report(self._publish_report)
+        self.add_subscription(Context, '~/context', self._skills.use_context)
         self._add_services()
         parameters.check = stream_settings
         parameters.changed = self._use_parameters

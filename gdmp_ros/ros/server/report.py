@@ -5,7 +5,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import ArmStatus, ServerState
+from gdmp_msgs.msg import ArmStatus, Context, ServerState
 from gdmp_msgs.msg import Tube as TubeMessage
 from geometry_msgs.msg import Pose
 from nav_msgs.msg import Path as PathMessage
@@ -73,6 +73,8 @@ class ServerReport:
             refused=streamer.refusals.count, last_refusal=streamer.refusals.last)
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.header.frame_id = self._frame
+        message.context = Context(names=list(streamer.context),
+                                  values=list(streamer.context.values()))
         flags = set() if streamer.robot_is_known() else {'no_robot'}
         if streamer.player is not None:
             flags |= _add_motion(message, streamer.player) | streamer.robot.flags

@@ -1,12 +1,15 @@
 """Skills that a trajectory server uses, checked with its arm when they are loaded."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
+import warnings
 
+from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LoadSkill
 
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.server.learning import skill_from_parameters
@@ -23,6 +26,7 @@ class SkillLoader:
     def __init__(self, streamer: Streamer, checker: PathChecker | None, logger: Any):
         """:param checker: of the arm; None without a model"""
         self._streamer, self._checker, self._logger = streamer, checker, logger
+        self._loaded: tuple[Skill, str] | None = None
 
     def use(self, skill: Skill, name: str) -> str:
         """
@@ -33,6 +37,32 @@ class SkillLoader:
         :raises DataError: if it is neither one of a pose nor of joints; the present skill stays
         """
         self._streamer.use(skill, name)
+        self._loaded = skill, name
+        return self._check(skill, name)
+
+    def use_context(self, message: Context) -> None:
+        """Use the loaded skill in another context from the next start on, or refuse that."""
+        try:
+            if len(message.names) != len(message.values):
+                raise ParameterError(f'{len(message.names)} names and {len(message.values)} '
+                                     'values, expected one for each')
+            self._in_context(dict(zip(message.names, message.values)))
+        except GdmpError as error:
+            self._streamer.refusals.add(f'context: {error}')
+
+    def _in_context(self, context: Mapping[str, float]) -> None:
+        if self._loaded is None:
+            raise ParameterError('no skill is loaded')
+        skill, name = self._loaded
+        with warnings.catch_warnings(record=True) as outside:
+            warnings.simplefilter('always')
+            skill = skill.in_context(context)
+        for one in outside:
+            self._logger.warning(f'{name}: {one.message}')
+        self._streamer.use(skill, name, context)
+        self._check(skill, name)
+
+    def _check(self, skill: Skill, name: str) -> str:
         if self._checker is None:
             return ''
         try:
