@@ -26,10 +26,10 @@ def read_contexts(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
     :returns: for each name the numbers, in the order of ``takes``
     :raises DataError: if a take is missing or occurs twice, or an entry is no number
     """
-    rows = csv.reader(io.StringIO(read_text(path, 'table of contexts', MAX_BYTES)))
     try:
+        rows = csv.reader(io.StringIO(read_text(path, 'table of contexts', MAX_BYTES)))
         lines = [(rows.line_num, [entry.strip() for entry in row]) for row in rows if any(row)]
-    except csv.Error as error:
+    except (csv.Error, UnicodeDecodeError) as error:
         raise DataError(f'{path}: not a CSV file: {error}') from None
     heads = lines[0][1] if lines else []
     if TAKE not in heads or len(heads) < 2 or len(set(heads)) < len(heads) or not all(heads):

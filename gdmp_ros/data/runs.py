@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import gc
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ class Run:
     :ivar applied: sequence number of the reference that the arm followed at each state
     :ivar goal_stamps: of the states of the server, if it had a goal and they were recorded
     :ivar goals: of the server at these times
+    :ivar statuses: of the server at these times
+    :ivar progress: of its motion at these times
     :ivar steps: of sequences: when each began [ns], and what it is
     """
 
@@ -63,6 +65,8 @@ class Run:
     joint_references: np.ndarray
     goal_stamps: np.ndarray
     goals: np.ndarray
+    statuses: tuple[str, ...] = ()
+    progress: np.ndarray = field(default_factory=lambda: np.empty(0))
     steps: tuple[tuple[int, str], ...] = ()
 
 
@@ -128,7 +132,8 @@ def read(bag: Path, robot: str = '') -> Run:
         wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
         joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
         goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7),
-        steps=_steps(server))
+        statuses=tuple(message.status for message in goals),
+        progress=_column(goals, lambda m: m.progress), steps=_steps(server))
 
 
 def _steps(states: list[Any]) -> tuple[tuple[int, str], ...]:

@@ -17,6 +17,7 @@ from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, Gri
 from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
 from gdmp_ros.playback.measured_input import Measured, MeasuredInput
 from gdmp_ros.playback.motion_commands import MotionCommands
+from gdmp_ros.playback.motion_record import MotionRecord
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
@@ -47,6 +48,7 @@ class Streamer:
     :ivar commands: for the motion that is executed
     :ivar gripper: commands of the skill that is executed; None without a gripper
     :ivar sequence: executes sequences
+    :ivar record: how the robot followed the last motion
     :ivar active: whether ticks are made
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
@@ -71,12 +73,11 @@ class Streamer:
         self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
         self.skill_name, self.context = '', dict[str, float]()
-        self.refusals = Refusals()
+        self.refusals, self.record = Refusals(), MotionRecord()
         self.lateness = LatenessRecorder(period_ns)
         self.member: RunningLoop | None = None
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
-        self.jumps = 0
         self._player_settings = player_settings
         commands = None if gripper is None else GripperCommands(gripper)
         self.gripper = None if commands is None else GripperSequence(commands)
@@ -86,7 +87,7 @@ class Streamer:
         self._used: Measured | None = None
         self._watches_joints = False
         self.bounds = BoundedStream(settings)
-        self._last_tick, self.ticks, self.time = 0, 0, 0.0
+        self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
         self.commands = MotionCommands(settings, kinematics, self.loaded)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
@@ -282,6 +283,7 @@ class Streamer:
         if measured is None or measured is self._used:
             return
         self._used = measured
+        self.record.add(player, measured.place)
         if reference is None and idle:
             player.hold(measured.place)
         elif player.stops_phase:

@@ -106,8 +106,7 @@ class Simulation(ArmCommands):
         if self.paused and self.steps_left == 0:
             return None
         self.take_references(now_ns)
-        if self.loop.hand_guided:
-            self._poll_hand()
+        self._poll_hand()
         tick = self.loop.tick()
         self._ticks += 1
         return tick

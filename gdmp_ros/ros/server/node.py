@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from gdmp_msgs.msg import Context
-from gdmp_msgs.srv import LearnSkill, LoadSkill, SetSpeed
+from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill, SetSpeed
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
@@ -37,6 +37,7 @@ from gdmp_ros.ros.server.parameters import (
     stream_settings,
 )
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
+from gdmp_ros.ros.server.refinement import Refinement
 from gdmp_ros.ros.server.report import ServerReport
 from gdmp_ros.ros.server.robot_inputs import RobotInputs
 from gdmp_ros.ros.server.sequence_action import SequenceAction
@@ -191,6 +192,8 @@ class TrajectoryServer(ManagedNode):
         service(SetBool, 'pause', lambda request: streamer.pause(request.data))
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
         self.add_service(LoadSkill, 'load_skill', self._skills.answer)
+        self.add_service(RefineSkill, 'refine_skill', Refinement(
+            streamer, self._skills, self.get_logger()).answer)
         # It awaits: in the default group it would block the other services.
         self.add_service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
 

@@ -40,6 +40,16 @@ class SkillLoader:
         self._loaded = skill, name
         return self._check(skill, name)
 
+    def loaded(self) -> tuple[Skill, str]:
+        """
+        The skill that was loaded, and its name.
+
+        :raises ParameterError: if there is none
+        """
+        if self._loaded is None:
+            raise ParameterError('no skill is loaded')
+        return self._loaded
+
     def use_context(self, message: Context) -> None:
         """Use the loaded skill in another context from the next start on, or refuse that."""
         try:
@@ -51,9 +61,7 @@ class SkillLoader:
             self._streamer.refusals.add(f'context: {error}')
 
     def _in_context(self, context: Mapping[str, float]) -> None:
-        if self._loaded is None:
-            raise ParameterError('no skill is loaded')
-        skill, name = self._loaded
+        skill, name = self.loaded()
         with warnings.catch_warnings(record=True) as outside:
             warnings.simplefilter('always')
             skill = skill.in_context(context)

@@ -1,0 +1,55 @@
+"""What the last motion of the tool looked like: progress, references, measured poses."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.requests import Status
+
+#: Most samples: a motion of two hours.
+MOST = 150_000
+
+
+class _Sample(NamedTuple):
+    progress: float
+    reference: np.ndarray
+    measured: np.ndarray
+
+
+class MotionRecord:
+    """
+    Samples of one motion; one thread adds, any thread reads.
+
+    :ivar motion: number of the motion (`gdmp_ros.playback.player.Player.start`)
+    :ivar skill: that was executed; None before the first motion
+    """
+
+    def __init__(self) -> None:
+        self.motion = 0
+        self.skill: Skill | None = None
+        self._samples: list[_Sample] = []
+
+    def add(self, player: Player, measured: np.ndarray) -> None:
+        """
+        Add a sample while a motion of the tool is executed; another motion begins anew.
+
+        :param measured: pose (x, y, z, qw, qx, qy, qz)
+        """
+        rollout, reference, playing = player.rollout, player.place, player.playing
+        if (player.status is not Status.MOVING or rollout is None or reference is None
+                or playing.of_joints):
+            return
+        if player.motion != self.motion:
+            self.motion, self.skill, self._samples = player.motion, playing.skill, []
+        if len(self._samples) < MOST:
+            self._samples.append(_Sample(rollout.progress, np.array(reference), measured))
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Progress ``(T,)``, references ``(T, 7)`` and measured poses ``(T, 7)``."""
+        samples = tuple(self._samples)
+        return (np.array([one.progress for one in samples]),
+                np.array([one.reference for one in samples]).reshape(-1, 7),
+                np.array([one.measured for one in samples]).reshape(-1, 7))
