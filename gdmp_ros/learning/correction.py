@@ -26,8 +26,9 @@ from gdmp_ros.util.profiles import minimum_jerk
 
 #: A deviation counts as a push if it is this large [m, rad] …
 LEAST_M, LEAST_RAD = 0.01, 0.1
-#: … and this many times as large as usually during the motion: arms do not follow exactly.
-UNUSUAL = 3.0
+#: … and this many times as large as in the best quarter of the motion: arms do not follow exactly,
+#: and a hand may hold the tool most of the time.
+UNUSUAL, BEST = 3.0, 0.25
 #: Largest acceleration that a correction should add on its way in and out [m/s², rad/s²].
 GENTLE = 1.0
 #: Part of its largest deviation from which a push is a measurement of the path; below, the hand
@@ -138,7 +139,7 @@ def correction(primitive: Primitive, followed: FollowedMotion, *, least: float =
         most = np.linalg.norm(away[:, :3], axis=1).max()
         raise DataError(f'no push was found: the arm was at most {1e3 * most:.1f} mm from its '
                         f'reference, a push is at least {1e3 * least:.1f} mm and {UNUSUAL:g} '
-                        'times the usual deviation')
+                        'times what is usual in the best quarter of the motion')
     before = _path(primitive, progress)
     shifts = _shifts(away, pushes, progress)
     changed = with_functions(primitive, FUNCTIONS)
@@ -171,7 +172,7 @@ def _deviations(followed: FollowedMotion, progress: np.ndarray) -> np.ndarray:
 def _pushes(quantity: str, away: np.ndarray, least: float, progress: np.ndarray,
             duration: float) -> list[Push]:
     size = np.linalg.norm(away, axis=1)
-    limit = max(least, UNUSUAL * float(np.median(size)))
+    limit = max(least, UNUSUAL * float(np.quantile(size, BEST)))
     edges = np.diff(np.concatenate([[0], (size > limit).astype(int), [0]]))
     result = []
     for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1):

@@ -23,11 +23,13 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.data import bags, lasa, recordings
+from gdmp_ros.data.context_table import read_contexts
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.sequence_rollout import SequenceRollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.learning.context_fit import Contexts
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.util.dds_network import Domain
 
@@ -359,6 +361,54 @@ def sequence_file() -> Entrance:
         b'- {skill: b.json, until: x, frequency: 2, amplitude: 0.5, name: y}\n'])
 
 
+def context_skill() -> Skill:
+    """A skill that depends on a context."""
+    first = demonstration()
+    takes = []
+    for height in np.linspace(0.0, 0.1, 5):
+        points = np.array(first.points)
+        points[:, 2] += height * np.linspace(0.0, 1.0, len(points)) ** 2
+        takes.append(Demonstration(first.times, points, TOOL))
+    return Skill.learn(takes, n_basis=4, contexts={'height': np.linspace(0.0, 0.1, 5)})
+
+
+def topic_context() -> Entrance:
+    """``~/context``; what is accepted must also move."""
+    from gdmp_msgs.msg import Context
+    skill = context_skill()
+
+    def use(server: Any, message: Any) -> None:
+        server._skills.use(skill, 'fuzzed')
+        server._skills.use_context(message)
+        _moving(server)
+    return _message(Context, [Context(names=['height'], values=[0.05]), Context(),
+                              Context(names=['height'], values=[1e300])], 'server', use)
+
+
+def context_table() -> Entrance:
+    """Bytes of a table of contexts."""
+    path = _folder() / 'contexts.csv'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        with suppress(GdmpError):
+            Contexts.of(read_contexts(path, ['a', 'b', 'c', 'd']), 4)
+    return Entrance(feed, [b'take,height\na,1\nb,2\nc,3\nd,5\n',
+                           b'height,"take"\r\n1e3,a\r\n2,b\r\n-3,c\r\n.5,d'])
+
+
+def service_refine() -> Entrance:
+    """``~/refine_skill``."""
+    from gdmp_msgs.srv import RefineSkill
+
+    def use(server: Any, request: Any) -> None:
+        request.output = ''
+        server._refinement.answer(request, RefineSkill.Response())
+        _moving(server)
+    return _message(RefineSkill.Request, [RefineSkill.Request(action=n) for n in range(5)],
+                    'server', use)
+
+
 def topic_measured_pose() -> Entrance:
     """``~/measured_pose``, and a start from it."""
     def use(server: Any, data: bytes) -> None:
@@ -628,6 +678,7 @@ ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
         topic_moving_goal, topic_goal_stiffness, topic_amplitude, sequence_file,
+        topic_context, context_table, service_refine,
         topic_measured_pose, topic_clock, topic_hand_pose,
         topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,

@@ -56,6 +56,7 @@ class TrajectoryServer(ManagedNode):
     streamer: Streamer
     goals: GoalTopics
     _skills: SkillLoader
+    _refinement: Refinement
     _report: ServerReport
     _action: ExecuteAction
     _sequences: SequenceAction
@@ -83,6 +84,7 @@ class TrajectoryServer(ManagedNode):
         self.inputs.connect(self.streamer)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
+        self._refinement = Refinement(self.streamer, self._skills, self.get_logger())
         self._configured = True
         self._references = ReferencePublisher(self, parameters.frame_id)
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
@@ -192,8 +194,7 @@ class TrajectoryServer(ManagedNode):
         service(SetBool, 'pause', lambda request: streamer.pause(request.data))
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
         self.add_service(LoadSkill, 'load_skill', self._skills.answer)
-        self.add_service(RefineSkill, 'refine_skill', Refinement(
-            streamer, self._skills, self.get_logger()).answer)
+        self.add_service(RefineSkill, 'refine_skill', self._refinement.answer)
         # It awaits: in the default group it would block the other services.
         self.add_service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
 
