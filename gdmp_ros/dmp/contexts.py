@@ -132,7 +132,8 @@ class ContextModel:
         """
         Numbers of a context in the order of the names.
 
-        :raises ParameterError: unless there is a finite number for each name
+        :raises ParameterError: unless there is a finite number for each name, no further outside
+            of the range of the takes than that is wide
         """
         if isinstance(context, Mapping):
             if set(context) != set(self.names):
@@ -146,6 +147,11 @@ class ContextModel:
         if given.shape != (len(self.names),) or not np.isfinite(given).all():
             raise ParameterError(f'context: expected {len(self.names)} finite numbers '
                                  f'({", ".join(self.names)}), got {context!r}')
+        low, high = self.takes.min(axis=0), self.takes.max(axis=0)
+        for name, number, least, most in zip(self.names, given, low, high):
+            if not least - (most - least) <= number <= most + (most - least):
+                raise ParameterError(f'context: {name} is {number:g}, further outside of what '
+                                     f'the takes show, {least:g} to {most:g}, than that is wide')
         return given
 
     def shift(self, numbers: np.ndarray) -> tuple[np.ndarray, float]:

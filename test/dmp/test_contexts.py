@@ -151,6 +151,8 @@ def test_contexts_that_cannot_be_used_are_refused(rng):
         skill.distribution.condition(context=[1.0, 2.0])
     with pytest.raises(ParameterError, match='expected height, got width'):
         skill.distribution.condition(context={'width': 1.0})
+    with pytest.raises(ParameterError, match='height is 9.5, further outside .*, 1 to 5, than'):
+        skill.distribution.condition(context=[9.5])
     with pytest.raises(ParameterError, match='learned without contexts'):
         Skill.learn(shown, 20).distribution.condition(context=[1.0])
     with pytest.raises(ParameterError, match='one row for each'):
