@@ -153,6 +153,32 @@ def cloth_table(below: float) -> mujoco.MjSpec:
     return spec
 
 
+#: Peg: half width, half length, distance of its centre below the tool [m].
+PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
+#: Height of the top of the hole above the floor [m].
+HOLE_TOP = 0.2
+
+
+def peg_and_hole(where: tuple[float, float], angle: float, clearance: float) -> mujoco.MjSpec:
+    """
+    Panda with a square peg in its hand, and a square hole between four walls.
+
+    The walls are geoms named ``hole_wall_0-`` and so on.
+
+    :param where: centre of the hole [m]
+    :param angle: of the hole about the vertical [rad]
+    :param clearance: on each side of the peg [m]
+    """
+    spec = mujoco.MjSpec.from_file(str(PANDA))
+    spec.body('hand').add_geom(
+        name='peg', type=_BOX, size=[PEG_HALF, PEG_HALF, PEG_HALF_LENGTH], mass=0.1, rgba=_GREEN,
+        pos=[0.0, 0.0, 0.1034 + PEG_BELOW], contype=1, conaffinity=2)
+    hole = spec.worldbody.add_body(name='hole', pos=[*where, 0.0], quat=[
+        np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
+    _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_TOP, _WOOD, 'hole')
+    return spec
+
+
 def contact_count(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> int:
     """Count contacts of geoms whose name begins with ``prefix``."""
     ids = np.array([i for i in range(model.ngeom) if model.geom(i).name.startswith(prefix)])
