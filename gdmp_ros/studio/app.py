@@ -22,8 +22,8 @@ from gdmp_ros.sim.reach import Reach
 from gdmp_ros.studio.jobs import Jobs
 from gdmp_ros.studio.robot import Robot, RobotView
 from gdmp_ros.studio.scene import colour, Scene
-from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion
-from gdmp_ros.studio.workbench import tube, Workbench
+from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion, tube
+from gdmp_ros.studio.workbench import Workbench
 
 #: Interval at which the robot is shown [s].
 REFRESH_S = 0.05

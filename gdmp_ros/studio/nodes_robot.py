@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
-from gdmp_msgs.srv import LoadSkill, MoveJoints, SetSpeed
+from gdmp_msgs.srv import LoadSkill, MoveJoints, RefineSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
@@ -20,9 +20,10 @@ from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.server_client import ServerClient
+from gdmp_ros.ros.clients.server_client import followed_motion, problem_of, ServerClient
 from gdmp_ros.ros.lifecycle import reliable, SILENT_S
 from gdmp_ros.ros.polling import PolledGroup, take_latest
 from gdmp_ros.studio.commands import Commands
@@ -62,7 +63,7 @@ class NodesRobot:
         self._services: dict[str, Any] = {name: node.create_client(kind, name) for name, kind in (
             *((f'{server}/{name}', kind) for name, kind in (
                 ('load_skill', LoadSkill), ('set_speed', SetSpeed), ('stop', Trigger),
-                ('pause', SetBool))),
+                ('pause', SetBool), ('refine_skill', RefineSkill))),
             *((f'{arm}/{name}', kind) for name, kind in (
                 ('teach', SetBool), ('move_joints', MoveJoints), ('identify_friction', SetBool))),
             *((f'{RECORDER}/{name}', Trigger) for name in ('start', 'stop', 'discard')))}
@@ -114,7 +115,7 @@ class NodesRobot:
             tuple(f'{limit.name} by {value:.2g} {limit.unit}'
                   for limit, value in zip(LIMITS, limited) if value > 0.0),
             recorder.duration if recorder is not None and recording else None,
-            self._problem or _problem_of(state), 1.0,
+            self._problem or problem_of(state), 1.0,
             None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
             None if state is None or not state.sequence else
             (state.step, state.steps, state.step_name))
@@ -161,6 +162,11 @@ class NodesRobot:
 
     def pull(self, pose: np.ndarray | None) -> None:
         self._pulled = None if pose is None else pose.copy()
+
+    def followed(self) -> FollowedMotion:
+        reply = self._commands.ask(lambda: self._call(
+            f'{self._server}/refine_skill', action=RefineSkill.Request.PROPOSE), ANSWER_S)
+        return followed_motion(reply)
 
     def home(self) -> None:
         self._problem = ''
@@ -277,19 +283,16 @@ class NodesRobot:
         self._client.wait(f'the service {name}', service.service_is_ready, AVAILABLE_S)
         return service
 
-    def _request(self, name: str, **fields: Any) -> None:
+    def _call(self, name: str, **fields: Any) -> Any:
         service = self._ready(name)
         future = service.call_async(service.srv_type.Request(**fields))
         self._client.wait(f'the reply of {name}', future.done, ANSWER_S)
-        if not future.result().success:
-            raise GdmpError(f'{name}: {future.result().message}')
+        return future.result()
+
+    def _request(self, name: str, **fields: Any) -> None:
+        reply = self._call(name, **fields)
+        if not reply.success:
+            raise GdmpError(f'{name}: {reply.message}')
 
     def _on_recorder(self, message: RecorderState) -> None:
         self._recorder = message
-
-
-def _problem_of(state: ServerState | None) -> str:
-    """What the server says of a motion that does not go on."""
-    flags = [] if state is None else [flag for flag in state.flags if flag in (
-        'no_robot', 'blocked', 'lagging', 'not_settled', 'held')]
-    return ', '.join(flags)

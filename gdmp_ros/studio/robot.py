@@ -9,6 +9,7 @@ import numpy as np
 
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.learning.correction import FollowedMotion
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,14 @@ class Robot(Protocol):
         """Let the arm be guided by hand, or let it hold."""
 
     def pull(self, pose: np.ndarray | None) -> None:
-        """Pull the tool of a guided arm to a pose; None lets go."""
+        """Pull the tool to a pose, of an arm that is guided or follows; None lets go."""
+
+    def followed(self) -> FollowedMotion:
+        """
+        How the arm followed the last motion.
+
+        :raises GdmpError: if there was none
+        """
 
     def record(self, folder: Path) -> None:
         """

@@ -15,7 +15,11 @@ _MOVING = ('moving', 'paused')
 
 
 class RunPanel:
-    """Executes the changed skill on the robot."""
+    """
+    Executes the changed skill on the robot.
+
+    :ivar executed: name of the skill that was started last; empty before
+    """
 
     def __init__(self, studio: Studio):
         self._studio, gui = studio, studio.server.gui
@@ -37,7 +41,7 @@ class RunPanel:
             hint='a goal that you drag or type is sent to a robot that moves')
         gui.add_button('move to the home posture').on_click(studio.later(studio.robot.home))
         self._text_due = 0.0
-        self._running = ''
+        self.executed = ''
         studio.on_view.append(self._show)
         studio.on_goal.append(self._switch_goal)
 
@@ -53,13 +57,13 @@ class RunPanel:
         studio.robot.set_tempo(self._tempo.value)
         self._paused.value, self._amplitude.value = False, 1.0
         studio.robot.start()
-        self._running = studio.bench.chosen
+        self.executed = studio.bench.chosen
 
     def _switch_goal(self, goal: np.ndarray) -> None:
         """Send a goal that the user has moved to a robot in motion, not to one at rest."""
         studio, view = self._studio, self._studio.view
         if (self._switch.value and view is not None and view.status in _MOVING
-                and studio.bench.chosen == self._running):
+                and studio.bench.chosen == self.executed):
             studio.robot.switch_goal(goal)
 
     def _show(self, view: RobotView | None) -> None:

@@ -14,6 +14,7 @@ import viser
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.access import Access
 from gdmp_ros.studio.app import Studio
+from gdmp_ros.studio.correct_panel import CorrectPanel
 from gdmp_ros.studio.robot import Robot
 from gdmp_ros.studio.run_panel import RunPanel, TimePanel
 from gdmp_ros.studio.sequence_panel import SequencePanel
@@ -103,13 +104,16 @@ def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: S
     with tabs.add_tab('skill'):
         SkillPanel(studio)
     with tabs.add_tab('run'):
-        RunPanel(studio)
+        run = RunPanel(studio)
+        with gui.add_folder('correct by hand', expand_by_default=False):
+            correct = CorrectPanel(studio, run)
     if studio.bench.sequences:
         with tabs.add_tab('sequence'):
             SequencePanel(studio)
     with tabs.add_tab('teach'):
         teach = TeachPanel(studio)
-    server.on_client_disconnect(lambda _: studio.jobs.put(teach.release))
+    for panel in (teach, correct):
+        server.on_client_disconnect(lambda _, panel=panel: studio.jobs.put(panel.release))
     with gui.add_folder('time'):
         TimePanel(studio)
     name = socket.gethostname() if settings.host in EVERYWHERE else settings.host

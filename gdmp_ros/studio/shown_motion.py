@@ -11,9 +11,12 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.prediction import likely_path
 from gdmp_ros.playback.tool_skill import ToolSkill
 from gdmp_ros.sim.skill_check import DURATIONS
 
+#: Ellipsoids along a tube.
+TUBE = 24
 #: Samples of a motion.
 SAMPLES = 240
 
@@ -102,3 +105,14 @@ def of_run(bag: Path) -> tuple[ShownMotion, ShownMotion]:
     sent = ShownMotion(1e-9 * (run.reference_stamps - first), run.references)
     # Enough for a slider; the report shows every tick.
     return sent.thinned(10 * SAMPLES), done.thinned(10 * SAMPLES)
+
+
+def tube(skill: Skill) -> tuple[np.ndarray, np.ndarray] | None:
+    """
+    How takes vary around a skill (`gdmp_ros.playback.prediction.likely_path`).
+
+    None for a skill of a single take, and with via points, which no take showed.
+    """
+    if skill.distribution is None or skill.via:
+        return None
+    return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)

@@ -16,6 +16,7 @@ from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.measured_input import MeasuredInput
 from gdmp_ros.playback.player_settings import PlayerSettings
@@ -123,6 +124,9 @@ class SimulatedRobot:
 
     def switch_goal(self, pose: np.ndarray) -> None:
         self._streamer.commands.goal_pose(pose, self._streamer.now)
+
+    def followed(self) -> FollowedMotion:
+        return FollowedMotion(*self._streamer.record.arrays())
 
     # The arm
 
@@ -253,8 +257,8 @@ class SimulatedRobot:
 
     def _pull(self, hand: Hand | None) -> None:
         loop = self._loop
-        loop.hand = hand if loop.hand_guided else None
-        if loop.hand is None:
+        loop.hand = hand
+        if hand is None:
             loop.arm.push(np.zeros(6))
 
     def _go_home(self) -> None:

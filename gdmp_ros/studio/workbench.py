@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,12 @@ from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import DataError
-from gdmp_ros.playback.prediction import likely_path
+from gdmp_ros.learning.correction import correction, FollowedMotion, Push
+from gdmp_ros.studio.changes import Changes
 from gdmp_ros.studio.shown_motion import check_shown, of_run, ShownMotion
 
 #: Most messages on a topic of a bag.
 LARGEST = 600_000
-#: Ellipsoids along a tube.
-TUBE = 24
 
 
 @dataclass
@@ -36,34 +35,6 @@ class Take:
     path: Path
     recording: Recording
     used: bool = True
-
-
-@dataclass(eq=False)
-class Changes:
-    """
-    What the user has changed in a skill.
-
-    :ivar start: pose (x, y, z, qw, qx, qy, qz); None for that of the skill
-    :ivar goal: the same
-    :ivar via: positions by progress, 0 to 1 [m]
-    :ivar duration: [s]; None for that of the skill
-    """
-
-    start: np.ndarray | None = None
-    goal: np.ndarray | None = None
-    via: dict[float, np.ndarray] = field(default_factory=dict)
-    duration: float | None = None
-
-    def copy(self) -> Changes:
-        """The same changes, which stay as they are."""
-        return replace(self, via=dict(self.via))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Changes) and repr(self) == repr(other)
-
-    def __bool__(self) -> bool:
-        return bool(self.via) or any(one is not None for one in (self.start, self.goal,
-                                                                 self.duration))
 
 
 class Workbench:
@@ -201,7 +172,8 @@ class Workbench:
 
         :raises GdmpError: if a via point cannot be met
         """
-        skill, changes = self.skill, self.changes
+        changes = self.changes
+        skill = (self.skill, *changes.corrections)[-1]
         if changes.duration is not None:
             skill = Skill.of(replace(skill, duration=max(changes.duration, SHORTEST_DURATION)))
         if changes.start is not None or changes.goal is not None:
@@ -228,6 +200,26 @@ class Workbench:
             self.changes.via = before
             raise
 
+    def correct(self, followed: FollowedMotion) -> list[Push]:
+        """
+        Correct the chosen skill where the arm was pushed.
+
+        :raises GdmpError: if there is no push, or the skill cannot be corrected
+        """
+        found = correction((self.skill, *self.changes.corrections)[-1], followed)
+        self.changes.corrections += (Skill.of(found.primitive),)
+        return found.pushes
+
+    def undo_correction(self) -> None:
+        """
+        Take the last correction back.
+
+        :raises DataError: if there is none
+        """
+        if not self.changes.corrections:
+            raise DataError('there is no correction to undo')
+        self.changes.corrections = self.changes.corrections[:-1]
+
     @property
     def unsaved(self) -> bool:
         """Whether there are changes that were not saved."""
@@ -245,17 +237,6 @@ class Workbench:
             self._saved = self.changes.copy()
         except OSError as error:
             raise DataError(f'{path}: cannot write: {error.strerror}') from None
-
-
-def tube(skill: Skill) -> tuple[np.ndarray, np.ndarray] | None:
-    """
-    How takes vary around a skill (`gdmp_ros.playback.prediction.likely_path`).
-
-    None for a skill of a single take, and with via points, which no take showed.
-    """
-    if skill.distribution is None or skill.via:
-        return None
-    return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
 
 
 def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:

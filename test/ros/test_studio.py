@@ -74,3 +74,24 @@ def test_a_guided_arm_follows_the_hand_and_a_take_is_recorded(robot, running, tm
         wait(robot, lambda view: view.mode != 'guided')
     finally:
         running.children.stop(TAKE_RECORDER)
+
+
+def test_how_the_arm_followed_a_motion_is_known_for_a_correction(robot, skill):
+    wait(robot, lambda view: view.status in ('holding', 'idle'))
+    robot.use(skill, 'letter')
+    with pytest.raises(GdmpError, match='has not been executed'):
+        robot.followed()
+    robot.start()
+    view = wait(robot, lambda view: view.status == 'moving' and view.progress > 0.3)
+    while view.progress < 0.6:
+        hand = view.pose.copy()
+        hand[2] += 0.05
+        robot.pull(hand)
+        time.sleep(0.02)
+        view = robot.view()
+    robot.pull(None)
+    wait(robot, lambda view: view.status == 'holding')
+    followed = robot.followed()
+    away = np.linalg.norm((followed.measured - followed.references)[:, :3], axis=1)
+    pushed = (followed.progress > 0.4) & (followed.progress < 0.6)
+    assert away[pushed].max() > 0.015 and away[followed.progress < 0.25].max() < 0.015

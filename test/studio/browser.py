@@ -136,8 +136,8 @@ class Page:
         return (0.5 * SIZE['width'] + scale * (away @ right),
                 0.5 * SIZE['height'] - scale * (away @ up))
 
-    def drag(self, first, last, steps=10):
-        """Drag from a point of space to another one with the mouse."""
+    def drag(self, first, last, steps=10, held=0.0):
+        """Drag from a point of space to another one with the mouse, and hold it there [s]."""
         mouse = self.page.mouse
         begin, end = np.array(self.pixel(first)), np.array(self.pixel(last))
         mouse.move(*begin)
@@ -146,6 +146,7 @@ class Page:
         for step in range(1, steps + 1):
             mouse.move(*(begin + (end - begin) * step / steps))
             self.page.wait_for_timeout(60)
+        self.page.wait_for_timeout(1e3 * held)
         mouse.up()
 
     def check_clean(self):

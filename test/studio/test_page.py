@@ -116,6 +116,41 @@ def test_a_skill_is_run_and_its_goal_switched_in_motion(page):
     assert abs(float(still.group(1)) - float(reached.group(1))) < 1.5e-3
 
 
+def test_a_push_corrects_the_skill_when_asked(page, folder):
+    page.tab('run')
+    page.page.get_by_text('correct by hand', exact=True).first.click()
+    page.tick('push the arm while it moves')
+    page.set_slider('tempo', 0.3)
+    page.click('start')
+    place = page.wait('the moving arm', lambda text: re.search(
+        r'moving.*?tool at (-?[\d.]+), (-?[\d.]+), (-?[\d.]+) m', text, re.S))
+    # The handle follows the tool until it is grasped.
+    tool = np.array([float(one) for one in place.groups()])
+    grip = tool - [0.0, 0.0, 0.12]
+    page.drag(grip, grip + [0.0, 0.0, 0.15], steps=15, held=3.0)
+    page.set_slider('tempo', 1.0)
+    page.wait('the end', lambda text: 'holding' in text, 60.0)
+    page.click('correct by the last motion')
+    found = page.wait('the correction', lambda text: re.search(r'position at \d+ %: (\d+) mm',
+                                                              text))
+    assert int(found.group(1)) > 10
+    page.tab('skill')
+    page.wait_text('changed, not saved')
+    page.type('skill_changed.json', 'pushed.json')
+    page.click('save the skill')
+    page.wait_text('pushed.json')
+    before, after = Skill.load(folder / 'skill.json'), Skill.load(folder / 'pushed.json')
+    moved = (after.reproduce(0.05).points - before.reproduce(0.05).points)[:, :3]
+    assert 0.01 < np.linalg.norm(moved, axis=1).max() < 0.2
+    page.tab('run')
+    page.click('undo the correction')
+    page.tab('skill')
+    page.wait('the learned path', lambda text: 'changed, not saved' in text)
+    page.click('undo all changes')
+    page.tab('run')
+    page.tick('push the arm while it moves')
+
+
 def test_a_take_is_taught_dropped_and_learned(page, folder):
     page.tab('teach')
     page.tick('guide the arm by hand')

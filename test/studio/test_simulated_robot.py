@@ -127,3 +127,32 @@ def test_a_sequence_is_shown_step_by_step_and_ended_by_a_signal(robot, tmp_path)
     wait(robot, lambda view: view.step == '3 of 3, polish' and view.progress > 0.2)
     robot.stop()
     wait(robot, lambda view: view.status == 'holding' and view.problem == 'stopped')
+
+
+def test_a_pushed_motion_corrects_a_skill_and_is_undone_exactly(robot, skill, tmp_path):
+    skill.save(tmp_path / 'letter.json')
+    bench = opened([tmp_path / 'letter.json'])
+    with pytest.raises(DataError, match='expected at least 10 poses'):
+        bench.correct(robot.followed())
+    robot.use(bench.edited(), 'letter')
+    robot.start()
+    view = wait(robot, lambda view: view.status == 'moving' and view.progress > 0.3)
+    while view.progress < 0.6:
+        robot.pull(view.goal * [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]
+                   + [*(view.pose[:3] + [0.0, 0.0, 0.03]), 0.0, 0.0, 0.0, 0.0])
+        time.sleep(0.02)
+        view = robot.view()
+    robot.pull(None)
+    wait(robot, lambda view: view.status == 'holding')
+    pushes = bench.correct(robot.followed())
+    assert {push.quantity for push in pushes} >= {'position'} and bench.unsaved
+    corrected = bench.edited()
+    bench.save(tmp_path / 'better.json')
+    np.testing.assert_array_equal(Skill.load(tmp_path / 'better.json').weights,
+                                  corrected.weights)
+    assert np.abs(corrected.reproduce(0.05).points - skill.reproduce(0.05).points)[:, 2].max(
+        ) > 0.01
+    bench.undo_correction()
+    np.testing.assert_array_equal(bench.edited().weights, skill.weights)
+    with pytest.raises(DataError, match='no correction to undo'):
+        bench.undo_correction()

@@ -7,12 +7,14 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import Context, ServerState
+from gdmp_msgs.srv import RefineSkill
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.action import ActionClient
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.ros.lifecycle import reliable
@@ -138,3 +140,23 @@ class ServerClient(Client):
         self.wait(f'the server to subscribe to {topic}',
                   lambda: publisher.get_subscription_count() > 0, 5.0)
         publisher.publish(message)
+
+
+def problem_of(state: ServerState | None) -> str:
+    """What the server says of a motion that does not go on."""
+    flags = [] if state is None else [flag for flag in state.flags if flag in (
+        'no_robot', 'blocked', 'lagging', 'not_settled', 'held')]
+    return ', '.join(flags)
+
+
+def followed_motion(reply: RefineSkill.Response) -> FollowedMotion:
+    """
+    How the arm followed the last motion, in a reply of ``~/refine_skill``.
+
+    :raises GdmpError: if it tells nothing, with its reason
+    """
+    if not len(reply.progress):
+        raise GdmpError(reply.message)
+    return FollowedMotion(np.array(reply.progress), *(np.array(
+        [messages.pose_numbers(pose) for pose in poses])
+        for poses in (reply.references, reply.measured)))

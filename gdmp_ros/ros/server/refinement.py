@@ -52,7 +52,11 @@ class Refinement:
                                  'itself, or show another take')
         if record.skill is not skill:
             raise ParameterError(f'{name} has not been executed since it was loaded')
-        found = correction(skill, FollowedMotion(*record.arrays()))
+        progress, references, measured = record.arrays()
+        reply.progress = progress.tolist()
+        reply.references.extend(_pose(row) for row in references)
+        reply.measured.extend(_pose(row) for row in measured)
+        found = correction(skill, FollowedMotion(progress, references, measured))
         self._proposed = skill, found
         reply.pushed_at = [one.at for one in found.pushes]
         reply.moved = [one.largest if one.quantity == 'position' else 0.0 for one in found.pushes]
