@@ -34,7 +34,7 @@ PERIOD_S = 0.02
 #: Longest time for an answer of the nodes [s].
 ANSWER_S = 10.0
 #: Longest time in which a service is found [s].
-AVAILABLE_S = 3.0
+AVAILABLE_S = 5.0
 #: Longest time for the end of everything [s].
 CLOSING_S = 3.0
 RECORDER = 'take_recorder'
