@@ -22,8 +22,8 @@ def followed_motion(run: Run) -> FollowedMotion:
     """
     moving = np.array([status in _MOVING for status in run.statuses], dtype=bool)
     if not moving.any():
-        raise DataError('the run has no motion of a trajectory server: record its state too '
-                        '(~/state), as gdmp demo and the recorder do')
+        raise DataError('the run has no motion of a trajectory server: record its topic '
+                        '~/state too')
     last = int(np.flatnonzero(moving)[-1])
     rest = np.flatnonzero(~moving[:last])
     first = int(rest[-1]) + 1 if len(rest) else 0

@@ -127,6 +127,10 @@ class ContextModel:
                             'expected different names and more takes than names')
         if not ((self.lengths > 0.0).all() and (self.noise > 0.0).all()):
             raise DataError('contexts: lengths and noise must be above 0')
+        away = self.takes - self.takes.mean(axis=0)
+        if np.linalg.matrix_rank(away, tol=1e-12 * np.abs(self.takes).max()) < size:
+            raise DataError('contexts: a number does not vary between the takes, or follows from '
+                            'the others')
 
     def numbers(self, context: Context) -> np.ndarray:
         """

@@ -188,6 +188,7 @@ def test_files_with_linear_contexts_can_be_read(rng, tmp_path):
 @pytest.mark.parametrize('change, reason', [
     (lambda c: c.update(names='height'), 'object with names'),
     (lambda c: c.update(names=['a', 'a']), 'takes has shape'),
+    (lambda c: c.update(takes=[[1.0]] * 5), 'does not vary'),
     (lambda c: c.update(lengths=[0.0]), 'lengths and noise must be above 0'),
     (lambda c: c.update(trend=[[1.0, 2.0]]), 'trend has shape'),
     (lambda c: c.pop('bend'), 'bend')])
