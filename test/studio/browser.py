@@ -141,7 +141,7 @@ class Page:
         mouse = self.page.mouse
         begin, end = np.array(self.pixel(first)), np.array(self.pixel(last))
         mouse.move(*begin)
-        self.page.wait_for_timeout(300)  # the handle notices the mouse
+        self.page.wait_for_timeout(1000)  # the handle notices the mouse
         mouse.down()
         for step in range(1, steps + 1):
             mouse.move(*(begin + (end - begin) * step / steps))

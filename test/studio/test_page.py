@@ -119,11 +119,15 @@ def test_a_skill_is_run_and_its_goal_switched_in_motion(page):
 def test_a_push_corrects_the_skill_when_asked(page, folder):
     page.tab('run')
     page.page.get_by_text('correct by hand', exact=True).first.click()
+    page.click('move to the home posture')  # away from the handle of the goal
+    page.wait('the way home', lambda text: 'arm: move' in text)
+    page.wait('the arm at home', lambda text: 'arm: hold' in text, 60.0)
     page.tick('push the arm while it moves')
-    page.set_slider('tempo', 0.3)
+    # So slow that a busy browser can grasp the moving handle.
+    page.set_slider('tempo', 0.05)
     page.click('start')
     place = page.wait('the moving arm', lambda text: re.search(
-        r'moving.*?tool at (-?[\d.]+), (-?[\d.]+), (-?[\d.]+) m', text, re.S))
+        r'moving, .*?tempo 0.05.*?tool at (-?[\d.]+), (-?[\d.]+), (-?[\d.]+) m', text, re.S))
     # The handle follows the tool until it is grasped.
     tool = np.array([float(one) for one in place.groups()])
     grip = tool - [0.0, 0.0, 0.12]

@@ -8,8 +8,8 @@ from gdmp_ros.data.skill_from_bags import LearningSettings
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio import workbench
 from gdmp_ros.studio.jobs import Jobs
-from gdmp_ros.studio.shown_motion import of_skill, SAMPLES
-from gdmp_ros.studio.workbench import opened, tube, Workbench
+from gdmp_ros.studio.shown_motion import of_skill, SAMPLES, tube
+from gdmp_ros.studio.workbench import opened, Workbench
 from test.motions import motion
 
 
