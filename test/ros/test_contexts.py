@@ -63,9 +63,10 @@ def test_the_command_line_shows_and_uses_contexts(folder):
     # Rest at the ends of the takes was cut off: the path is compared, not its timing.
     away = np.linalg.norm(path[:, None, 2:5] - _take(0.05).points[None, :, :3], axis=2)
     assert away.min(axis=1).max() < 2e-3
-    outside = gdmp('rollout', 'skill.json', '--context', 'height=0.3', '-o', 'far.csv', cwd=folder)
-    assert 'height is 0.3, the takes show 0 to 0.12' in outside.stderr
+    outside = gdmp('rollout', 'skill.json', '--context', 'height=0.2', '-o', 'far.csv', cwd=folder)
+    assert 'height is 0.2, the takes show 0 to 0.12' in outside.stderr
     for word, code, reason in (('width=1', 1, 'expected height, got width'),
+                               ('height=0.3', 1, 'further outside of what the takes show'),
                                ('height', 2, "'height' is not NAME=NUMBER")):
         refused = gdmp('rollout', 'skill.json', '--context', word, cwd=folder)
         assert refused.returncode == code and reason in refused.stderr
