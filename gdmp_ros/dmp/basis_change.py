@@ -36,11 +36,7 @@ def _changed(variation: Variation, matrix: np.ndarray, size: int) -> Variation:
         ends, weights = rows[:2 * size], rows[2 * size:].reshape(matrix.shape[1], -1)
         return np.vstack([ends, (matrix @ weights).reshape(-1, rows.shape[1])])
 
-    model = variation.contexts
-    if model is not None:
-        model = replace(model, trend=changed(model.trend), bend=changed(model.bend),
-                        spread=changed(model.spread))
-    return replace(variation, factor=changed(variation.factor), contexts=model)
+    return variation.mapped(changed)
 
 
 @functools.lru_cache(maxsize=8)

@@ -113,8 +113,4 @@ def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) ->
         result[1] = goal @ parts[1]
         return np.asarray(result.reshape(rows.shape))
 
-    model = variation.contexts
-    if model is not None:
-        model = replace(model, trend=turned(model.trend), bend=turned(model.bend),
-                        spread=turned(model.spread))
-    return replace(variation, factor=turned(variation.factor), contexts=model)
+    return variation.mapped(turned)

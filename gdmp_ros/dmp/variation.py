@@ -1,7 +1,8 @@
 """How takes of a motion vary around their mean: the data of a `gdmp_ros.dmp.Distribution`."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +42,18 @@ class Variation:
         if self.contexts is None:
             return self.factor
         return np.hstack([self.factor, self.contexts.spread])
+
+    def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> Variation:
+        """
+        The variation in other coordinates of start, goal and weights.
+
+        :param change: of arrays with the rows of the factor; linear
+        """
+        model = self.contexts
+        if model is not None:
+            model = replace(model, trend=change(model.trend), bend=change(model.bend),
+                            spread=change(model.spread))
+        return replace(self, factor=change(self.factor), contexts=model)
 
     def check(self, n_basis: int, size: int) -> None:
         """

@@ -18,9 +18,9 @@ from gdmp_ros.dmp.basis_change import with_functions
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.ends import between
 from gdmp_ros.dmp.primitive import frame_of, Primitive
-from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.learning.smoothing import smoother
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -233,26 +233,12 @@ def _fitted(primitive: Primitive, wanted: np.ndarray, progress: np.ndarray) -> P
     base = Development(manifold, _path(primitive, progress), frame_of(primitive, primitive.start))
     goal, changed = base.ways_to(wanted), primitive
     weights = np.zeros((primitive.n_basis, manifold.tangent_size))
-    motion, smoother = _smoother(primitive, progress)
+    maps = smoother(primitive.n_basis, primitive.gains, progress, WAVELENGTH)
     for _ in range(1 if manifold.is_flat else REPETITIONS):
         left = goal - base.ways_to(_path(changed, progress))
-        weights = smoother @ (motion @ weights + left)
+        weights = maps.weights @ (maps.motion @ weights + left)
         changed = replace(primitive, weights=primitive.weights + weights)
     return changed
-
-
-def _smoother(primitive: Primitive, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from weights to deviations, and back to the smoothest weights."""
-    response = responses(primitive.n_basis, primitive.gains)
-    spacing = progress[1]
-    # After the end nothing changes.
-    after = np.arange(1.0 + spacing, LAST, spacing)
-    matrix = response.at(np.concatenate([progress, after]))[1][:, 1:]
-    rough = third_derivatives(response.motion[:, 1:])
-    normal = spacing * matrix.T @ matrix + (WAVELENGTH / (2.0 * np.pi)) ** 6 * rough.T @ rough
-    normal[np.diag_indices(len(normal))] += 1e-12 * np.trace(normal) / len(normal)
-    motion = matrix[:len(progress)]
-    return motion, np.linalg.solve(normal, spacing * motion.T)
 
 
 def _path(primitive: Primitive, progress: np.ndarray) -> np.ndarray:

@@ -15,11 +15,11 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.ends import shifted
-from gdmp_ros.dmp.primitive import change_of_frame, frame_of, Gains, Primitive
-from gdmp_ros.dmp.response import LAST, responses, third_derivatives
+from gdmp_ros.dmp.primitive import change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.learning.context_fit import ContextFit, Contexts
+from gdmp_ros.learning.smoothing import Smoother, smoother
 
 #: Samples of a take.
 SAMPLES = 101
@@ -43,11 +43,11 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
     """
     manifold, count = primitive.manifold, len(takes)
     progress = np.linspace(0.0, 1.0, SAMPLES)
-    smoother = _smoother(primitive.n_basis, primitive.gains, progress)
+    maps = smoother(primitive.n_basis, primitive.gains, progress, WAVELENGTH)
     # Second moments are then weighted means.
     roots = np.sqrt(take_weights)[:, None]
     ends = np.array([_ends(primitive, take) for take in takes])
-    rest = np.array([_rest(primitive, take, one, progress, smoother)
+    rest = np.array([_rest(primitive, take, one, progress, maps)
                      for take, one in zip(takes, ends)])
     lengths = np.log([take.duration / primitive.duration for take in takes])
     model = None
@@ -57,13 +57,13 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
         ends = ends - np.average(ends, axis=0, weights=take_weights)
         lengths = lengths - np.average(lengths, weights=take_weights)
     else:
-        fit, rows = _context_fit(primitive, contexts, take_weights, smoother, ends, rest)
+        fit, rows = _context_fit(primitive, contexts, take_weights, maps, ends, rest)
         model, lengths = fit.model(rows, lengths)
         ends, rest = fit.left[:, :ends.shape[1]], fit.left[:, ends.shape[1]:].reshape(rest.shape)
         unseen = roots
     ends, rest = unseen * ends, unseen[:, None] * rest
-    weights = np.einsum('is,ksj->kij', smoother, rest)
-    unexplained = rest - np.einsum('si,kij->ksj', _matrix(primitive, progress), weights)
+    weights = np.einsum('is,ksj->kij', maps.weights, rest)
+    unexplained = rest - np.einsum('si,kij->ksj', maps.motion, weights)
     size = manifold.tangent_size
     share_ends, share_rest = (number / (number + count) for number in (2 * size, size))
     samples = np.hstack([ends, weights.reshape(count, -1)]) / np.sqrt(count - 1.0)
@@ -71,10 +71,10 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
     more[:, :2 * size] = 0.0
     parts = [np.sqrt(1.0 - share_ends) * samples, np.sqrt(share_ends - share_rest) * more,
              _equal_ends(primitive, np.sqrt(share_ends) * samples[:, :2 * size]),
-             np.sqrt(share_rest) * _equal_weights(primitive, rest, smoother, progress)]
+             np.sqrt(share_rest) * _equal_weights(primitive, rest, maps.weights, progress)]
     noise = (unexplained ** 2).mean(axis=(0, 1))
     # Weights of late basis functions are larger, because the phase decays.
-    effects = np.linalg.norm(_matrix(primitive, progress), axis=0) / np.sqrt(SAMPLES)
+    effects = np.linalg.norm(maps.motion, axis=0) / np.sqrt(SAMPLES)
     units = _units(primitive, ends, rest)
     scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
     factor = (_compressed(np.vstack(parts) * scales) / scales).T
@@ -87,7 +87,7 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
 
 
 def _context_fit(primitive: Primitive, contexts: Contexts, take_weights: np.ndarray,
-                 smoother: np.ndarray, ends: np.ndarray, rest: np.ndarray
+                 maps: Smoother, ends: np.ndarray, rest: np.ndarray
                  ) -> tuple[ContextFit, Callable[[np.ndarray], np.ndarray]]:
     """What the contexts of takes explain; and how to get rows of a factor from ends and rest."""
     count, size = rest.shape[0], rest.shape[2]
@@ -97,7 +97,7 @@ def _context_fit(primitive: Primitive, contexts: Contexts, take_weights: np.ndar
 
     def rows(numbers: np.ndarray) -> np.ndarray:
         motions = numbers[:, 2 * size:].reshape(len(numbers), SAMPLES, size)
-        weights = np.einsum('is,ksj->kij', smoother, motions).reshape(len(numbers), -1)
+        weights = np.einsum('is,ksj->kij', maps.weights, motions).reshape(len(numbers), -1)
         return np.hstack([numbers[:, :2 * size], weights])
 
     return fit, rows
@@ -114,43 +114,27 @@ def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
 
 
 def _rest(primitive: Primitive, take: Demonstration, ends: np.ndarray, progress: np.ndarray,
-          smoother: np.ndarray) -> np.ndarray:
+          maps: Smoother) -> np.ndarray:
     """
     From the moved skill to the take, in its frames, shape ``(samples, n)``.
 
     Where the space is curved it is corrected for what the weights do not do linearly; with the
     published connection, which has no frames along the motion, it is not.
     """
-    manifold, matrix = primitive.manifold, _matrix(primitive, progress)
+    manifold = primitive.manifold
     rest = np.zeros((len(progress), manifold.tangent_size))
     for _ in range(CORRECTIONS if primitive.connection == 'parallel' else 1):
-        weights = smoother @ rest
+        weights = maps.weights @ rest
         moved = shifted(primitive, np.concatenate([ends, weights.reshape(-1)]))
         path = Rollout(moved, duration=1.0).sample(progress).points.reshape(len(progress), -1)
         shown = take.aligned(moved.start).at(take.times[0] + progress * take.duration)
         # Coordinates of the weights are those in the frame carried from the skill's own start.
         frame = frame_of(primitive, moved.start)
         away = Development(manifold, path, frame).ways_to(shown.reshape(len(progress), -1))
-        before, rest = rest, matrix @ weights + away
+        before, rest = rest, maps.motion @ weights + away
         if np.abs(rest - before).max() <= CONVERGED * (np.abs(rest).max() + 1e-12):
             break
     return rest
-
-
-def _matrix(primitive: Primitive, progress: np.ndarray) -> np.ndarray:
-    return responses(primitive.n_basis, primitive.gains).at(progress)[1][:, 1:]
-
-
-def _smoother(count: int, gains: Gains, progress: np.ndarray) -> np.ndarray:
-    """Matrix from deviations at the samples to weights; after the end there is no deviation."""
-    response = responses(count, gains)
-    spacing = progress[1]
-    held = np.arange(1.0 + spacing, LAST, spacing)
-    matrix = response.at(np.concatenate([progress, held]))[1][:, 1:]
-    rough = third_derivatives(response.motion[:, 1:])
-    normal = spacing * matrix.T @ matrix + (WAVELENGTH / (2.0 * np.pi)) ** 6 * rough.T @ rough
-    normal[np.diag_indices(count)] += 1e-12 * np.trace(normal) / count
-    return np.asarray(np.linalg.solve(normal, spacing * matrix[:len(progress)].T))
 
 
 def _equal_ends(primitive: Primitive, samples: np.ndarray) -> np.ndarray:

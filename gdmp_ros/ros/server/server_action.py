@@ -62,7 +62,7 @@ class ServerAction:
         raise NotImplementedError
 
     def _is_newly_cancelled(self, execution: Execution) -> bool:
-        """Whether somebody has asked to cancel the goal since the last call."""
+        """Whether the client has asked to cancel the goal since the last call."""
         if self._cancelling or not execution.handle.is_cancel_requested:
             return False
         self._cancelling = True
