@@ -35,3 +35,5 @@ def check_lasa_class(name: str) -> None:
                         f'{", ".join(LASA_CLASSES)}')
 #: Tasks of the demonstration.
 TASKS = ('letter', 'pick', 'joints', 'wipe')
+#: What two arms, or two factors of a skill, keep: `gdmp_ros.dmp.coupling.Coupling`.
+COUPLINGS = ('pose', 'relative', 'distance')

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.arrival import STILL_TOLERANCES
+from gdmp_ros.dmp.coupling import relation_count, write_deviations, write_relations
 from gdmp_ros.dmp.cycle import periodic_basis
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.dmp.goal import switch_goal
@@ -41,7 +42,7 @@ def new_memory(skill: Primitive, options: Options) -> np.ndarray:
     """Memory with everything that does not change while a skill is executed."""
     manifold, segments = skill.manifold, skill.segments
     memory = blank(manifold.factor_table, skill.n_basis, len(segments.ends),
-                   _obstacle_factor(manifold))
+                   _obstacle_factor(manifold), relation_count(skill.couplings))
     motion = parts(memory)
     motion.split[:] = segments.split or [False] * len(manifold.factors)
     motion.basis[:] = (periodic_basis(skill.n_basis) if skill.rhythmic
@@ -53,6 +54,7 @@ def new_memory(skill: Primitive, options: Options) -> np.ndarray:
     if len(segments) > 1:
         motion.segment_ends[:] = segments.ends
         motion.waypoints[:] = segments.waypoints
+    write_relations(motion, skill.couplings, manifold)
     decay = -skill.gains.alpha_z / skill.steps
     motion.decay[:] = math.exp(decay)
     motion.pull[:] = -math.expm1(decay) * skill.gains.beta_z
@@ -100,6 +102,7 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
     target = target.reshape(manifold.point_shape)
     motion.tangents.to_goal[:] = (manifold.log_in_frame(frame, target) if parallel
                                   else manifold.log_anyway(first, target))[0]
+    write_deviations(motion, skill.couplings, manifold, frame, first)
     if start.velocity is not None:
         _correct_start(motion, skill, frame, start)
     elif start.acceleration is not None:

@@ -21,6 +21,7 @@ from gdmp_ros.dmp.interpolation import write_state
 from gdmp_ros.dmp.layout import motion_view, state_size, total_size
 from gdmp_ros.dmp.obstacles import avoid_obstacles
 from gdmp_ros.dmp.phase import pass_time
+from gdmp_ros.dmp.relations import keep_relations
 from gdmp_ros.dmp.segments import target_at
 from gdmp_ros.kernels import always_inline, inlined, kernel, noinline, numbers_at, without_refcount
 from gdmp_ros.manifolds.factors import (
@@ -164,6 +165,8 @@ def _advance_velocity(motion, s):
         tangents.velocity[i] = (motion.decay[i] * tangents.velocity[i]
                                 + motion.pull[i] * attraction
                                 + (1.0 - motion.decay[i]) * tangents.lead[i])
+    if motion.sizes.relations > 0:
+        keep_relations(motion, s)
 
 
 @always_inline

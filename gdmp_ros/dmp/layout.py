@@ -21,7 +21,12 @@ OBSTACLE_CAPACITY = 32
 #: ``position``: the size of that factor, or 0.
 SIZES = np.dtype([(name, np.int64) for name in (
     'total', 'factors', 'basis', 'point', 'tangent', 'frame', 'waypoints', 'obstacle_factor',
-    'position', 'work')])
+    'position', 'relations', 'work')])
+
+#: A relation between two factors (`gdmp_ros.dmp.relations`): its kind, numbers of the factors, and
+#: of the orientation that carries an offset, -1 for none; whether the first factor leads.
+RELATION = np.dtype([(name, np.float64) for name in (
+    'kind', 'first', 'second', 'carrier', 'leads', 'distance', 'stiffness', 'damping')])
 
 #: The scalars of a roll-out; flags are 0 or 1.
 SCALARS = np.dtype([(name, np.float64) for name in (
@@ -135,6 +140,8 @@ class Motion(NamedTuple):
     :ivar still_speeds: below this speed a factor does not move [1/s]
     :ivar peaks: largest norm of Z of each factor up to the nominal end
     :ivar segment_ends: s at which each segment but the last ends
+    :ivar related: for each relation, its element of a group, where the second factor has its point
+    :ivar deviations: for each relation, coordinates of its deviation at the start
     """
 
     sizes: Any
@@ -151,13 +158,17 @@ class Motion(NamedTuple):
     segment_ends: Any
     waypoints: Any
     obstacles: Any
+    relations: Any
+    related: Any
+    deviations: Any
     frames: Frames
     points: Points
     tangents: Tangents
     work: Any
 
 
-_SIZES, _SCALARS, _FACTOR = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR))
+_SIZES, _SCALARS, _FACTOR, _RELATION = (
+    dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR, RELATION))
 #: Index of the flag ``finished`` in a memory.
 FINISHED = _SIZES + (SCALARS.names or ()).index('finished')
 _FRAMES, _POINTS, _TANGENTS = (len(part._fields) for part in (Frames, Points, Tangents))
@@ -196,6 +207,12 @@ def motion_view(memory):
     at += sizes.waypoints * p
     obstacles = numbers_at(memory, at, OBSTACLE_CAPACITY * sizes.position)
     at += OBSTACLE_CAPACITY * sizes.position
+    relations = records_at(memory, at, sizes.relations, RELATION)
+    at += sizes.relations * _RELATION
+    related = matrix_at(memory, at, sizes.relations, p)
+    at += sizes.relations * p
+    deviations = matrix_at(memory, at, sizes.relations, n)
+    at += sizes.relations * n
     frames = Frames(_row(memory, at, f, 0), _row(memory, at, f, 1), _row(memory, at, f, 2),
                     _row(memory, at, f, 3), _row(memory, at, f, 4), _row(memory, at, f, 5),
                     _row(memory, at, f, 6))
@@ -211,8 +228,8 @@ def motion_view(memory):
                         _row(memory, at, n, 12), _row(memory, at, n, 13), _row(memory, at, n, 14))
     at += _TANGENTS * n
     return Motion(sizes, scalars, factors, split, decay, pull, basis, weights, tolerances,
-                  still_speeds, peaks, segment_ends, waypoints, obstacles, frames, points,
-                  tangents, numbers_at(memory, at, sizes.work))
+                  still_speeds, peaks, segment_ends, waypoints, obstacles, relations, related,
+                  deviations, frames, points, tangents, numbers_at(memory, at, sizes.work))
 
 
 @inlined
@@ -228,24 +245,26 @@ def state_size(memory):
     return 2 + sizes.point + 2 * sizes.tangent
 
 
-def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: int) -> np.ndarray:
+def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: int,
+          relations: int = 0) -> np.ndarray:
     """
     Memory of a roll-out: sizes and factors are set, everything else is zero.
 
     :param factors: table of the manifold's factors
     :param waypoints: how many segments there are but the last
     :param obstacle_factor: the factor that avoids obstacles, -1 for none
+    :param relations: how many there are between factors
     """
     last = factors[-1]
     n, p, f = int(last['tangent_end']), int(last['point_end']), int(last['frame_end'])
     position = int(factors[obstacle_factor]['size']) if obstacle_factor >= 0 else 0
     work = work_size(int(factors['size'].max()))
     total = (_SIZES + _SCALARS + len(factors) * (_FACTOR + 4) + 2 * n + 2 * n_basis + n_basis * n
-             + waypoints * (1 + p) + OBSTACLE_CAPACITY * position + _FRAMES * f + _POINTS * p
-             + _TANGENTS * n + work)
+             + waypoints * (1 + p) + OBSTACLE_CAPACITY * position + relations * (_RELATION + p + n)
+             + _FRAMES * f + _POINTS * p + _TANGENTS * n + work)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (total, len(factors), n_basis, p, n, f, waypoints,
-                                      obstacle_factor, position, work)
+                                      obstacle_factor, position, relations, work)
     at = _SIZES + _SCALARS
     memory[at:at + len(factors) * _FACTOR].view(FACTOR)[:] = factors
     return memory

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gdmp_ros.choices import CONNECTIONS
+from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.events import checked_events, GripperEvent
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
@@ -90,6 +91,7 @@ class Primitive:
     :ivar events: commands for a gripper on the way, in their order
     :ivar provenance: source of the skill, as text; no part of the computation
     :ivar rhythmic: whether it repeats a cycle; `parallel` only, without segments and via points
+    :ivar couplings: what factors keep, such as two arms that carry something; `parallel` only
     """
 
     manifold: Manifold
@@ -108,11 +110,13 @@ class Primitive:
     events: tuple[GripperEvent, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     rhythmic: bool = False
+    couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
         if self.rhythmic:
             self._check_rhythmic()
+        self._check_couplings()
         for name in ('start', 'goal', 'frame', 'velocity', 'weights'):
             array = np.ascontiguousarray(getattr(self, name), dtype=np.float64).copy()
             array.flags.writeable = False
@@ -141,6 +145,14 @@ class Primitive:
                             ('variation', self.variation), ('gripper commands', self.events)):
             if given:
                 self.check_ends(what)
+
+    def _check_couplings(self) -> None:
+        object.__setattr__(self, 'couplings', tuple(self.couplings))
+        if self.couplings and self.connection != 'parallel':
+            raise ParameterError(f'connection is {self.connection!r}, expected parallel for a '
+                                 'skill with couplings')
+        for one in self.couplings:
+            one.check(self.manifold, self.steps)
 
     def check_ends(self, what: str) -> None:
         """

@@ -1,7 +1,7 @@
 """The skill file: JSON with a format version; floats read back exactly as written."""
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 import json
 import math
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.contexts import ContextModel
+from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.dmp.segments import Segments
@@ -22,9 +23,10 @@ from gdmp_ros.util.small_file import read_text
 
 FORMAT = 'gdmp skill'
 #: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
-#: version 5 rhythmic skills, version 6 contexts that bend; older files can be read too.
-VERSION = 6
-READABLE = (1, 2, 3, 4, 5, 6)
+#: version 5 rhythmic skills, version 6 contexts that bend, version 7 couplings; older files can be
+#: read too.
+VERSION = 7
+READABLE = (1, 2, 3, 4, 5, 6, 7)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 #: Arrays of a `ContextModel`.
@@ -50,6 +52,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'variation': _variation_document(skill.variation),
         'gripper': [event._asdict() for event in skill.events],
         'rhythmic': skill.rhythmic,
+        'couplings': [asdict(one) for one in skill.couplings],
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -103,7 +106,7 @@ def _parse(document: Any) -> Primitive:
                      velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
                      weights=weights, steps=steps, segments=_segments(document, manifold),
                      via=_via(document), variation=_variation(document), events=_events(document),
-                     provenance=provenance, rhythmic=rhythmic)
+                     provenance=provenance, rhythmic=rhythmic, couplings=_couplings(document))
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -145,6 +148,20 @@ def _events(document: dict[str, Any]) -> tuple[GripperEvent, ...]:
     rows = _numbers({'gripper': [[one[name] for name in names] for one in given]}, 'gripper',
                     (None, len(names))) if given else ()
     return tuple(GripperEvent(*row) for row in rows)
+
+
+def _couplings(document: dict[str, Any]) -> tuple[Coupling, ...]:
+    given, names = document.get('couplings') or [], [part.name for part in fields(Coupling)]
+    if not isinstance(given, list):
+        raise DataError(f'couplings: expected a list, got {given!r:.100}')
+    for one in given:
+        if not isinstance(one, dict) or set(one) != set(names) or not (
+                isinstance(one['leads'], bool) and isinstance(one['first'], list)
+                and isinstance(one['second'], list)):
+            raise DataError(f'couplings: expected objects with {", ".join(names)}, '
+                            f'got {one!r:.100}')
+    return tuple(Coupling(**{**one, 'relation': _numbers(one, 'relation', (None,))})
+                 for one in given)
 
 
 def _variation(document: dict[str, Any]) -> Variation | None:

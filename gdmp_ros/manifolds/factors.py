@@ -150,6 +150,22 @@ def factor_log_in_frame(factor, frame, point, coordinates, work):
         coordinates, factor.tangent, factor.tangent_end, work, 0, factor.work))
 
 
+@always_inline
+def factor_from_frame(factor, frame, coordinates, tangent, work):
+    """`Kernels.from_frame` of one factor."""
+    call_kernel(factor.from_frame, factor.size, (
+        frame, factor.frame_start, factor.frame_end, coordinates, factor.tangent,
+        factor.tangent_end, tangent, factor.tangent, factor.tangent_end, work, 0, factor.work))
+
+
+@always_inline
+def factor_to_frame(factor, frame, tangent, coordinates, work):
+    """`Kernels.to_frame` of one factor."""
+    call_kernel(factor.to_frame, factor.size, (
+        frame, factor.frame_start, factor.frame_end, tangent, factor.tangent, factor.tangent_end,
+        coordinates, factor.tangent, factor.tangent_end, work, 0, factor.work))
+
+
 # Each operation on all factors; the logarithms return the smallest distance from a cut locus.
 
 @always_inline
@@ -209,20 +225,14 @@ def log_in_frame(factors, frame, point, coordinates, work):
 def from_frame(factors, frame, coordinates, tangent, work):
     """`Kernels.from_frame`, factor by factor."""
     for i in range(factors.size):
-        f = factors[i]
-        call_kernel(f.from_frame, f.size, (
-            frame, f.frame_start, f.frame_end, coordinates, f.tangent, f.tangent_end,
-            tangent, f.tangent, f.tangent_end, work, 0, f.work))
+        factor_from_frame(factors[i], frame, coordinates, tangent, work)
 
 
 @always_inline
 def to_frame(factors, frame, tangent, coordinates, work):
     """`Kernels.to_frame`, factor by factor."""
     for i in range(factors.size):
-        f = factors[i]
-        call_kernel(f.to_frame, f.size, (
-            frame, f.frame_start, f.frame_end, tangent, f.tangent, f.tangent_end,
-            coordinates, f.tangent, f.tangent_end, work, 0, f.work))
+        factor_to_frame(factors[i], frame, tangent, coordinates, work)
 
 
 @always_inline

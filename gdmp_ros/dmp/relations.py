@@ -1,0 +1,219 @@
+"""
+Relations that two factors of a motion keep: the force of their potential, compiled.
+
+A relation has the potential ``U = ½ κ e²``, with e its deviation: ``d(Y₁ H, Y₂)`` where the points
+of the factors form a group, ``|p₂ - p₁ - R₁ t|`` where an orientation carries the offset, and
+``d(Y₁, Y₂) - δ`` on any manifold. ``-grad U`` and a damping of the relative velocity are added to
+the accelerations of both factors, or only to that of the second one if the first one leads. Both
+are computed from the middle of the interval before either velocity changes. With fixed goals,
+``V + U`` decreases, where V is the Lyapunov function of [GDMP] Theorem 1.
+"""
+from __future__ import annotations
+
+import numpy as np
+
+from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
+from gdmp_ros.manifolds.factors import (
+    factor_from_frame,
+    factor_log_in_frame,
+    factor_to_frame,
+    frame_point,
+)
+from gdmp_ros.manifolds.linalg import copy_numbers, norm
+from gdmp_ros.manifolds.quaternion import multiply as multiply_quaternions
+from gdmp_ros.manifolds.quaternion import multiply_conjugate, rotate
+from gdmp_ros.util.profiles import smoothstep
+
+#: Kinds: a geodesic distance; a constant offset; a relative quaternion; a relative matrix.
+DISTANCE, OFFSET, QUATERNION, MATRIX = range(4)
+#: A deviation at the start fades out within this part of a duration.
+_FADE = 0.25
+#: Points nearer than this have no direction to each other.
+_SAME = 1e-12
+
+
+@kernel
+def partner_points(relations, k, related, factors, point, target, work):
+    """
+    Write where each factor of a relation would keep it, given the other one.
+
+    The other numbers of ``target`` do not change. With `DISTANCE` it is the other point.
+
+    :param relations: records `gdmp_ros.dmp.layout.RELATION`
+    :param k: number of the relation
+    :param related: row of `gdmp_ros.dmp.layout.Motion.related`
+    """
+    noinline()
+    relation = relations[k]
+    first, second = factors[int(relation.first)], factors[int(relation.second)]
+    count = first.point_end - first.point
+    a, b = numbers_at(point, first.point, count), numbers_at(point, second.point, count)
+    to_a, to_b = numbers_at(target, first.point, count), numbers_at(target, second.point, count)
+    element = numbers_at(related, second.point, count)
+    if relation.kind == DISTANCE:
+        copy_numbers(count, b, to_a)
+        copy_numbers(count, a, to_b)
+    elif relation.kind == OFFSET:
+        copy_numbers(count, element, to_b)
+        if relation.carrier >= 0:
+            rotate(numbers_at(point, factors[int(relation.carrier)].point, 4), to_b, to_b)
+        for i in range(count):
+            to_a[i] = b[i] - to_b[i]
+            to_b[i] += a[i]
+    elif relation.kind == QUATERNION:
+        multiply_quaternions(a, element, to_b)
+        multiply_conjugate(b, element, to_a)
+        # q and -q are the same orientation: the nearer one is meant.
+        if to_b[0] * b[0] + to_b[1] * b[1] + to_b[2] * b[2] + to_b[3] * b[3] < 0.0:
+            for i in range(4):
+                to_a[i], to_b[i] = -to_a[i], -to_b[i]
+    else:
+        m = first.size
+        for i in range(m):
+            for j in range(m):
+                forth, back = 0.0, 0.0
+                for l in range(m):
+                    forth += a[m * i + l] * element[m * l + j]
+                    back += b[m * i + l] * element[m * j + l]
+                to_a[m * i + j], to_b[m * i + j] = back, forth
+
+
+@always_inline
+def _cross(a, b, scale, out):
+    out[0] = scale * (a[1] * b[2] - a[2] * b[1])
+    out[1] = scale * (a[2] * b[0] - a[0] * b[2])
+    out[2] = scale * (a[0] * b[1] - a[1] * b[0])
+
+
+@always_inline
+def _keep_distance(relation, n, to_first, to_second, first_velocity, second_velocity, forces):
+    """Force along the geodesic between two points; it replaces the way to the other point."""
+    length = norm(n, to_second)
+    if length < _SAME:
+        for i in range(n):
+            to_first[i], to_second[i] = 0.0, 0.0
+        return
+    approach = 0.0
+    for i in range(n):
+        approach += (to_first[i] * first_velocity[i] + to_second[i] * second_velocity[i]) / length
+    share = 1.0 - relation.distance / length
+    damping = relation.damping * approach / length
+    for i in range(n):
+        forces[0][i] = -damping * to_first[i]
+        forces[1][i] = -damping * to_second[i]
+        to_first[i] *= share
+        to_second[i] *= share
+
+
+@always_inline
+def _damp(motion, k, lever):
+    """
+    Write the damping of the relative velocity in a group, in frames, to ``rate``.
+
+    Its tangents belong to the base frame, those of all points alike.
+
+    :param lever: from the first point to the second one, turned by the carrier; `OFFSET` only
+    """
+    relation, tangents, frame = motion.relations[k], motion.tangents, motion.frames.mid
+    first, second = motion.factors[int(relation.first)], motion.factors[int(relation.second)]
+    n = first.tangent_end - first.tangent
+    rates, work = tangents.curvature, motion.work
+    factor_from_frame(first, frame, tangents.velocity_before, rates, work)
+    factor_from_frame(second, frame, tangents.velocity_before, rates, work)
+    a, b = numbers_at(rates, first.tangent, n), numbers_at(rates, second.tangent, n)
+    for i in range(n):
+        b[i] -= a[i]
+    if relation.carrier >= 0:
+        carrier = motion.factors[int(relation.carrier)]
+        turn = numbers_at(rates, carrier.tangent, 3)
+        factor_from_frame(carrier, frame, tangents.velocity_before, rates, work)
+        # Tangents of quaternions are half the angular velocity.
+        _cross(turn, lever, 2.0, a)
+        for i in range(3):
+            b[i] -= a[i]
+    for i in range(n):
+        b[i] *= -relation.damping
+        a[i] = -b[i]
+    factor_to_frame(first, frame, rates, tangents.rate, work)
+    factor_to_frame(second, frame, rates, tangents.rate, work)
+
+
+@always_inline
+def _turn_carrier(motion, carrier, lever, force):
+    """Add the torque of a force on the second point to the orientation that carries it."""
+    tangents = motion.tangents
+    torque = numbers_at(tangents.curvature, carrier.tangent, 3)
+    _cross(lever, force, -2.0, torque)
+    factor_to_frame(carrier, motion.frames.mid, tangents.curvature, tangents.rate, motion.work)
+    for i in range(carrier.tangent, carrier.tangent_end):
+        tangents.spare[i] += tangents.rate[i]
+
+
+@always_inline
+def _keep(motion, k, fade):
+    """Add the accelerations of one relation to ``spare``."""
+    relation, tangents, points = motion.relations[k], motion.tangents, motion.points
+    first, second = motion.factors[int(relation.first)], motion.factors[int(relation.second)]
+    n, p = first.tangent_end - first.tangent, motion.sizes.point
+    related = numbers_at(motion.related, k * p, p)
+    deviation = numbers_at(motion.deviations, k * motion.sizes.tangent, motion.sizes.tangent)
+    partner_points(motion.relations, k, related, motion.factors, points.mid, points.before,
+                   motion.work)
+    factor_log_in_frame(first, motion.frames.mid, points.before, tangents.offset, motion.work)
+    factor_log_in_frame(second, motion.frames.mid, points.before, tangents.offset, motion.work)
+    way_a = numbers_at(tangents.offset, first.tangent, n)
+    way_b = numbers_at(tangents.offset, second.tangent, n)
+    force_a = numbers_at(tangents.rate, first.tangent, n)
+    force_b = numbers_at(tangents.rate, second.tangent, n)
+    lever = numbers_at(points.before, second.point, n)
+    if relation.kind == DISTANCE:
+        for i in range(n):
+            force_a[i], force_b[i] = 0.0, 0.0
+        _keep_distance(relation, n, way_a, way_b,
+                       numbers_at(tangents.velocity_before, first.tangent, n),
+                       numbers_at(tangents.velocity_before, second.tangent, n),
+                       (force_a, force_b))
+    else:
+        if relation.carrier >= 0:
+            for i in range(3):
+                lever[i] -= points.mid[first.point + i]
+        _damp(motion, k, lever)
+    for i in range(n):
+        force_a[i] += relation.stiffness * (way_a[i] - fade * deviation[first.tangent + i])
+        force_b[i] += relation.stiffness * (way_b[i] - fade * deviation[second.tangent + i])
+        tangents.spare[second.tangent + i] += force_b[i]
+    if relation.leads == 1:
+        return
+    for i in range(n):
+        tangents.spare[first.tangent + i] += force_a[i]
+    if relation.carrier >= 0:
+        _turn_carrier(motion, motion.factors[int(relation.carrier)], lever, force_b)
+
+
+@always_inline
+def keep_relations(motion, s):
+    """Add what the relations of the motion do within an interval to its velocity."""
+    noinline()
+    tangents, scalars = motion.tangents, motion.scalars
+    # `mid` and `before` of the points are used by the published connection only.
+    frame_point(motion.factors, motion.frames.mid, motion.points.mid, motion.work)
+    fade = 1.0 - smoothstep(s / _FADE) if s < _FADE else 0.0
+    for i in range(motion.sizes.tangent):
+        tangents.spare[i] = 0.0
+    for k in range(motion.sizes.relations):
+        _keep(motion, k, fade)
+    for i in range(motion.sizes.tangent):
+        tangents.velocity[i] += motion.pull[i] / scalars.stiffness * tangents.spare[i]
+
+
+def partners(relation: np.ndarray, related: np.ndarray, factors: np.ndarray, point: np.ndarray,
+             work: np.ndarray) -> np.ndarray:
+    """
+    Return a point in which each factor of a relation is where it would keep it; see above.
+
+    :param relation: one record, shape ``(1,)``
+    :param point: flat
+    """
+    target = np.array(point)
+    partner_points(relation, 0, related, factors, point, target, work)
+    return target
