@@ -10,6 +10,7 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from gdmp_ros.dmp import (
         Batch,
+        Coupling,
         Demonstration,
         Gains,
         Options,
@@ -40,9 +41,9 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 
-__all__ = ['Batch', 'CutLocusError', 'DataError', 'Demonstration', 'Euclidean', 'fit_report',
-           'from_spec', 'Gains', 'GdmpError', 'GdmpWarning', 'Manifold', 'ManifoldError',
-           'Options', 'ParameterError', 'Product', 'Rollout', 'Skill', 'SpecialOrthogonal',
+__all__ = ['Batch', 'Coupling', 'CutLocusError', 'DataError', 'Demonstration', 'Euclidean',
+           'fit_report', 'from_spec', 'Gains', 'GdmpError', 'GdmpWarning', 'Manifold',
+           'ManifoldError', 'Options', 'ParameterError', 'Product', 'Rollout', 'Skill', 'SpecialOrthogonal',
            'Sphere', 'State', 'SymmetricPositiveDefinite', 'Trajectory', 'UnitQuaternion']
 
 

@@ -3,16 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from gdmp_ros.choices import COUPLINGS
-from gdmp_ros.dmp.layout import Motion, RELATION
-from gdmp_ros.dmp.relations import DISTANCE, MATRIX, OFFSET, partners, QUATERNION
+from gdmp_ros.dmp.relations import DISTANCE, MATRIX, OFFSET, QUATERNION, Term
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Euclidean, Manifold, SpecialOrthogonal, UnitQuaternion
-from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.quaternion import conjugate_multiply, rotate
 
 #: A deviation vanishes with ``(1 + w s) e^(-w s)``, w this many per duration.
@@ -96,7 +93,7 @@ class Coupling:
                         *_relative(sides[0][3:], sides[1][3:], UnitQuaternion())]
         else:
             factor = manifold.factors[_numbers_of(manifold, names[0])[0]]
-            relation = list(_relative(*sides, factor))
+            relation = list(_relative(sides[0], sides[1], factor))
         return cls(kind, *names, tuple(relation), leads, rate)
 
     def check(self, manifold: Manifold, steps: int) -> None:
@@ -124,6 +121,18 @@ class Coupling:
             raise ParameterError(f'coupling: rate is {self.rate:g}, expected at most '
                                  f'{_LARGEST_STEP * steps:g} for {steps} intervals per duration')
 
+    def terms(self, manifold: Manifold) -> list[Term]:
+        """The relations between two factors of which it consists."""
+        first, second = (_numbers_of(manifold, side) for side in (self.first, self.second))
+        relation = np.array(self.relation)
+        if self.kind == 'pose':
+            return [Term(OFFSET, first[0], second[0], relation[:3], first[1]),
+                    Term(QUATERNION, first[1], second[1], relation[3:])]
+        if self.kind == 'distance':
+            blank = np.zeros(manifold.factors[second[0]].point_size)
+            return [Term(DISTANCE, first[0], second[0], blank, distance=self.relation[0])]
+        return [Term(_GROUPS[type(manifold.factors[first[0]])], first[0], second[0], relation)]
+
     def deviation(self, manifold: Manifold, point: np.ndarray) -> np.ndarray:
         """
         How far a point is from keeping the relation.
@@ -131,12 +140,12 @@ class Coupling:
         :returns: one number for each factor of a side: m, rad, or the geodesic distance of others
         """
         result, here = [], manifold.flat(point)
-        for term in _terms(self, manifold):
+        for term in self.terms(manifold):
             first, second = term.first, term.second
             if self.kind == 'distance':
                 result.append(abs(_distance(manifold, here, first, second) - self.relation[0]))
                 continue
-            there = _partners(term, manifold, here)
+            there = term.partners(manifold, here)
             away = float(manifold.factor_distances(here[None], there[None])[0][second])
             # Distances on S³ are half-angles.
             result.append(2.0 * away if term.kind == QUATERNION else away)
@@ -151,10 +160,10 @@ class Coupling:
         :param given: side that stays: 0 the first one, 1 the second one
         """
         here = np.array(manifold.flat(point))
-        for term in reversed(_terms(self, manifold)):  # an orientation that carries comes first
+        for term in reversed(self.terms(manifold)):  # an orientation that carries comes first
             moves = term.first if given else term.second
-            there = _partners(term, manifold, here)
-            part = _slices(manifold)[moves]
+            there = term.partners(manifold, here)
+            part = manifold.point_slices[moves]
             if self.kind == 'distance':
                 factor, shape = manifold.factors[moves], manifold.factors[moves].point_shape
                 other, own = there[part].reshape(shape), here[part].reshape(shape)
@@ -170,86 +179,8 @@ class Coupling:
         return here.reshape(manifold.point_shape)
 
 
-class _Term(NamedTuple):
-    """One relation between two factors; see `gdmp_ros.dmp.layout.RELATION`."""
-
-    kind: int
-    first: int
-    second: int
-    element: np.ndarray
-    carrier: int = -1
-    distance: float = 0.0
-
-
 #: Relations of which only the size matters.
 _IDENTITIES = {'pose': (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 'distance': (0.0,)}
-
-
-def write_relations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold) -> None:
-    """Write couplings to the memory of a motion (`relation_count`)."""
-    row = 0
-    for coupling in couplings:
-        for term in _terms(coupling, manifold):
-            # How fast the relative motion answers to a force: the inverse masses add.
-            mobility = 1.0 if coupling.leads else 2.0
-            if term.carrier >= 0 and not coupling.leads:
-                mobility += 4.0 * float(term.element @ term.element)
-            values = (term.kind, term.first, term.second, term.carrier, int(coupling.leads),
-                      term.distance, coupling.rate ** 2 / mobility, 2.0 * coupling.rate / mobility)
-            for name, value in zip(RELATION.names or (), values):
-                setattr(motion.relations[row], name, value)
-            motion.related[row, _slices(manifold)[term.second]] = term.element
-            row += 1
-
-
-def relation_count(couplings: Sequence[Coupling]) -> int:
-    """How many relations between two factors they are."""
-    return sum(2 if coupling.kind == 'pose' else 1 for coupling in couplings)
-
-
-def write_deviations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold,
-                     frame: np.ndarray, start: np.ndarray) -> None:
-    """
-    Write the deviations at a start, which fade out.
-
-    :param frame: at the start
-    """
-    row = 0
-    for coupling in couplings:
-        for term in _terms(coupling, manifold):
-            there = _partners(term, manifold, manifold.flat(start))
-            way, _ = manifold.log_in_frame(frame, there)
-            if term.kind == DISTANCE:
-                length = np.linalg.norm(way[manifold.tangent_slices[term.second]])
-                way *= 1.0 - term.distance / length if length > 0.0 else 0.0
-            motion.deviations[row] = way
-            row += 1
-
-
-def _terms(coupling: Coupling, manifold: Manifold) -> list[_Term]:
-    first, second = (_numbers_of(manifold, side) for side in (coupling.first, coupling.second))
-    relation = np.array(coupling.relation)
-    if coupling.kind == 'pose':
-        return [_Term(OFFSET, first[0], second[0], relation[:3], first[1]),
-                _Term(QUATERNION, first[1], second[1], relation[3:])]
-    if coupling.kind == 'distance':
-        blank = np.zeros(manifold.factors[second[0]].point_size)
-        return [_Term(DISTANCE, first[0], second[0], blank, distance=coupling.relation[0])]
-    return [_Term(_GROUPS[type(manifold.factors[first[0]])], first[0], second[0], relation)]
-
-
-def _partners(term: _Term, manifold: Manifold, point: np.ndarray) -> np.ndarray:
-    record = np.zeros(1, RELATION)
-    record[0] = (term.kind, term.first, term.second, term.carrier, 0, term.distance, 0.0, 0.0)
-    related = np.zeros(manifold.point_size)
-    related[_slices(manifold)[term.second]] = term.element
-    return partners(record, related, manifold.factor_table, point,
-                    work_array(manifold.factor_table))
-
-
-def _slices(manifold: Manifold) -> list[slice]:
-    ends = np.cumsum([factor.point_size for factor in manifold.factors]).tolist()
-    return [slice(end - factor.point_size, end) for end, factor in zip(ends, manifold.factors)]
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:
@@ -279,12 +210,12 @@ def _check_sides(coupling: Coupling, manifold: Manifold) -> None:
 
 
 def _part(manifold: Manifold, point: np.ndarray, factors: list[int]) -> np.ndarray:
-    return np.concatenate([point[_slices(manifold)[i]] for i in factors])
+    return np.concatenate([point[manifold.point_slices[i]] for i in factors])
 
 
 def _distance(manifold: Manifold, point: np.ndarray, first: int, second: int) -> float:
     factor = manifold.factors[first]
-    return factor.distance(*(point[_slices(manifold)[i]].reshape(factor.point_shape)
+    return factor.distance(*(point[manifold.point_slices[i]].reshape(factor.point_shape)
                              for i in (first, second)))
 
 
@@ -297,7 +228,8 @@ def _relative(first: np.ndarray, second: np.ndarray, factor: Manifold) -> np.nda
     if isinstance(factor, Euclidean):
         return second - first
     m = factor.size
-    return np.asarray(first.reshape(m, m).T @ second.reshape(m, m)).reshape(-1)
+    product: np.ndarray = first.reshape(m, m).T @ second.reshape(m, m)
+    return product.reshape(-1)
 
 
 def _turned_back(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

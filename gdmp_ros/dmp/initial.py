@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.arrival import STILL_TOLERANCES
-from gdmp_ros.dmp.coupling import relation_count, write_deviations, write_relations
+from gdmp_ros.dmp.coupled_motion import relation_count, write_deviations, write_relations
 from gdmp_ros.dmp.cycle import periodic_basis
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.dmp.goal import switch_goal

@@ -10,14 +10,19 @@ are computed from the middle of the interval before either velocity changes. Wit
 """
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from gdmp_ros.dmp.layout import RELATION
 from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
+from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import (
     factor_from_frame,
     factor_log_in_frame,
     factor_to_frame,
     frame_point,
+    work_array,
 )
 from gdmp_ros.manifolds.linalg import copy_numbers, norm
 from gdmp_ros.manifolds.quaternion import multiply as multiply_quaternions
@@ -72,9 +77,9 @@ def partner_points(relations, k, related, factors, point, target, work):
         for i in range(m):
             for j in range(m):
                 forth, back = 0.0, 0.0
-                for l in range(m):
-                    forth += a[m * i + l] * element[m * l + j]
-                    back += b[m * i + l] * element[m * j + l]
+                for n in range(m):
+                    forth += a[m * i + n] * element[m * n + j]
+                    back += b[m * i + n] * element[m * j + n]
                 to_a[m * i + j], to_b[m * i + j] = back, forth
 
 
@@ -206,14 +211,30 @@ def keep_relations(motion, s):
         tangents.velocity[i] += motion.pull[i] / scalars.stiffness * tangents.spare[i]
 
 
-def partners(relation: np.ndarray, related: np.ndarray, factors: np.ndarray, point: np.ndarray,
-             work: np.ndarray) -> np.ndarray:
+class Term(NamedTuple):
     """
-    Return a point in which each factor of a relation is where it would keep it; see above.
+    One relation between two factors, in Python; see `gdmp_ros.dmp.layout.RELATION`.
 
-    :param relation: one record, shape ``(1,)``
-    :param point: flat
+    :ivar element: of the group, flat; zeros with `DISTANCE`
     """
-    target = np.array(point)
-    partner_points(relation, 0, related, factors, point, target, work)
-    return target
+
+    kind: int
+    first: int
+    second: int
+    element: np.ndarray
+    carrier: int = -1
+    distance: float = 0.0
+
+    def partners(self, manifold: Manifold, point: np.ndarray) -> np.ndarray:
+        """
+        Return a point in which each factor is where it would keep the relation, see above.
+
+        :param point: flat
+        """
+        record, target = np.zeros(1, RELATION), np.array(point)
+        record[0] = (self.kind, self.first, self.second, self.carrier, 0, self.distance, 0, 0)
+        related = np.zeros(manifold.point_size)
+        related[manifold.point_slices[self.second]] = self.element
+        table = manifold.factor_table
+        partner_points(record, 0, related, table, point, target, work_array(table))
+        return target

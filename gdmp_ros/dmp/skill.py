@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.ends import between
 from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.joining import coupled, joined, related
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
@@ -169,6 +171,38 @@ class Skill(Primitive):
         changed = through(self, points, factors)
         warn_of_cost(self, changed)
         return Skill.of(changed)
+
+    @classmethod
+    def joined(cls, first: Primitive, second: Primitive,
+               names: Sequence[str] = ('first', 'second'), duration: float | None = None) -> Skill:
+        """
+        Return one skill of two, executed in one motion with one phase; see `coupled`.
+
+        :param names: with which the names of the factors begin: ``left`` gives ``left_position``
+        :param duration: [s]; the longer one by default
+        :raises ParameterError: see `gdmp_ros.dmp.joining.joined`
+        """
+        return cls.of(joined(first, second, names, duration))
+
+    def coupled(self, coupling: Coupling) -> Skill:
+        """
+        Return the skill with a coupling between factors, such as two arms that carry a tray.
+
+        The second side begins and ends where the coupling asks for; a `GdmpWarning` says if that
+        is far from what was shown.
+
+        :raises ParameterError: if it does not fit the manifold
+        """
+        return Skill.of(coupled(self, coupling))
+
+    def related(self, point: np.ndarray, given: int = 0) -> np.ndarray:
+        """
+        Return a point in which one side follows the other one, such as a goal for both.
+
+        :param point: of the manifold
+        :param given: side of the couplings that stays: 0 the first one, 1 the second one
+        """
+        return related(self, self.manifold.check_point(point), given)
 
     def with_events(self, events: Sequence[GripperEvent]) -> Skill:
         """

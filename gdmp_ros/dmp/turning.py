@@ -22,12 +22,12 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
 
     :param turn: R, orthogonal, shape ``(n, n)``; on S^m it keeps the direction of the start, of a
         cycle that of its centre
-    :raises ParameterError: if it is not orthogonal, or turns tangents out of the tangent space; for
-        a skill with couplings
+    :raises ParameterError: if it is not orthogonal, or turns tangents out of the tangent space;
+        for a skill with couplings
     """
     if primitive.couplings:
-        raise ParameterError('frame: a skill with couplings cannot be turned about its start: each '
-                             'side would turn about its own')
+        raise ParameterError('frame: a skill with couplings cannot be turned about its start: '
+                             'each side would turn about its own')
     manifold, size = primitive.manifold, primitive.manifold.tangent_size
     origin = primitive.goal if primitive.rhythmic else primitive.start
     frame = manifold.frame(primitive.goal) if primitive.rhythmic else primitive.frame

@@ -68,6 +68,12 @@ class Manifold(PointSpace):
         return [slice(begin, end) for begin, end in zip([0, *ends], ends)]
 
     @cached_property
+    def point_slices(self) -> list[slice]:
+        """Where each factor's point lies in a flat point."""
+        ends = np.cumsum([factor.point_size for factor in self.factors]).tolist()
+        return [slice(begin, end) for begin, end in zip([0, *ends], ends)]
+
+    @cached_property
     def factor_table(self) -> np.ndarray:
         """The factors as compiled code sees them (`gdmp_ros.manifolds.factors`)."""
         return factor_table(self.factors)

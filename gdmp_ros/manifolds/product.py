@@ -32,11 +32,8 @@ class Product(Manifold):
             raise ManifoldError(f'Product: expected one or more manifolds, got {factors!r}')
         self._factors = tuple(inner for f in factors for inner in f.factors)
         self._names = self._given_names(names)
-        sizes = [f.point_size for f in self._factors]
-        ends = np.cumsum(sizes).tolist()
-        self._point_slices = [slice(end - size, end) for end, size in zip(ends, sizes)]
         super().__init__(len(self._factors), dim=sum(f.dim for f in self._factors),
-                         point_shape=(ends[-1],),
+                         point_shape=(sum(f.point_size for f in self._factors),),
                          tangent_size=sum(f.tangent_size for f in self._factors),
                          frame_size=sum(f.frame_size for f in self._factors))
 
@@ -57,7 +54,7 @@ class Product(Manifold):
         """Cut a point into its factors' points."""
         flat = self.flat(point)
         return tuple(flat[part].reshape(factor.point_shape)
-                     for factor, part in zip(self._factors, self._point_slices))
+                     for factor, part in zip(self._factors, self.point_slices))
 
     def join(self, *points: np.ndarray) -> np.ndarray:
         """Join factors' points to one point (the inverse of `split`)."""

@@ -43,10 +43,12 @@ class StreamedSkill:
     A *place* is where the robot is: a pose (x, y, z, qw, qx, qy, qz), or positions of the joints.
 
     :ivar of_joints: whether its places are positions of the joints
+    :ivar of_two: whether its places and references are those of two tools
     :ivar has_wrench: whether the skill has a wrench that the tool is to exert
     """
 
     of_joints = False
+    of_two = False
     has_wrench = False
 
     def __init__(self, skill: Skill, settings: PlayerSettings):

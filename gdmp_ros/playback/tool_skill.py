@@ -245,26 +245,40 @@ class ToolSkill(StreamedSkill):
         _advance(rollout.memory, numbers, self._velocity, self._acceleration, self.stiffness_size,
                  self._wrench, target)
 
+    def write_target(self, numbers: np.ndarray, point: int, velocity: int, acceleration: int,
+                     target: np.ndarray) -> None:
+        """
+        Write a reference from the numbers of a state of which this skill is a part.
+
+        :param numbers: of the state (`gdmp_ros.dmp.state.State.numbers`)
+        :param point: index of the point of this skill in them
+        :param velocity: of its velocity
+        :param acceleration: of its acceleration
+        """
+        wrench = point + self.manifold.point_size - 6 if self.has_wrench else 0
+        _write_target(numbers, point, velocity, acceleration, self.stiffness_size, wrench, target)
+
 
 @kernel
 def _advance(memory, numbers, velocity, acceleration, stiffness_size, wrench, target):
     """`Rollout.advance_to` and `_write_target` in one call: a call from Python takes 1 µs."""
     advance(memory, numbers)
-    _write_target(numbers, velocity, acceleration, stiffness_size, wrench, target)
+    _write_target(numbers, 2, velocity, acceleration, stiffness_size, wrench, target)
 
 
 @kernel
-def _write_target(numbers, velocity, acceleration, stiffness_size, wrench, target):
+def _write_target(numbers, point, velocity, acceleration, stiffness_size, wrench, target):
     """
     Write the numbers of a state to a target.
 
     :param numbers: time, phase, point, velocity, acceleration
+    :param point: index of the point in them
     :param velocity: index of the velocity in them
     :param acceleration: index of the acceleration in them
     :param wrench: index of the wrench in them; 0 if there is none
     """
     for i in range(7):
-        target[POSE + i] = numbers[2 + i]
+        target[POSE + i] = numbers[point + i]
     for i in range(6):
         # Half-angle to rotation vector.
         factor = 1.0 if i < 3 else 2.0
@@ -272,7 +286,7 @@ def _write_target(numbers, velocity, acceleration, stiffness_size, wrench, targe
         target[ACCELERATION + i] = factor * numbers[acceleration + i]
     for i in range(stiffness_size):
         for j in range(stiffness_size):
-            target[STIFFNESS + 6 * i + j] = numbers[9 + stiffness_size * i + j]
+            target[STIFFNESS + 6 * i + j] = numbers[point + 7 + stiffness_size * i + j]
     if wrench > 0:
         for i in range(6):
             target[WRENCH + i] = numbers[wrench + i]

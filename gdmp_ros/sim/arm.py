@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -28,9 +28,27 @@ _BROKEN = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
 
 
+class Robot(NamedTuple):
+    """
+    An arm in a simulation.
+
+    :ivar site: id of its tool site
+    :ivar joints: its joints, among positions and among velocities
+    :ivar motors: its motors among the controls
+    """
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    site: int
+    joints: slice
+    motors: slice
+
+
 class Arm:
     """
     One arm; `step` advances it by one period under joint torques.
+
+    Of several arms in one simulation (`gdmp_ros.sim.world`) each has its torque set by `act`.
 
     :ivar known: the model with which it is controlled
     """
@@ -53,17 +71,37 @@ class Arm:
         """
         source: Any = path or PANDA
         known, site = _compiled(source, tool, hand)
-        self._plant = plant or PlantSettings()
-        self.model, self._site, self._n = known, site, known.nv
-        shared = plant is None and not extras
+        model, place, joints = known, site, slice(known.nv)
+        settings, shared = plant or PlantSettings(), plant is None and not extras
         if not shared:
-            self.model, self._site = _compiled(self._plant.model or source, tool, hand, extras)
-            _check_joints(self.model, known, self._plant.model or str(source))
-            change(self.model, self._site, self._n, self._plant)
+            model, place = _compiled(settings.model or source, tool, hand, extras)
+            _check_joints(model, known, settings.model or str(source))
+            change(model, place, joints, settings)
+        self._alone = True
+        self._take(Robot(model, mujoco.MjData(model), place, joints, joints), known, site,
+                   settings, shared)
+        self.reset()
+
+    @classmethod
+    def among_others(cls, robot: Robot, known: mujoco.MjModel, plant: PlantSettings) -> Arm:
+        """
+        Return one of several arms in a simulation.
+
+        :param known: the model with which it is controlled, in the same base frame, with a site of
+            the name ``tcp``
+        """
+        arm = object.__new__(cls)
+        arm._alone = False
+        arm._take(robot, known, known.site('tcp').id, plant, False)
+        return arm
+
+    def _take(self, robot: Robot, known: mujoco.MjModel, site: int, plant: PlantSettings,
+              shared: bool) -> None:
+        self._plant, self._robot = plant, robot
+        self.model, self.data, self._site, self._joints, self._motors = robot
         self._random = np.random.default_rng(0)
         self._body = int(self.model.site_bodyid[self._site])
         self._mount = Mount(self.model, self._site)
-        self.data = mujoco.MjData(self.model)
         self.known = KnownModel(known, self.data if shared else mujoco.MjData(known), site, shared)
         self._elsewhere: mujoco.MjData | None = None
         self._actuation = Actuation(self._plant.delay, self.period)
@@ -73,7 +111,6 @@ class Arm:
         self.limits = JointLimits(lower, upper, known.actuator_ctrlrange[:, 1].copy(),
                                   _joint_speeds(known))
         self.friction = known.dof_damping.copy()
-        self.reset()
 
     @property
     def tool_body(self) -> int:
@@ -108,11 +145,17 @@ class Arm:
         return pose
 
     def reset(self, position: np.ndarray | None = None) -> None:
-        """Put the arm at rest at ``position`` [rad], by default at the model's first keyframe."""
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:self._n] = self.home if position is None else position
+        """
+        Put the arm at rest at ``position`` [rad], by default at the model's first keyframe.
+
+        If it is alone, everything else is as at the beginning then.
+        """
+        if self._alone:
+            mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._joints] = self.home if position is None else position
+        self.data.qvel[self._joints] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._actuation.reset(self.data.qfrc_bias[:self._n])
+        self._actuation.reset(self.data.qfrc_bias[self._joints])
         self._random = np.random.default_rng(0)
 
     def announce(self, payload: Payload) -> None:
@@ -132,17 +175,17 @@ class Arm:
     def measure(self) -> Measurement:
         """Read the present state; the arrays are valid until the next call."""
         known, plant, true = self.known, self._plant, self.data
-        n = self._n
-        position, velocity = true.qpos[:n].copy(), true.qvel[:n].copy()
+        joints = self._joints
+        position, velocity = true.qpos[joints].copy(), true.qvel[joints].copy()
         if not known.shared:
-            noise = self._random.standard_normal((2, n))
+            noise = self._random.standard_normal((2, len(position)))
             position += plant.position_noise * noise[0]
             velocity += plant.velocity_noise * noise[1]
         known.look(position, velocity, self.period)
         # Everything that is not passive, bias or motor torque is external.
         external = (true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
                     + true.qfrc_constraint)
-        return known.measurement(position, velocity, external[:n])
+        return known.measurement(position, velocity, external[joints])
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """
@@ -157,16 +200,18 @@ class Arm:
                              np.ascontiguousarray(derivative[:, :axes]), now.velocity,
                              now.inertia, now.bias, self.friction, now.jdot_qdot[:axes])
 
+    def act(self, torque: np.ndarray) -> None:
+        """Set joint torques [Nm]; they act when the simulation advances."""
+        self.data.ctrl[self._motors] = self._actuation.through(torque)
+
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period under joint torques [Nm]."""
-        self.data.ctrl[:self._n] = self._actuation.through(torque)
-        mujoco.mj_step2(self.model, self.data)
-        mujoco.mj_step1(self.model, self.data)
-        if self.data.warning.number[_BROKEN].any():
-            # MuJoCo has reset the arm to its initial state silently.
-            self.data.warning.number[:] = 0
-            raise DataError('the simulation is unstable: a position, velocity, acceleration or '
-                            'torque was not finite or huge')
+        self.act(torque)
+        self.advance()
+
+    def advance(self) -> None:
+        """Advance the simulation by one period."""
+        advance(self.model, self.data)
 
     def push(self, wrench: np.ndarray) -> None:
         """Apply an external wrench at the tool from now on (base frame) [N, Nm]."""
@@ -181,6 +226,21 @@ class Arm:
         pose[:3] = site.xpos
         mujoco.mju_mat2Quat(pose[3:], site.xmat)
         return pose
+
+
+def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """
+    Advance a simulation by one period.
+
+    :raises DataError: if it is unstable
+    """
+    mujoco.mj_step2(model, data)
+    mujoco.mj_step1(model, data)
+    if data.warning.number[_BROKEN].any():
+        # MuJoCo has reset everything to its initial state silently.
+        data.warning.number[:] = 0
+        raise DataError('the simulation is unstable: a position, velocity, acceleration or '
+                        'torque was not finite or huge')
 
 
 def _check_joints(robot: mujoco.MjModel, known: mujoco.MjModel, name: str) -> None:

@@ -62,13 +62,19 @@ class ClosedLoop(ArmControl):
 
     def tick(self) -> Tick:
         """Measure, compute the torque and advance by one period."""
+        result = self.act()
+        self.arm.advance()
+        return result
+
+    def act(self) -> Tick:
+        """Measure, and let the torque act; the simulation does not advance yet."""
         measured = self.arm.measure()
         if self.hand is not None:
             self.arm.push(self.hand.wrench(measured))
         result = self.compute(measured, self.arm.period)
         if self.gripper is not None:
             self.gripper.advance(self.arm.period)
-        self.arm.step(result.torque)
+        self.arm.act(result.torque)
         return result
 
 

@@ -35,16 +35,16 @@ REAL = PlantSettings(dry_friction=1.1, armature=0.2, delay=0.001, position_noise
                      velocity_noise=2e-3)
 
 
-def change(model: mujoco.MjModel, site: int, joints: int, settings: PlantSettings) -> None:
+def change(model: mujoco.MjModel, site: int, joints: slice, settings: PlantSettings) -> None:
     """
     Change the dynamics of a model.
 
     :param site: of the tool
-    :param joints: number of the joints of the arm, the first ones
+    :param joints: those of the arm
     """
-    model.dof_frictionloss[:joints] += settings.dry_friction
+    model.dof_frictionloss[joints] += settings.dry_friction
     if settings.armature > 0.0:
-        model.dof_armature[:joints] = settings.armature
+        model.dof_armature[joints] = settings.armature
     if settings.payload > 0.0:
         load = Load(model, int(model.site_bodyid[site]), Mount(model, site))
         load.put(Payload(settings.payload).moments())

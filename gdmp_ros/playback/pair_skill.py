@@ -1,0 +1,231 @@
+"""
+A skill of two arms as a source of references: its points are those of two skills of a tool.
+
+Its targets are two of `gdmp_ros.control.target`, one after the other, and its places two poses.
+"""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.dmp.integrator import advance
+from gdmp_ros.dmp.joining import half, related
+from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError, ManifoldError
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
+from gdmp_ros.playback.distance import Distance
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamed_skill import Bounds, StreamedSkill, Way
+from gdmp_ros.playback.tool_skill import ToolSkill
+
+#: Numbers of a pose.
+POSE_SIZE = 7
+
+
+def is_of_two_arms(skill: Skill) -> bool:
+    """Whether a skill has the poses of two tools: its second half begins as the first one does."""
+    factors = skill.manifold.factors
+    count = len(factors) // 2
+    pose = [Euclidean(3), UnitQuaternion()]
+    return (isinstance(skill.manifold, Product) and len(factors) % 2 == 0
+            and list(factors[:2]) == pose and list(factors[count:count + 2]) == pose)
+
+
+class PairSkill(StreamedSkill):
+    """
+    A skill of two tools.
+
+    A place of one pose is that of the first tool: the second one follows the couplings.
+
+    :ivar sides: both as skills of a tool
+    """
+
+    of_two = True
+
+    def __init__(self, skill: Skill, settings: PlayerSettings):
+        """:raises DataError: unless both halves are skills of a tool"""
+        super().__init__(skill, settings)
+        if not is_of_two_arms(skill):
+            raise DataError(f'the skill is on {skill.manifold!r}, expected the poses of two tools')
+        self.sides = [ToolSkill(Skill.of(half(skill, number)), settings) for number in (0, 1)]
+        self._points = self.sides[0].manifold.point_size
+        tangents = self.sides[0].manifold.tangent_size
+        velocity = 2 + skill.manifold.point_size
+        # Where point, velocity and acceleration of each side are among the numbers of a state.
+        self._parts = [(2, velocity, velocity + skill.manifold.tangent_size)]
+        self._parts.append((2 + self._points, velocity + tangents,
+                            velocity + skill.manifold.tangent_size + tangents))
+
+    def _halves(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return point[:self._points], point[self._points:]
+
+    def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
+        """See `StreamedSkill`."""
+        first, second = (side.options(speed, tolerances) for side in self.sides)
+        return Options(speed, first.speed_rate,
+                       [*(first.tolerances or ()), *(second.tolerances or ())],
+                       [*(first.goal_speed or ()), *(second.goal_speed or ())],
+                       first.phase_stopping,
+                       [*(first.error_weights or ()), *(second.error_weights or ())])
+
+    def changed(self, point: np.ndarray, place: np.ndarray | None = None,
+                stiffness: np.ndarray | None = None) -> np.ndarray:
+        """
+        Point with other poses: of both tools, or of the first one, which the second one follows.
+
+        The stiffness is that of both.
+        """
+        places: list[np.ndarray | None] = [None, None]
+        if place is not None:
+            places = [place[:POSE_SIZE], place[POSE_SIZE:] if len(place) > POSE_SIZE else None]
+        moved = np.concatenate([side.changed(one, to, stiffness) for side, one, to in zip(
+            self.sides, self._halves(point), places)])
+        if place is None or len(place) > POSE_SIZE:
+            return moved
+        return related(self.skill, moved, 0)
+
+    def goal_of_second(self, point: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Both poses with another one of the second tool, which the first one follows."""
+        first, second = self._halves(point)
+        moved = np.concatenate([first, self.sides[1].changed(second, pose)])
+        return self.place_of(related(self.skill, moved, 1))
+
+    def place_of(self, point: np.ndarray) -> np.ndarray:
+        """See `StreamedSkill`."""
+        return np.concatenate([one[:POSE_SIZE] for one in self._halves(point)])
+
+    def place_in(self, target: np.ndarray) -> np.ndarray:
+        """See `StreamedSkill`; a copy."""
+        return np.concatenate([target[:POSE_SIZE], target[TARGET_SIZE:TARGET_SIZE + POSE_SIZE]])
+
+    def point_of(self, target: np.ndarray) -> np.ndarray:
+        """See `StreamedSkill`."""
+        return np.concatenate([side.point_of(one) for side, one in self._of_each(target)])
+
+    def _of_each(self, target: np.ndarray) -> list[tuple[ToolSkill, np.ndarray]]:
+        return [(self.sides[0], target[:TARGET_SIZE]), (self.sides[1], target[TARGET_SIZE:])]
+
+    def start_at(self, place: np.ndarray | None) -> np.ndarray | None:
+        """See `StreamedSkill`."""
+        if place is None:
+            return None
+        parts = (side.start_at(one) for side, one in zip(
+            self.sides, (place[:POSE_SIZE], place[POSE_SIZE:])))
+        return np.concatenate([part for part in parts if part is not None])
+
+    def first_target(self, place: np.ndarray) -> np.ndarray:
+        """See `StreamedSkill`."""
+        return np.concatenate([side.first_target(one) for side, one in zip(
+            self.sides, (place[:POSE_SIZE], place[POSE_SIZE:]))])
+
+    def take_over(self, target: np.ndarray) -> None:
+        """See `StreamedSkill`."""
+        for side, one in self._of_each(target):
+            side.take_over(one)
+
+    @property
+    def releases(self) -> bool:
+        """See `StreamedSkill`."""
+        return self.sides[0].releases
+
+    def release(self, target: np.ndarray, dt: float) -> bool:
+        """See `StreamedSkill`."""
+        left = [side.release(one, dt) for side, one in self._of_each(target)]
+        return any(left)
+
+    def stop(self, target: np.ndarray) -> None:
+        """See `StreamedSkill`."""
+        for side, one in self._of_each(target):
+            side.stop(one)
+
+    def motion_of(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """See `StreamedSkill`."""
+        motions = [(side, side.motion_of(one)) for side, one in self._of_each(target)]
+        if all(motion is None for _, motion in motions):
+            return None
+        rest = [np.zeros(side.manifold.tangent_size) for side, _ in motions]
+        velocity, acceleration = (np.concatenate([
+            zero if motion is None else motion[k] for zero, (_, motion) in zip(rest, motions)])
+            for k in (0, 1))
+        return velocity, acceleration
+
+    def tangent_of_twist(self, twist: np.ndarray) -> np.ndarray:
+        """:raises ManifoldError: always: two arms do not follow a goal that moves on"""
+        raise ManifoldError('a skill of two arms does not follow a goal that moves on')
+
+    def approach(self, target: np.ndarray, place: np.ndarray) -> Way:
+        """See `StreamedSkill`."""
+        return _BothWays([side.approach(one, to) for (side, one), to in zip(
+            self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:]))])
+
+    def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
+        """See `StreamedSkill`."""
+        return all(side.is_near(one, to) for (side, one), to in zip(
+            self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:])))
+
+    def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
+        """The larger one of both tools."""
+        parts = [side.distance(first[cut], second[cut]) for side, cut in zip(
+            self.sides, (slice(POSE_SIZE), slice(POSE_SIZE, None)))]
+        return Distance(*map(max, *parts))
+
+    def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
+        """See `StreamedSkill`."""
+        return [away for (side, one), to in zip(self._of_each(target), self._halves(goal))
+                for away in side.distances(one, to)]
+
+    def stiffness_factor(self, numbers: Any) -> np.ndarray:
+        """See `StreamedSkill`."""
+        return self.sides[0].stiffness_factor(numbers)
+
+    def bounds(self, settings: StreamSettings) -> Bounds:
+        """See `StreamedSkill`."""
+        return _BothBounds([side.bounds(settings) for side in self.sides])
+
+    def advance(self, rollout: Rollout, dt: float, numbers: np.ndarray, target: np.ndarray
+                ) -> None:
+        """See `StreamedSkill`."""
+        numbers[0] = dt
+        advance(rollout.memory, numbers)
+        for (side, one), part in zip(self._of_each(target), self._parts):
+            side.write_target(numbers, *part, one)
+
+
+class _BothWays:
+    """Ways of two tools; the one that arrives first waits."""
+
+    def __init__(self, ways: list[Any]):
+        self._ways = ways
+
+    def advance(self, dt: float, target: np.ndarray) -> bool:
+        """See `Way`."""
+        parts = target[:TARGET_SIZE], target[TARGET_SIZE:]
+        arrived = [way.advance(dt, one) for way, one in zip(self._ways, parts)]
+        return all(arrived)
+
+
+class _BothBounds:
+    """Bounds of two streams."""
+
+    def __init__(self, both: list[Any]):
+        self._both, self._out = both, np.empty(2 * TARGET_SIZE)
+        self.bounded = 0
+
+    def configure(self, settings: StreamSettings) -> None:
+        """See `Bounds`."""
+        for one in self._both:
+            one.configure(settings)
+
+    def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
+        """See `Bounds`."""
+        for one, cut in zip(self._both, (slice(TARGET_SIZE), slice(TARGET_SIZE, None))):
+            self._out[cut] = one.apply(target[cut], dt)
+        self.bounded = sum(one.bounded for one in self._both)
+        return self._out
