@@ -43,8 +43,9 @@ __version__ = '0.1.0'
 
 __all__ = ['Batch', 'Coupling', 'CutLocusError', 'DataError', 'Demonstration', 'Euclidean',
            'fit_report', 'from_spec', 'Gains', 'GdmpError', 'GdmpWarning', 'Manifold',
-           'ManifoldError', 'Options', 'ParameterError', 'Product', 'Rollout', 'Skill', 'SpecialOrthogonal',
-           'Sphere', 'State', 'SymmetricPositiveDefinite', 'Trajectory', 'UnitQuaternion']
+           'ManifoldError', 'Options', 'ParameterError', 'Product', 'Rollout', 'Skill',
+           'SpecialOrthogonal', 'Sphere', 'State', 'SymmetricPositiveDefinite', 'Trajectory',
+           'UnitQuaternion']
 
 
 def __getattr__(name: str) -> Any:

@@ -34,6 +34,6 @@ def check_lasa_class(name: str) -> None:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
 #: Tasks of the demonstration.
-TASKS = ('letter', 'pick', 'joints', 'wipe')
+TASKS = ('letter', 'pick', 'joints', 'wipe', 'tray')
 #: What two arms, or two factors of a skill, keep: `gdmp_ros.dmp.coupling.Coupling`.
 COUPLINGS = ('pose', 'relative', 'distance')

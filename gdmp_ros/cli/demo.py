@@ -12,6 +12,7 @@ examples:
   gdmp demo --task pick --out out/pick
   gdmp demo --task joints --out out/joints
   gdmp demo --task wipe --out out/wipe
+  gdmp demo --task tray --out out/tray
   gdmp demo --arm franka --protocol-server --out out/franka
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """
@@ -22,7 +23,7 @@ from pathlib import Path
 
 from gdmp_ros.choices import TASKS
 from gdmp_ros.cli.arguments import add_arm, arm_choice
-from gdmp_ros.util.optional_imports import optional_import, ROS
+from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,13 +35,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--task', choices=TASKS, default=TASKS[0],
                         help='letter; pick: a cube, from a box to another, with the gripper; '
                              'joints: a skill of the joints, whose goal is switched by a pose; '
-                             'wipe: a table that is higher or lower than the one shown '
+                             'wipe: a table that is higher or lower than the one shown; '
+                             'tray: two arms, coupled, carry a tray with a ball (without ROS) '
                              '(default %(default)s)')
     add_arm(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; 0 if everything holds."""
+    if options.task == 'tray':
+        with optional_import(extra('sim')):
+            from gdmp_ros.experiments.demo.tray import run_tray
+        return run_tray(options.out)
     with optional_import(ROS):
         from gdmp_ros.experiments.demo.run import run_demo
         from gdmp_ros.experiments.demo.tasks import run_task

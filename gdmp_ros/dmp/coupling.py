@@ -228,8 +228,7 @@ def _relative(first: np.ndarray, second: np.ndarray, factor: Manifold) -> np.nda
     if isinstance(factor, Euclidean):
         return second - first
     m = factor.size
-    product: np.ndarray = first.reshape(m, m).T @ second.reshape(m, m)
-    return product.reshape(-1)
+    return np.asarray(np.matmul(first.reshape(m, m).T, second.reshape(m, m)).reshape(-1))
 
 
 def _turned_back(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

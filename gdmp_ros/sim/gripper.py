@@ -62,16 +62,21 @@ class SimulatedGripper:
 
     widest = 2.0 * TRAVEL
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
-        """:raises DataError: if the model has no moving fingers (`add_gripper`)"""
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str = ''):
+        """
+        Find the fingers.
+
+        :param prefix: of their names in a world of several arms (`gdmp_ros.sim.world`)
+        :raises DataError: if the model has no moving fingers (`add_gripper`)
+        """
         self._data = data
         try:
-            joints = [model.joint(name) for name in FINGERS]
+            joints = [model.joint(prefix + name) for name in FINGERS]
         except KeyError:
             raise DataError('the model has no gripper') from None
         self._q = np.array([joint.qposadr[0] for joint in joints])
         self._v = np.array([joint.dofadr[0] for joint in joints])
-        self._u = np.array([model.actuator(name).id for name in FINGERS])
+        self._u = np.array([model.actuator(prefix + name).id for name in FINGERS])
         self._wanted = GripperCommand(self.widest)
         self._commands, self._still = 0, 0.0
         self._next: GripperCommand | None = None

@@ -35,10 +35,35 @@ class Viewer:
         self._handle.close()
 
 
-class Camera:
-    """Takes off-screen pictures of an arm; use it in a ``with`` block."""
+class Stage:
+    """A model in a state to take pictures of."""
 
-    def __init__(self, arm: Arm, size: tuple[int, int] = (960, 720)):
+    def __init__(self, model: mujoco.MjModel):
+        self.model, self.data = model, mujoco.MjData(model)
+
+    @classmethod
+    def of_arm(cls, name: str) -> Stage:
+        """Stage of an arm (`gdmp_ros.sim.arm.Arm`)."""
+        return cls(Arm(name).model)
+
+    @classmethod
+    def of_world(cls, path: str) -> Stage:
+        """:raises DataError: if the file (MJCF) cannot be read"""
+        try:
+            return cls(mujoco.MjModel.from_xml_path(path))
+        except (ValueError, OSError) as error:
+            raise DataError(f'{path}: cannot load the model: {error}') from None
+
+    def show(self, positions: np.ndarray) -> None:
+        """Put everything to these positions [rad, m]."""
+        self.data.qpos[:] = positions
+        mujoco.mj_forward(self.model, self.data)
+
+
+class Camera:
+    """Takes off-screen pictures; use it in a ``with`` block."""
+
+    def __init__(self, arm: Arm | Stage, size: tuple[int, int] = (960, 720)):
         """
         Open.
 

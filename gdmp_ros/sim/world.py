@@ -18,6 +18,7 @@ class World:
     Poses of the tools are those in the world.
 
     :ivar arms: by their names
+    :ivar xml: the model as MJCF
     """
 
     def __init__(self, bases: Mapping[str, np.ndarray], tools: Sequence[Extra] = (),
@@ -44,6 +45,7 @@ class World:
         for add in extras:
             add(world)
         self.model = world.compile()
+        self.xml = world.to_xml()
         self.data = mujoco.MjData(self.model)
         settings = plant or PlantSettings()
         self.arms = {name: self._arm(name, base, settings) for name, base in bases.items()}
@@ -61,6 +63,11 @@ class World:
         change(model, site, joints, plant)
         return Arm.among_others(Robot(model, self.data, site, joints, slice(motor, motor + count)),
                                 compiled, plant)
+
+    @property
+    def period(self) -> float:
+        """Time step [s]."""
+        return float(self.model.opt.timestep)
 
     def reset(self) -> None:
         """Put everything where it was at the beginning, the arms at their first keyframe."""

@@ -25,7 +25,8 @@ _REFUSED = 3
 
 
 def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | Path = '',
-              frame_s: float = 0.05, environment: Mapping[str, str] | None = None) -> str | None:
+              frame_s: float = 0.05, *, whole: bool = False,
+              environment: Mapping[str, str] | None = None) -> str | None:
     """
     Write a picture (``.png``) or a film (``.webp``, ``.gif``, ``.mp4``).
 
@@ -33,11 +34,14 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
     :param model: MJCF file or name; the built-in Panda by default
     :param frame_s: time between the frames of a film [s]
+    :param whole: whether the model is a whole world, in which ``joints`` are the positions of
+        everything (`gdmp_ros.sim.world`)
     :returns: what to install if off-screen rendering is not possible, otherwise None
     :raises DataError: if the film cannot be written
     """
     numbers = target.with_name(f'.{target.stem}.npz')
-    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s)
+    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s,
+             whole=whole)
     try:
         for backend in BACKENDS:
             done = subprocess.run(
@@ -59,23 +63,23 @@ def main(numbers: str, target: str) -> int:
     """Render the postures in the file ``numbers`` of `render_to`."""
     from PIL import Image
 
-    from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.viewer import Camera, NoScreenError
+    from gdmp_ros.sim.viewer import Camera, NoScreenError, Stage
     partial = Path(target).with_name(f'.{Path(target).stem}.partial{Path(target).suffix}')
     try:
         with np.load(numbers) as given:
             postures = np.atleast_2d(given['joints'])
             film = given['joints'].ndim == 2
-            arm, path = Arm(str(given['model'])), given['path']
+            stage = (Stage.of_world if given['whole'] else Stage.of_arm)(str(given['model']))
+            path = given['path']
             frame_s = float(given['frame_s'])
-        if postures.shape[1] != arm.model.nq:
+        if postures.shape[1] != stage.model.nq:
             raise DataError(f'postures have {postures.shape[1]} joints, the model has '
-                            f'{arm.model.nq}: name the model of the arm')
+                            f'{stage.model.nq}: name the model of the arm')
         encode = _h264 if partial.suffix == '.mp4' else _pillow
-        with Camera(arm, (640, 480) if film else (960, 720)) as pictures:
+        with Camera(stage, (640, 480) if film else (960, 720)) as pictures:
             def images() -> Iterator[Any]:
                 for posture in postures:
-                    arm.reset(posture)
+                    stage.show(posture)
                     yield Image.fromarray(pictures.take(path))
             encode(partial, images(), frame_s)
         os.replace(partial, target)
