@@ -221,14 +221,14 @@ def _distance(manifold: Manifold, point: np.ndarray, first: int, second: int) ->
 
 def _relative(first: np.ndarray, second: np.ndarray, factor: Manifold) -> np.ndarray:
     """``Y₁⁻¹ Y₂``, flat."""
+    result, m = np.empty_like(first), factor.size
     if isinstance(factor, UnitQuaternion):
-        turn = np.empty(4)
-        conjugate_multiply(first, second, turn)
-        return turn
-    if isinstance(factor, Euclidean):
-        return second - first
-    m = factor.size
-    return np.asarray(np.matmul(first.reshape(m, m).T, second.reshape(m, m)).reshape(-1))
+        conjugate_multiply(first, second, result)
+    elif isinstance(factor, Euclidean):
+        result[:] = second - first
+    else:
+        result[:] = (first.reshape(m, m).T @ second.reshape(m, m)).reshape(-1)
+    return result
 
 
 def _turned_back(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

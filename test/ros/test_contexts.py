@@ -100,7 +100,7 @@ def test_a_context_that_does_not_fit_is_refused(running, context, reason):
 def test_execute_takes_a_context(running, folder):
     done = gdmp('execute', '--context', 'height=0.1', **running.environment)
     assert done.returncode == 0, done.stderr
-    assert json.loads((folder / 'skill.json').read_text())['version'] == 6
+    assert json.loads((folder / 'skill.json').read_text())['version'] == 7
     wait_tool_at(running, _take(0.1).points[-1, :3])
     refused = gdmp('execute', '--context', 'width=0.1', **running.environment)
     assert refused.returncode == 1 and 'expected height, got width' in refused.stderr

@@ -1,0 +1,93 @@
+"""Two arms of one simulation execute a coupled skill, and carry a tray."""
+import numpy as np
+import pytest
+
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError, ManifoldError
+from gdmp_ros.experiments.demo.tray import (
+    carry,
+    coupling_of,
+    MEASURED_LIMITS,
+    REFERENCE_LIMITS,
+    STEP,
+    STEP_TURN,
+    taught_skills,
+)
+from gdmp_ros.manifolds.quaternion import rotate_by_vector
+from gdmp_ros.playback.pair_skill import PairSkill
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.rehearsal import rehearse
+from gdmp_ros.sim.tray import bases, pose_on_stand, SIDES
+from gdmp_ros.sim.two_arms import TwoArms
+from gdmp_ros.sim.world import World
+
+
+@pytest.fixture(scope='module')
+def skills():
+    left, right = taught_skills(np.random.default_rng(3))
+    joined = Skill.joined(left, right, SIDES)
+    return joined, joined.coupled(coupling_of(joined, pose_on_stand()))
+
+
+@pytest.mark.parametrize('side', [0, 1])
+def test_the_arms_keep_the_relation_while_the_goal_of_one_is_switched(skills, side):
+    _, skill = skills
+    arms, coupling = TwoArms(World(bases())), skill.couplings[0]
+    tool = PairSkill(skill, PlayerSettings())
+    goal = skill.goal[7 * side:7 * side + 7].copy()
+    goal[:3] += STEP
+    rotate_by_vector(goal[3:].copy(), np.array([0.0, 0.0, STEP_TURN]), goal[3:])
+    switched = False
+
+    def switch(done, player):
+        nonlocal switched
+        if done > 0.5 and not switched:
+            switched = True
+            player.go_to(tool.goal_of_second(skill.goal, goal) if side else goal)
+    moments = list(arms.execute(skill, switch))
+    reference, measured = (np.max([coupling.deviation(skill.manifold, points)
+                                   for points in column], axis=0)
+                           for column in list(zip(*moments))[:2])
+    assert switched and arms.player.rollout.finished and not arms.player.rollout.flags
+    assert (reference <= REFERENCE_LIMITS).all()
+    assert (measured <= MEASURED_LIMITS).all()
+    last = moments[-1]
+    assert np.abs(last.reference[7 * side:7 * side + 7] - goal).max() < 1e-3
+    assert np.abs(last.measured - last.reference).max() < 2e-3
+
+
+def test_the_tray_is_carried_and_not_without_the_coupling(skills):
+    joined, coupled = skills
+    coupling = coupled.couplings[0]
+    together, _ = carry(coupled, coupling)
+    apart, _ = carry(joined, coupling)
+    assert together['ball_on_tray'] and together['finished'] and together['tilt_rad'] < 0.01
+    assert not apart['ball_on_tray'] and apart['tilt_rad'] > 0.05
+    assert together['squeeze_n'] < 1.0 < apart['squeeze_n']
+
+
+def test_a_stream_of_one_arm_refuses_a_skill_of_two(skills):
+    with pytest.raises(DataError, match='two arms'):
+        rehearse(skills[1], PlayerSettings())
+    with pytest.raises(ManifoldError, match='moves on'):
+        PairSkill(skills[1], PlayerSettings()).tangent_of_twist(np.zeros(6))
+
+
+def test_a_world_needs_two_arms_and_the_skill_two_tools(skills):
+    both = bases()
+    with pytest.raises(DataError, match='expected 2'):
+        TwoArms(World({'left': both['left']}))
+    with pytest.raises(DataError, match='two tools'):
+        next(TwoArms(World(both)).execute(taught_skills(np.random.default_rng(0))[0]))
+
+
+def test_an_arm_in_a_world_is_the_arm_alone():
+    """The same torques give the same motion, wherever the base is."""
+    world = World(bases())
+    for arm in world.arms.values():
+        now = arm.measure()
+        assert np.allclose(now.position, arm.home)
+        assert np.allclose(now.pose[1], arm.known.model.body('link0').pos[1])
+        arm.act(now.bias)
+    world.advance()
+    assert np.abs(world.data.qvel).max() < 1e-3
