@@ -27,6 +27,7 @@ GROUPS = {
     'skills': {
         'learn': 'learn a skill from rosbag2 demonstrations',
         'tune': 'suggest basis functions, gains, stiffness and limits',
+        'couple': 'make one skill of two arms from two skills',
         'refine': 'correct a skill where the arm was pushed, or undo that',
         'inspect': 'show the contents of a bag or a skill file',
         'plot': 'draw a skill',
