@@ -105,6 +105,10 @@ def _print_skill(path: Path) -> None:
         shown = skill.variation.contexts
         rows += [[f'context {name}', f'{low:g} … {high:g}'] for name, low, high in zip(
             shown.names, shown.takes.min(axis=0), shown.takes.max(axis=0))]
+    rows += [[f'coupling {one.kind}{", the first leads" if one.leads else ""}',
+              f'{", ".join(one.second)} to {", ".join(one.first)}: '
+              f'{" ".join(f"{number:.4g}" for number in one.relation)}']
+             for one in skill.couplings]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
 

@@ -45,7 +45,7 @@ from gdmp_ros.learning import fit_report
 from gdmp_ros.data import lasa
 shown = lasa.robot_demonstrations('GShape')[0]
 times, points, manifold = shown.times, shown.points, shown.manifold
-one = other = Skill.learn(shown)
+one = other = left = right = Skill.learn(shown)
 measured = y = one.start
 motion = one.reproduce(one.duration / 10)
 v, a = motion.velocities[5], 0.0 * motion.velocities[5]
