@@ -31,13 +31,16 @@ demo: setup
 # machine may have paused; the summary names them.
 NODES = test/ros test/franka test/experiments/reliability
 ONCE_MORE = --reruns 1 --reruns-delay 2
+# These compute only: their results do not depend on how fast the machine is.
+COMPUTED = test/cli test/control test/dmp test/learning test/sim
 
 test: setup lint
 	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile $(addprefix --ignore=,$(NODES))
 	@$(PY) -m pytest -m 'not long' $(ONCE_MORE) $(NODES)
 
 test-long: setup
-	@$(PY) -m pytest -m long $(ONCE_MORE)
+	@$(PY) -m pytest -m long -n 2 --dist loadfile $(COMPUTED)
+	@$(PY) -m pytest -m long $(ONCE_MORE) $(addprefix --ignore=,$(COMPUTED))
 
 lint: setup
 	@$(PY) -m ruff check .
