@@ -9,6 +9,7 @@ import numpy as np
 from gdmp_ros.control.target import POSE
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
@@ -46,6 +47,9 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
     :raises DataError: if the skill is not one of pose and stiffness
     """
     player = Player(skill, PlayerSettings())
+    if player.tool.of_two:
+        raise DataError('the skill is one of two arms, expected one of one arm '
+                        '(gdmp_ros.sim.two_arms executes it)')
     player.start(loop.arm.measure().pose.copy())
     left, period = LONGEST_S, loop.arm.period
     while left > 0.0:

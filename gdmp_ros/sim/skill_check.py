@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.streamed import streamed
 from gdmp_ros.sim.path_check import PathCheck, PathChecker
@@ -23,10 +24,13 @@ def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES
     :returns: what was found, and the positions of the tool [m], shape ``(poses, 3)``
     :raises DataError: if it is neither a skill of a pose nor of as many joints as the arm has
     """
-    of_joints = streamed(skill, PlayerSettings()).of_joints
+    tool = streamed(skill, PlayerSettings())
+    if tool.of_two:
+        raise DataError('the skill is one of two arms: check the skill of each, in the frame of '
+                        'its own base')
     times = np.linspace(0.0, DURATIONS * skill.duration, poses)
     points = skill.rollout().sample(times).points.reshape(len(times), -1)
-    if not of_joints:
+    if not tool.of_joints:
         return checker.check(times, points[:, :7]), points[:, :3]
     found = checker.check_postures(times, points)
     return found, np.array([checker.position(posture) for posture in points])

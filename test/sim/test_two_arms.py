@@ -17,6 +17,10 @@ from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.playback.pair_skill import PairSkill
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.rehearsal import rehearse
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.execution import execute
+from gdmp_ros.sim.path_check import PathChecker
+from gdmp_ros.sim.skill_check import check_skill
 from gdmp_ros.sim.tray import bases, pose_on_stand, SIDES
 from gdmp_ros.sim.two_arms import TwoArms
 from gdmp_ros.sim.world import World
@@ -69,6 +73,10 @@ def test_the_tray_is_carried_and_not_without_the_coupling(skills):
 def test_a_stream_of_one_arm_refuses_a_skill_of_two(skills):
     with pytest.raises(DataError, match='two arms'):
         rehearse(skills[1], PlayerSettings())
+    with pytest.raises(DataError, match='two arms'):
+        execute(skills[1], Arm())
+    with pytest.raises(DataError, match='two arms'):
+        check_skill(skills[1], PathChecker(Arm()))
     with pytest.raises(ManifoldError, match='moves on'):
         PairSkill(skills[1], PlayerSettings()).tangent_of_twist(np.zeros(6))
 
