@@ -11,9 +11,9 @@ from gdmp_ros.dmp.relations import DISTANCE
 from gdmp_ros.manifolds import Manifold
 
 
-def relation_count(couplings: Sequence[Coupling]) -> int:
+def relation_count(couplings: Sequence[Coupling], manifold: Manifold) -> int:
     """How many relations between two factors they are."""
-    return sum(2 if coupling.kind == 'pose' else 1 for coupling in couplings)
+    return sum(len(coupling.terms(manifold)) for coupling in couplings)
 
 
 def write_relations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold) -> None:

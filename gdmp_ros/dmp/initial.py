@@ -42,7 +42,7 @@ def new_memory(skill: Primitive, options: Options) -> np.ndarray:
     """Memory with everything that does not change while a skill is executed."""
     manifold, segments = skill.manifold, skill.segments
     memory = blank(manifold.factor_table, skill.n_basis, len(segments.ends),
-                   _obstacle_factor(manifold), relation_count(skill.couplings))
+                   _obstacle_factor(manifold), relation_count(skill.couplings, manifold))
     motion = parts(memory)
     motion.split[:] = segments.split or [False] * len(manifold.factors)
     motion.basis[:] = (periodic_basis(skill.n_basis) if skill.rhythmic

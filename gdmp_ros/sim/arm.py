@@ -97,7 +97,7 @@ class Arm:
 
     def _take(self, robot: Robot, known: mujoco.MjModel, site: int, plant: PlantSettings,
               shared: bool) -> None:
-        self._plant, self._robot = plant, robot
+        self._plant = plant
         self.model, self.data, self._site, self._joints, self._motors = robot
         self._random = np.random.default_rng(0)
         self._body = int(self.model.site_bodyid[self._site])

@@ -4,7 +4,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gdmp_ros.sim.arm import Extra
+from gdmp_ros.sim.arm import Arm, Extra
 from gdmp_ros.sim.gripper import add_gripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings
@@ -84,9 +84,9 @@ def add_tray(pose: np.ndarray) -> Extra:
 
 def pose_on_stand() -> np.ndarray:
     """Pose of the tray between the tools in their first posture."""
-    world = World(bases())
-    left = world.arms[SIDES[0]].measure().pose
-    return np.array([left[0], 0.0, left[2] - BELOW, 1.0, 0.0, 0.0, 0.0])
+    arm = Arm()
+    tool = arm.pose_at(arm.home)
+    return np.array([tool[0], 0.0, tool[2] - BELOW, 1.0, 0.0, 0.0, 0.0])
 
 
 def hold_tray(plant: PlantSettings | None = None) -> TwoArms:

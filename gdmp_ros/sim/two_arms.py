@@ -17,12 +17,13 @@ from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.execution import LONGEST_S
 from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.world import World
 
-#: Longest motion, and time after it [s].
-LONGEST_S, REST_S = 120.0, 1.0
+#: Time after the motion [s].
+REST_S = 1.0
 
 
 class Moment(NamedTuple):

@@ -83,11 +83,6 @@ class World:
         """
         advance(self.model, self.data)
 
-    def pose_of(self, body: str) -> np.ndarray:
-        """Pose (x, y, z, qw, qx, qy, qz) of a body in the world."""
-        found = self.data.body(body)
-        return np.concatenate([found.xpos, found.xquat])
-
 
 def _without_arm() -> mujoco.MjSpec:
     """The world of the built-in Panda: floor, light, camera, options."""

@@ -185,10 +185,9 @@ def test_a_wrong_force_would_be_seen():
         skill = relative_case('pose', seed)
         one = skill.couplings[0]
         other = replace(one, relation=(*(np.array(one.relation[:3]) + 0.1), *one.relation[3:]))
-        wrong = energies(Skill.of(replace(skill, couplings=(one,))), 1.0)
-        rollout = skill.rollout()
-        path = rollout.sample(np.linspace(0.0, 1.0, 800))
-        total = wrong + [100.0 * other.deviation(skill.manifold, p)[0] ** 2 for p in path.points]
+        right = energies(skill, 1.0)
+        path = skill.rollout().sample(np.linspace(0.0, 1.0, 800))
+        total = right + [100.0 * other.deviation(skill.manifold, p)[0] ** 2 for p in path.points]
         rises.append((total - np.minimum.accumulate(total)).max() / total[0])
     assert max(rises) > 1e-3
 

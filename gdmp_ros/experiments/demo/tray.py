@@ -73,7 +73,7 @@ def run_tray(folder: Path) -> int:
         raise ParameterError(f'{folder}: cannot be created: {error.strerror}') from None
     for path in (*folder.glob('*.png'), *folder.glob('*.webp'), folder / 'report.json'):
         path.unlink(missing_ok=True)
-    print('learning a skill of each arm from a recording of its own', flush=True)
+    print('learning one skill for each arm, from its own recording', flush=True)
     left, right = taught_skills(np.random.default_rng(1))
     joined = Skill.joined(left, right, SIDES)
     coupling = coupling_of(joined, pose_on_stand())
