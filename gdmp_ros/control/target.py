@@ -11,7 +11,7 @@ import numpy as np
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import kernel
-from gdmp_ros.manifolds.quaternion import rotate_by_vector
+from gdmp_ros.manifolds.quaternion import conjugate_multiply, rotate, rotate_by_vector
 
 # Index of the first number of each part.
 POSE, TWIST, ACCELERATION, STIFFNESS, DAMPING_RATIO, WRENCH, WRENCH_GAIN = (
@@ -62,3 +62,33 @@ def extrapolate_pose(target, seconds, pose):
         pose[i] = target[POSE + i] + seconds * target[TWIST + i]
         rotation[i] = seconds * target[TWIST + 3 + i]
     rotate_by_vector(target[POSE + 3:POSE + 7], rotation, pose[3:7])
+
+
+@kernel
+def target_in_frame(target, frame, out):
+    """
+    Write a target as it is in another frame.
+
+    :param frame: pose of that frame in the one of the target
+    """
+    axes, turn, inverse = np.empty((3, 3)), np.empty((3, 3)), frame[3:].copy()
+    for i in range(1, 4):
+        inverse[i] = -inverse[i]
+    out[:] = target
+    for i in range(3):
+        out[POSE + i] -= frame[i]
+        for j in range(3):
+            axes[i, j] = 1.0 if i == j else 0.0
+        # Row i: axis i of the target's frame in the other one.
+        rotate(inverse, axes[i], turn[i])
+    for first in (POSE, TWIST, TWIST + 3, ACCELERATION, ACCELERATION + 3, WRENCH, WRENCH + 3):
+        rotate(inverse, out[first:first + 3], out[first:first + 3])
+    conjugate_multiply(frame[3:], target[POSE + 3:POSE + 7], out[POSE + 3:POSE + 7])
+    for row in range(6):
+        for column in range(6):
+            value = 0.0
+            for i in range(3):
+                for j in range(3):
+                    value += (turn[i, row % 3] * turn[j, column % 3] * target[
+                        STIFFNESS + 6 * (row - row % 3 + i) + column - column % 3 + j])
+            out[STIFFNESS + 6 * row + column] = value

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed_skill import Bounds, StreamedSkill
+from gdmp_ros.playback.streamed_skill import Bounds, Kind, StreamedSkill
 
 
 class BoundedStream:
@@ -13,7 +13,7 @@ class BoundedStream:
     def __init__(self, settings: StreamSettings):
         self._settings = settings
         self._bounds: Bounds | None = None
-        self._of_joints, self._before = False, 0
+        self._kind, self._before = Kind.TOOL, 0
 
     @property
     def bounded(self) -> int:
@@ -37,7 +37,7 @@ class BoundedStream:
         :param skill: that is played
         :returns: the same array every time
         """
-        if self._bounds is None or skill.of_joints != self._of_joints:
+        if self._bounds is None or skill.kind is not self._kind:
             self.reset()
-            self._bounds, self._of_joints = skill.bounds(self._settings), skill.of_joints
+            self._bounds, self._kind = skill.bounds(self._settings), skill.kind
         return self._bounds.apply(target, dt)

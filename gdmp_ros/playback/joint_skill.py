@@ -20,7 +20,7 @@ from gdmp_ros.playback.bounds import JointBounds
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed_skill import StreamedSkill
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 #: A motion starts at the present reference if no joint is further from it than this [rad].
 NEAR_RAD = 0.05
@@ -59,7 +59,7 @@ class JointApproach:
 class JointSkill(StreamedSkill):
     """A skill on R^n with the factor ``joints``; its places are positions of the joints [rad]."""
 
-    of_joints = True
+    kind = Kind.JOINTS
 
     def __init__(self, skill: Skill, settings: PlayerSettings):
         """:raises DataError: unless the manifold is R^n with the factor ``joints``"""

@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.playback.streamed_skill import Kind
 
 #: Reads a measurement: the place and its age [s]; None if there is no new one.
 PlaceSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
@@ -18,7 +19,7 @@ class Measured(NamedTuple):
     """
     A measurement.
 
-    :ivar place: pose (x, y, z, qw, qx, qy, qz), or positions of the joints
+    :ivar place: pose (x, y, z, qw, qx, qy, qz), positions of the joints, or poses of two tools
     :ivar arrived: when it arrived (`time.monotonic`) [s]
     """
 
@@ -32,7 +33,11 @@ class Measured(NamedTuple):
 
 
 class MeasuredInput:
-    """The newest measurement of one kind; any thread may read it."""
+    """
+    The newest measurement of one kind; any thread may read it.
+
+    :ivar source: where it comes from, for messages
+    """
 
     def __init__(self, read: PlaceSource, source: str, what: str = 'measured pose'):
         """
@@ -42,7 +47,7 @@ class MeasuredInput:
         :param source: where it comes from, for messages
         :param what: it is, for messages
         """
-        self._read, self._source, self._what = read, source, what
+        self._read, self.source, self._what = read, source, what
         self._lock = threading.Lock()
         self._newest: Measured | None = None
 
@@ -67,9 +72,56 @@ class MeasuredInput:
         """
         measured = self.newest()
         if measured is None:
-            raise ParameterError(f'no {self._what} has arrived on {self._source} (with '
+            raise ParameterError(f'no {self._what} has arrived on {self.source} (with '
                                  'start_from: skill none is needed)')
         if measured.age > oldest:
-            raise ParameterError(f'the last {self._what} on {self._source} is {measured.age:.2f} '
+            raise ParameterError(f'the last {self._what} on {self.source} is {measured.age:.2f} '
                                  f's old, expected at most {oldest:g} s')
         return measured.place
+
+
+def pair_of(first: MeasuredInput, second: MeasuredInput) -> MeasuredInput:
+    """Poses of two tools, as old as the older one."""
+    used: tuple[Measured | None, Measured | None] = None, None
+
+    def read() -> tuple[np.ndarray, float] | None:
+        nonlocal used
+        newest = first.newest(), second.newest()
+        if newest[0] is None or newest[1] is None or all(
+                one is before for one, before in zip(newest, used)):
+            return None
+        used = newest
+        return (np.concatenate([newest[0].place, newest[1].place]),
+                max(newest[0].age, newest[1].age))
+    return MeasuredInput(read, f'{first.source} and {second.source}', 'measured pose of both arms')
+
+
+class MeasuredInputs:
+    """Where the robot is, for every kind of skill."""
+
+    def __init__(self, tool: MeasuredInput, joints: MeasuredInput | None = None,
+                 second_tool: MeasuredInput | None = None):
+        """
+        Prepare.
+
+        :param joints: for skills of the joints
+        :param second_tool: for skills of two arms
+        """
+        self._inputs = {Kind.TOOL: tool, Kind.JOINTS: joints or MeasuredInput(
+            lambda: None, 'no topic', 'positions of the joints')}
+        if second_tool is not None:
+            self._inputs[Kind.TWO_TOOLS] = pair_of(tool, second_tool)
+        self._second = second_tool
+
+    def of(self, kind: Kind) -> MeasuredInput:
+        """:raises ParameterError: if it is one of two arms, and there is no second one"""
+        if kind not in self._inputs:
+            raise ParameterError('the skill is one of two arms, and there is no second arm '
+                                 '(second_frame_id)')
+        return self._inputs[kind]
+
+    def forget(self) -> None:
+        """Forget what has been measured."""
+        for one in (*self._inputs.values(), self._second):
+            if one is not None:
+                one.forget()

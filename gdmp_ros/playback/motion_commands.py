@@ -7,29 +7,19 @@ import numpy as np
 
 from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
-from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed_skill import StreamedSkill
+from gdmp_ros.playback.streamed_skill import Kind
 
 
 class MotionCommands:
-    """
-    Checks commands for the motion that is executed, and passes them to the player.
+    """Checks commands for the motion that is executed, and passes them to the player."""
 
-    :ivar settings: with the limits of the workspace
-    """
-
-    def __init__(self, settings: StreamSettings, kinematics: ArmKinematics | None,
-                 loaded: Callable[[], Player]):
-        """
-        :param kinematics: of the arm, for skills of the joints
-        :param loaded: returns the player, or raises a `ParameterError` without a skill
-        """
-        self.settings = settings
-        self._kinematics, self._loaded = kinematics, loaded
+    def __init__(self, goals: GoalCheck, loaded: Callable[[], Player]):
+        """:param loaded: returns the player, or raises a `ParameterError` without a skill"""
+        self._goals, self._loaded = goals, loaded
         self._tracker = GoalTracker()
 
     def begin(self) -> None:
@@ -43,27 +33,24 @@ class MotionCommands:
         :param now: of the clock of the ticks [s]
         """
         ended = self._tracker.expired(now)
-        if ended is not None and not player.playing.of_joints:
+        if ended is not None and player.playing.kind is Kind.TOOL:
             player.go_to(ended.pose)
 
-    def check_place(self, skill: StreamedSkill, place: np.ndarray) -> None:
-        """:raises GdmpError: if a skill cannot have a place as goal"""
-        if not skill.of_joints:
-            self.settings.check_goal(place)
-        check_reach(self._kinematics, skill, place)
-
-    def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0) -> None:
+    def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0, side: int = 0) -> None:
         """
         Switch the pose goal; one that keeps moving is followed with its velocity.
 
+        With two arms the other tool follows the couplings.
+
         :param now: of the clock of the ticks [s]
         :param age: time since the goal was there [s]
+        :param side: of two arms: 0 or 1
         :raises GdmpError: if it lies outside the workspace, or no skill is being executed
         """
         player = self._executing()
-        self.settings.check_goal(pose)
-        if player.playing.of_joints:
-            player.go_to(place_for(self._kinematics, player.playing, pose, player.goal))
+        place = self._goals.place_for(player.playing, pose, player.goal, side)
+        if player.playing.kind is not Kind.TOOL:
+            player.go_to(place)
             return
         goal = self._tracker.update(pose, now - age, now)
         player.go_to(goal.pose, goal.twist)
@@ -77,11 +64,12 @@ class MotionCommands:
         :raises GdmpError: as `goal_pose`, or if a number is not finite
         """
         player = self._executing()
-        self.settings.check_goal(pose)
+        self._goals.settings.check_goal(pose)
         if not np.isfinite(twist).all():
             raise ManifoldError('the twist of the goal has a NaN or infinite number')
-        if player.playing.of_joints:
-            raise ManifoldError('a skill of the joints does not follow a goal that moves on')
+        if player.playing.kind is not Kind.TOOL:
+            raise ManifoldError(f'a skill of {player.playing.kind.value} does not follow a goal '
+                                'that moves on')
         self._tracker.reset()
         player.go_to(moved_on(pose, twist, age), twist)
 

@@ -8,6 +8,7 @@ import numpy as np
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.streamed_skill import Kind
 
 #: Most samples: a motion of two hours.
 MOST = 150_000
@@ -40,7 +41,7 @@ class MotionRecord:
         """
         rollout, reference, playing = player.rollout, player.place, player.playing
         if (player.status is not Status.MOVING or rollout is None or reference is None
-                or playing.of_joints):
+                or playing.kind is not Kind.TOOL):
             return
         if player.motion != self.motion:
             self.motion, self.skill, self._samples = player.motion, playing.skill, []

@@ -17,16 +17,14 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed_skill import Bounds, StreamedSkill, Way
+from gdmp_ros.playback.streamed_skill import Bounds, Kind, StreamedSkill, Way
 from gdmp_ros.playback.tool_skill import ToolSkill
-
-#: Numbers of a pose.
-POSE_SIZE = 7
 
 
 def is_of_two_arms(skill: Skill) -> bool:
@@ -38,16 +36,25 @@ def is_of_two_arms(skill: Skill) -> bool:
             and list(factors[:2]) == pose and list(factors[count:count + 2]) == pose)
 
 
+def one_of_two(pose: np.ndarray, side: int) -> np.ndarray:
+    """
+    Place of two tools of which the other one follows the couplings: its numbers are NaN.
+
+    :param side: of the tool that is at the pose: 0 or 1
+    """
+    place = np.full(2 * POSE_SIZE, np.nan)
+    place[side * POSE_SIZE:(side + 1) * POSE_SIZE] = pose
+    return place
+
+
 class PairSkill(StreamedSkill):
     """
     A skill of two tools.
 
-    A place of one pose is that of the first tool: the second one follows the couplings.
-
     :ivar sides: both as skills of a tool
     """
 
-    of_two = True
+    kind = Kind.TWO_TOOLS
 
     def __init__(self, skill: Skill, settings: PlayerSettings):
         """:raises DataError: unless both halves are skills of a tool"""
@@ -78,24 +85,23 @@ class PairSkill(StreamedSkill):
     def changed(self, point: np.ndarray, place: np.ndarray | None = None,
                 stiffness: np.ndarray | None = None) -> np.ndarray:
         """
-        Point with other poses: of both tools, or of the first one, which the second one follows.
+        Point with other poses: of both tools, or of one, which the other one follows.
 
-        The stiffness is that of both.
+        :param place: of both, or `one_of_two`
+        :param stiffness: of both
         """
         places: list[np.ndarray | None] = [None, None]
         if place is not None:
-            places = [place[:POSE_SIZE], place[POSE_SIZE:] if len(place) > POSE_SIZE else None]
+            places = [None if np.isnan(one[0]) else one
+                      for one in (place[:POSE_SIZE], place[POSE_SIZE:])]
         moved = np.concatenate([side.changed(one, to, stiffness) for side, one, to in zip(
             self.sides, self._halves(point), places)])
-        if place is None or len(place) > POSE_SIZE:
-            return moved
-        return related(self.skill, moved, 0)
+        given = [number for number, one in enumerate(places) if one is not None]
+        return related(self.skill, moved, given[0]) if len(given) == 1 else moved
 
-    def goal_of_second(self, point: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Both poses with another one of the second tool, which the first one follows."""
-        first, second = self._halves(point)
-        moved = np.concatenate([first, self.sides[1].changed(second, pose)])
-        return self.place_of(related(self.skill, moved, 1))
+    def whole(self, place: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """See `StreamedSkill`."""
+        return self.place_of(self.changed(self.changed(self.skill.goal, near), place))
 
     def place_of(self, point: np.ndarray) -> np.ndarray:
         """See `StreamedSkill`."""

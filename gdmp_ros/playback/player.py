@@ -28,7 +28,7 @@ from gdmp_ros.playback.requests import (
     UNCHANGED,
 )
 from gdmp_ros.playback.streamed import streamed
-from gdmp_ros.playback.streamed_skill import StreamedSkill
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 
 class Player:
@@ -49,7 +49,7 @@ class Player:
         self.refusals = refusals or Refusals()
         self._source, self._started = ReferenceSource(self.tool, self.refusals.add), 0
         self._requests = Requests(self.refusals)
-        self._measured: tuple[np.ndarray, bool] | None = None
+        self._measured: tuple[np.ndarray, Kind] | None = None
         self._copy_wanted = False
         self._copy: Rollout | None = None
 
@@ -97,7 +97,7 @@ class Player:
     def joints(self) -> int:
         """Number of the joints of which the references are; 0: they are of the tool."""
         playing = self._source.playing
-        return playing.manifold.point_size if playing.of_joints else 0
+        return playing.manifold.point_size if playing.kind is Kind.JOINTS else 0
 
     @property
     def period(self) -> float:
@@ -189,8 +189,7 @@ class Player:
         """
         Switch the goal.
 
-        :param place: pose, or positions of the joints
-
+        :param place: pose, positions of the joints, or poses of two tools
         :param twist: with which it moves on, linear and angular [m/s, rad/s]; None if it rests
         """
         self._requests.add(lambda: self._source.retarget(place, None, twist), UNCHANGED)
@@ -232,7 +231,7 @@ class Player:
 
     def observe(self, measured: np.ndarray) -> None:
         """Use where the robot is for phase stopping at the next tick."""
-        self._measured = measured, self._source.playing.of_joints
+        self._measured = measured, self._source.playing.kind
 
     def distances(self) -> list[float]:
         """Distance of each factor from the goal: m, rad, and geodesic for the stiffness."""
@@ -267,7 +266,7 @@ class Player:
         if rollout is not None:
             measured, self._measured = self._measured, None
             # Not if a motion of the other kind has begun since.
-            if measured is not None and measured[1] == self._source.playing.of_joints:
+            if measured is not None and measured[1] is self._source.playing.kind:
                 self._source.observe(measured[0])
             if self._copy_wanted:
                 self._copy_wanted, self._copy = False, rollout.copy()

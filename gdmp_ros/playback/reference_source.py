@@ -109,7 +109,7 @@ class ReferenceSource:
         :raises GdmpError: if it cannot begin there; the reference rests then
         """
         self._approach = None
-        if tool.of_joints != self.playing.of_joints:
+        if tool.kind is not self.playing.kind:
             try:
                 self._change_kind()
             except GdmpError:
@@ -133,13 +133,13 @@ class ReferenceSource:
 
     def _change_kind(self) -> None:
         """
-        The next motion is of the joints and the present reference of the tool, or the reverse.
+        The next motion is of another kind than the present reference.
 
         :raises ParameterError: if it moves
         """
         if self.status not in (Status.IDLE, HOLDING):
-            raise ParameterError('a motion of the other kind (tool, joints) is being executed: '
-                                 'stop it first')
+            raise ParameterError(f'a motion of {self.playing.kind.value} is being executed: stop '
+                                 'it first')
         # The motion begins where the robot is.
         self.hold(None)
 

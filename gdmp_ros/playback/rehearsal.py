@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
@@ -18,13 +17,10 @@ def rehearse(skill: Skill, settings: PlayerSettings) -> None:
     The first call of a kernel loads it from the cache, or compiles it; even loading takes longer
     than a tick.
 
-    :raises DataError: if the skill is neither one of a pose nor of joints; for one of two arms,
-        which only loops in one process execute (`gdmp_ros.sim.two_arms`)
+    :raises DataError: if the skill is neither one of a pose, nor of two, nor of joints
     """
     player = Player(skill, settings)
     tool = player.tool
-    if tool.of_two:
-        raise DataError('the skill is one of two arms: a stream of references is for one arm')
     start, goal = tool.place_of(skill.start), tool.place_of(skill.goal)
     player.start(None)
     player.tick(_DT)

@@ -9,6 +9,7 @@ import numpy as np
 
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.distance import Distance
+from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.util.settings import setting
 
 #: A robot that moves less than this within `BLOCKED_S` or `REST_S` does not move [m, rad].
@@ -71,12 +72,17 @@ class RobotWatch:
         self.largest_lag = Distance(0.0, 0.0)
         self.place: np.ndarray | None = None
         self._distance: Callable[[np.ndarray, np.ndarray], Distance] = distance
+        self._kind = Kind.TOOL
         self.seen = False
         self._recent: deque[tuple[float, np.ndarray]] = deque()
         self._still: tuple[float, np.ndarray] | None = None
 
-    def measure_by(self, between: Callable[[np.ndarray, np.ndarray], Distance]) -> None:
-        """Places are of another kind from now on, with this distance between two of them."""
+    def measure_by(self, kind: Kind, between: Callable[[np.ndarray, np.ndarray], Distance]
+                   ) -> None:
+        """Places are of this kind from now on, with this distance between two of them."""
+        if kind is self._kind:
+            return
+        self._kind = kind
         self.place, self.lag, self._distance = None, None, between
         self._still, self.flags = None, frozenset()
         self._recent.clear()

@@ -117,9 +117,9 @@ class SequenceRunner:
                 check(tool, tool.place_of(rollout.goal))
                 made[index] = PreparedStep(tool, rollout)
         name, tools = sequence.name, [one.tool for one in made.values()]
-        if len({tool.of_joints for tool in tools}) > 1:
-            raise ParameterError(f'{name}: skills of the tool and of the joints cannot be in one '
-                                 'sequence')
+        if len({tool.kind for tool in tools}) > 1:
+            raise ParameterError(f'{name}: skills of the tool, of two tools and of the joints '
+                                 'cannot be in one sequence')
         commands = any(isinstance(step, GripperStep) for step in sequence.steps)
         if (commands or any(tool.skill.events for tool in tools)) and (
                 self.gripper is None or not self.gripper.is_known()):

@@ -39,9 +39,14 @@ class StreamSettings:
                 raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
                                      f'workspace_max {axis}, {high:g} m')
 
-    def check_goal(self, pose: np.ndarray) -> None:
-        """:raises ManifoldError: if a goal position lies outside the workspace"""
+    def check_goal(self, pose: np.ndarray, arm: str = '') -> None:
+        """
+        Check the position of a goal.
+
+        :param arm: of which it is, for the message
+        :raises ManifoldError: if it lies outside the workspace
+        """
         for axis, value, least, most in zip('xyz', pose, self.workspace_min, self.workspace_max):
             if not least <= value <= most:
-                raise ManifoldError(f'goal {axis} is {value:.3f} m, outside the workspace '
+                raise ManifoldError(f'{arm}goal {axis} is {value:.3f} m, outside the workspace '
                                     f'{least:g} to {most:g} m')

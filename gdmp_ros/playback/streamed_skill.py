@@ -1,6 +1,7 @@
 """What players and streamers know of a skill that is streamed as references."""
 from __future__ import annotations
 
+from enum import Enum
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +12,14 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
+
+
+class Kind(Enum):
+    """What places and references are of."""
+
+    TOOL = 'the tool'
+    JOINTS = 'the joints'
+    TWO_TOOLS = 'two tools'
 
 
 class Way(Protocol):
@@ -40,15 +49,14 @@ class StreamedSkill:
     """
     A skill whose points are streamed as targets, of the tool or of the joints.
 
-    A *place* is where the robot is: a pose (x, y, z, qw, qx, qy, qz), or positions of the joints.
+    A *place* is where the robot is: a pose (x, y, z, qw, qx, qy, qz), positions of the joints, or
+    the poses of two tools.
 
-    :ivar of_joints: whether its places are positions of the joints
-    :ivar of_two: whether its places and references are those of two tools
+    :ivar kind: what its places and references are of
     :ivar has_wrench: whether the skill has a wrench that the tool is to exert
     """
 
-    of_joints = False
-    of_two = False
+    kind = Kind.TOOL
     has_wrench = False
 
     def __init__(self, skill: Skill, settings: PlayerSettings):
@@ -76,6 +84,14 @@ class StreamedSkill:
                 stiffness: np.ndarray | None = None) -> np.ndarray:
         """Point with another place or stiffness."""
         raise NotImplementedError
+
+    def whole(self, place: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """
+        Place with what it leaves open.
+
+        :param near: the place before
+        """
+        return place
 
     def place_of(self, point: np.ndarray) -> np.ndarray:
         """Place of a point."""

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
@@ -13,9 +13,10 @@ from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounded_stream import BoundedStream
+from gdmp_ros.playback.goal_check import GoalCheck, no_second_arm
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
-from gdmp_ros.playback.kinematics import ArmKinematics, check_reach, place_for
-from gdmp_ros.playback.measured_input import Measured, MeasuredInput
+from gdmp_ros.playback.kinematics import ArmKinematics
+from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
 from gdmp_ros.playback.motion_commands import MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
 from gdmp_ros.playback.player import Player
@@ -26,7 +27,8 @@ from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed_skill import StreamedSkill
+from gdmp_ros.playback.streamed import streamed
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.realtime.loop import RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
@@ -37,9 +39,7 @@ READ_EVERY = 50
 
 class Streamer:
     """
-    Streams a skill as references.
-
-    One thread calls `tick`; the other methods may be called from any thread.
+    Streams a skill as references; one thread calls `tick`, any thread the other methods.
 
     :ivar player: None before there is a skill
     :ivar robot: what is known of the robot
@@ -58,16 +58,16 @@ class Streamer:
     :ivar jumps: number of time jumps
     """
 
-    def __init__(self, period_ns: int, pose: MeasuredInput, settings: StreamSettings,
+    def __init__(self, period_ns: int, inputs: MeasuredInputs, settings: StreamSettings,
                  player_settings: PlayerSettings, robot_settings: RobotSettings | None = None,
-                 kinematics: ArmKinematics | None = None, joints: MeasuredInput | None = None,
-                 gripper: GripperLink | None = None):
+                 kinematics: ArmKinematics | None = None, gripper: GripperLink | None = None,
+                 second_base: Callable[[], np.ndarray] = no_second_arm):
         """
         Prepare to stream.
 
-        :param pose: measured pose of the tool
-        :param joints: measured positions of the joints, for skills of the joints
+        :param inputs: where the robot is
         :param gripper: for skills with commands for a gripper
+        :param second_base: see `GoalCheck`
         """
         self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
@@ -82,19 +82,18 @@ class Streamer:
         commands = None if gripper is None else GripperCommands(gripper)
         self.gripper = None if commands is None else GripperSequence(commands)
         self.sequence = SequenceRunner(commands, self.gripper)
-        self._pose = pose
-        self._joints = joints or MeasuredInput(lambda: None, 'no topic', 'positions of the joints')
+        self._inputs = inputs
         self._used: Measured | None = None
-        self._watches_joints = False
         self.bounds = BoundedStream(settings)
         self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
-        self.commands = MotionCommands(settings, kinematics, self.loaded)
+        self._goals = GoalCheck(settings, kinematics, second_base)
+        self.commands = MotionCommands(self._goals, self.loaded)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
                   robot_settings: RobotSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
         self.settings, self._player_settings = settings, player_settings
-        self.commands.settings = settings
+        self._goals.settings = settings
         self.robot.settings = robot_settings
         self.bounds.configure(settings)
         if self.player is not None:
@@ -106,6 +105,11 @@ class Streamer:
         return 0 if self.player is None else self.player.joints
 
     @property
+    def kind(self) -> Kind:
+        """What the references are of."""
+        return Kind.TOOL if self.player is None else self.player.playing.kind
+
+    @property
     def mode(self) -> StreamMode:
         """What the stream of references says of itself."""
         return StreamMode.HOLDING if self.player is None else self.player.mode
@@ -115,8 +119,10 @@ class Streamer:
         Use a skill for the next start.
 
         :param context: that it is for
-        :raises DataError: if it is neither one of a pose nor of joints; the present skill stays
+        :raises GdmpError: if it is neither one of a pose, nor of two, nor of joints, or nothing
+            is measured for such a skill; the present skill stays
         """
+        self._inputs.of(streamed(skill, self._player_settings).kind)
         rehearse(skill, self._player_settings)
         if self.player is None:
             self.player = Player(skill, self._player_settings, self.refusals)
@@ -158,8 +164,8 @@ class Streamer:
         measured = self._start_place(tool)
         goal = tool.place_of(tool.skill.goal)
         if goal_pose is not None:
-            goal = place_for(self.kinematics, tool, goal_pose, goal)
-        check_reach(self.kinematics, tool, goal)
+            goal = tool.whole(self._goals.place_for(tool, goal_pose, goal), goal)
+        self._goals.check_reach(tool, goal)
         self.sequence.cancel(OTHER_MOTION)
         self.commands.begin()
         self.robot.begin()
@@ -176,15 +182,15 @@ class Streamer:
         if not self.active:
             raise ParameterError('the node is not active')
         prepared = self.sequence.prepare(sequence, first, self._player_settings,
-                                         self.commands.check_place)
+                                         self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)
         if self.player is None:
             self.player = Player(tool.skill, self._player_settings, self.refusals)
         moves = self.player.status not in (Status.IDLE, Status.HOLDING)
-        if moves and tool.of_joints != self.player.playing.of_joints:
-            raise ParameterError('a motion of the other kind (tool, joints) is being executed: '
-                                 'stop it first')
+        if moves and tool.kind is not self.player.playing.kind:
+            raise ParameterError(f'a motion of {self.player.playing.kind.value} is being '
+                                 'executed: stop it first')
         self.commands.begin()
         self.robot.begin()
         self.sequence.begin(prepared, measured)
@@ -221,8 +227,7 @@ class Streamer:
         if self.player is not None:
             self.player.forget()
         self._used = None
-        for one in (self._pose, self._joints):
-            one.forget()
+        self._inputs.forget()
         self.robot.reset()
         self.bounds.reset()
         self.lateness = LatenessRecorder(period_ns)
@@ -271,10 +276,8 @@ class Streamer:
         """Let the player and the watch use where the robot is."""
         idle = player.status is Status.IDLE
         skill = player.tool if idle else player.playing
-        if skill.of_joints != self._watches_joints:
-            self._watches_joints = skill.of_joints
-            self.robot.measure_by(skill.distance)
-        measured = self._input_of(skill).newest()
+        self.robot.measure_by(skill.kind, skill.distance)
+        measured = self._inputs.of(skill.kind).newest()
         known = measured is not None and measured.age <= self.settings.measured_pose_age
         reference = player.place
         if reference is not None:
@@ -289,11 +292,8 @@ class Streamer:
         elif player.stops_phase:
             player.observe(measured.place)
 
-    def _input_of(self, skill: StreamedSkill | None) -> MeasuredInput:
-        """Where the robot is, as a skill needs it."""
-        return self._joints if skill is not None and skill.of_joints else self._pose
-
     def _start_place(self, skill: StreamedSkill | None) -> np.ndarray | None:
+        measured = self._inputs.of(Kind.TOOL if skill is None else skill.kind)
         if self.settings.start_from == 'skill':
             return None
-        return self._input_of(skill).recent(self.settings.measured_pose_age)
+        return measured.recent(self.settings.measured_pose_age)

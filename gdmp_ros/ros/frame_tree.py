@@ -7,7 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.quaternion import multiply, rotate, UnitQuaternion
+from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
 
 NS = 1_000_000_000
 #: How long transforms are remembered [s].
@@ -49,23 +50,6 @@ class Frames(Protocol):
         :param stamp_ns: time; 0: the latest at which it is known
         :raises FrameError: if it is not known
         """
-
-
-def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """Pose in the frame in which ``outer`` is given, of what is at ``inner`` in ``outer``."""
-    result = np.empty(7)
-    rotate(outer[3:], inner[:3], result[:3])
-    result[:3] += outer[:3]
-    multiply(outer[3:], inner[3:], result[3:])
-    return result
-
-
-def inverse(pose: np.ndarray) -> np.ndarray:
-    """Pose of the outer frame in the inner one."""
-    result = np.empty(7)
-    result[3:] = pose[3:] * [1.0, -1.0, -1.0, -1.0]
-    rotate(result[3:], -pose[:3], result[:3])
-    return result
 
 
 class FrameTree:

@@ -11,8 +11,9 @@ from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.manifolds.quaternion import rotate
-from gdmp_ros.ros.frame_tree import compose, FrameError, Frames, FrameTree, NS, Transform
+from gdmp_ros.ros.frame_tree import FrameError, Frames, FrameTree, NS, Transform
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import checked_numbers, set_transform, transform_numbers
 from gdmp_ros.ros.polling import take

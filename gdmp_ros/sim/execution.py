@@ -13,6 +13,7 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 
@@ -47,7 +48,7 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
     :raises DataError: if the skill is not one of pose and stiffness
     """
     player = Player(skill, PlayerSettings())
-    if player.tool.of_two:
+    if player.tool.kind is Kind.TWO_TOOLS:
         raise DataError('the skill is one of two arms, expected one of one arm '
                         '(gdmp_ros.sim.two_arms executes it)')
     player.start(loop.arm.measure().pose.copy())

@@ -7,6 +7,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.streamed import streamed
+from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.path_check import PathCheck, PathChecker
 
 #: A motion is checked, and shown, for this many of its durations: a changed goal is reached after
@@ -25,12 +26,12 @@ def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES
     :raises DataError: if it is neither a skill of a pose nor of as many joints as the arm has
     """
     tool = streamed(skill, PlayerSettings())
-    if tool.of_two:
+    if tool.kind is Kind.TWO_TOOLS:
         raise DataError('the skill is one of two arms: check the skill of each, in the frame of '
                         'its own base')
     times = np.linspace(0.0, DURATIONS * skill.duration, poses)
     points = skill.rollout().sample(times).points.reshape(len(times), -1)
-    if not tool.of_joints:
+    if tool.kind is Kind.TOOL:
         return checker.check(times, points[:, :7]), points[:, :3]
     found = checker.check_postures(times, points)
     return found, np.array([checker.position(posture) for posture in points])

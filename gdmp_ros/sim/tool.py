@@ -8,6 +8,7 @@ import numpy as np
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.util.settings import setting
 
 #: Largest coordinate of a tool in the frame of its site [m].
@@ -42,13 +43,6 @@ def pose_of(transform: np.ndarray) -> np.ndarray:
     pose[:3] = transform[:3, 3]
     mujoco.mju_mat2Quat(pose[3:], transform[:3, :3].ravel())
     return pose
-
-
-def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """Pose (x, y, z, qw, qx, qy, qz) of what is at ``inner`` in the frame of ``outer``."""
-    result = np.empty(7)
-    mujoco.mju_mulPose(result[:3], result[3:], outer[:3], outer[3:], inner[:3], inner[3:])
-    return result
 
 
 def tool_at(pose: np.ndarray, tool: ToolTransform) -> np.ndarray:

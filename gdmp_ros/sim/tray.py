@@ -4,11 +4,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.sim.arm import Arm, Extra
 from gdmp_ros.sim.gripper import add_gripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings
-from gdmp_ros.sim.tool import compose
 from gdmp_ros.sim.two_arms import TwoArms
 from gdmp_ros.sim.world import World
 

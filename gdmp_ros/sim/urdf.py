@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.tool import compose
 
 _GEOM = mujoco.mjtGeom
 _KINDS = {int(_GEOM.mjGEOM_SPHERE): 'sphere', int(_GEOM.mjGEOM_BOX): 'box',

@@ -18,7 +18,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.quaternion import pose_distance
-from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
@@ -58,8 +58,9 @@ class SimulatedRobot:
         joints = MeasuredInput(lambda: (self._joints.copy(), 0.0), 'the simulation',
                                'positions of the joints')
         self._pose, self._joints = arm.measure().pose.copy(), arm.data.qpos.copy()
-        self._streamer = Streamer(round(arm.period * NS), pose, StreamSettings(),
-                                  PlayerSettings(), kinematics=Reach(Arm(model)), joints=joints)
+        self._streamer = Streamer(round(arm.period * NS), MeasuredInputs(pose, joints),
+                                  StreamSettings(), PlayerSettings(),
+                                  kinematics=Reach(Arm(model)))
         self._streamer.activate(round(arm.period * NS))
         self._take: RecordedTake | None = None
         self._acted: dict[int, tuple[float, float]] = {}

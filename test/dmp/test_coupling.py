@@ -20,8 +20,8 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.dmp.primitive import Gains, MIN_STEPS
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
-from gdmp_ros.sim.tool import compose
 
 ARM = Product(Euclidean(3), UnitQuaternion(), names=['position', 'orientation'])
 LEFT, RIGHT = (tuple(f'{side}_{name}' for name in ARM.names) for side in ('left', 'right'))

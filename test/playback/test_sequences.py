@@ -12,7 +12,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.playback.measured_input import Measured, MeasuredInput
+from gdmp_ros.playback.measured_input import Measured, MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
@@ -56,8 +56,9 @@ def skills():
 @pytest.fixture
 def stream():
     hand = Hand()
-    streamer = Streamer(MS, MeasuredInput(lambda: Measured(HOME, 0.0), '/pose', 'pose'),
-                        StreamSettings(), PlayerSettings(phase_stopping=0.0), gripper=hand)
+    pose = MeasuredInput(lambda: Measured(HOME, 0.0), '/pose', 'pose')
+    streamer = Streamer(MS, MeasuredInputs(pose), StreamSettings(),
+                        PlayerSettings(phase_stopping=0.0), gripper=hand)
     streamer.activate(MS)
     streamer.hand, streamer.clock = hand, MS
     return streamer

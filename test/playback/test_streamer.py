@@ -7,7 +7,7 @@ import pytest
 
 from gdmp_ros import ParameterError, Skill
 from gdmp_ros.data import lasa
-from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
@@ -38,8 +38,8 @@ def source():
 
 
 def streamer_of(skill, source, **player_settings):
-    made = Streamer(PERIOD_NS, MeasuredInput(source, '/measured_pose'), StreamSettings(),
-                    PlayerSettings(**player_settings))
+    made = Streamer(PERIOD_NS, MeasuredInputs(MeasuredInput(source, '/measured_pose')),
+                    StreamSettings(), PlayerSettings(**player_settings))
     made.use(skill, 'skill')
     made.activate(PERIOD_NS)
     return made
@@ -107,7 +107,7 @@ from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
-from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 
 loaded, load = [], KernelCache.load_overload
@@ -118,8 +118,8 @@ KernelCache.load_overload = watched
 
 skill = Skill.load({path!r})
 robot = skill.start[:7].copy()
-streamer = Streamer(1_000_000, MeasuredInput(lambda: (robot.copy(), 0.0), ''), StreamSettings(),
-                    PlayerSettings(phase_stopping=1.0))
+streamer = Streamer(1_000_000, MeasuredInputs(MeasuredInput(lambda: (robot.copy(), 0.0), '')),
+                    StreamSettings(), PlayerSettings(phase_stopping=1.0))
 streamer.use(skill, '')
 streamer.activate(1_000_000)
 before = len(loaded)

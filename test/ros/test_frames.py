@@ -5,9 +5,10 @@ import pytest
 from rclpy.qos import DurabilityPolicy
 from tf2_msgs.msg import TFMessage
 
+from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.ros import frames, messages
-from gdmp_ros.ros.frame_tree import compose, FrameError, FrameTree, inverse, Transform
+from gdmp_ros.ros.frame_tree import FrameError, FrameTree, Transform
 from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import SERVER
 from gdmp_ros.sim import Arm

@@ -121,6 +121,14 @@ def test_launch_files_start_executables_and_set_parameters_that_exist(path):
     if path.name == 'several.launch.py':
         assert any('/launch/arm.launch.py' in word for word in words)
         return
+    if path.name == 'two_arms.launch.py':
+        names = {key.value for node in ast.walk(tree) if isinstance(node, ast.Dict)
+                 for key in node.keys if isinstance(key, ast.Constant)}
+        known = {spec.name for name in ('panda_sim', 'trajectory_server')
+                 for spec in NODES[name][1]}
+        assert 'second_frame_id' in names and names <= known
+        assert {'panda_sim', 'trajectory_server'} <= words & set(setup['x'])
+        return
     started = {node.targets[0].slice.value for node in ast.walk(tree)
                if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript)
                and getattr(node.targets[0].value, 'id', '') == 'wanted'}

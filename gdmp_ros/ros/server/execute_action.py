@@ -167,9 +167,7 @@ class ExecuteAction(ServerAction):
         if not self._base.knows(header):
             await self._node.wait_until(lambda: self._base.knows(header), 0.02,
                                         self._node.get_parameter('tf_timeout').value)
-        pose = self._base.pose(goal.goal_pose)
-        self._streamer.settings.check_goal(pose)
-        return pose
+        return self._base.pose(goal.goal_pose)
 
     def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:
         tolerances = (f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')

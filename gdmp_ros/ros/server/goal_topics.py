@@ -1,6 +1,8 @@
 """Topics that change the motion that is executed: goals, amplitude and frequency of a cycle."""
 from __future__ import annotations
 
+from functools import partial
+
 from gdmp_msgs.msg import MovingGoal
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -20,20 +22,24 @@ STAMP_S = 0.5
 class GoalTopics:
     """Polled topics; of each the newest message counts."""
 
-    def __init__(self, node: ManagedNode, streamer: Streamer, base: BaseFrame, frame_id: str):
+    def __init__(self, node: ManagedNode, streamer: Streamer, base: BaseFrame, frame_id: str,
+                 second_arm: bool = False):
         """
         Subscribe.
 
         :param base: frame of the motions; goal poses may be in others
         :param frame_id: its name
+        :param second_arm: whether there are goals for one
         """
         self._node, self._base = node, base
         self._streamer, self._commands = streamer, streamer.commands
         self._poses = PoseReader(frame_id, base.pose)
+        second = [(PoseStamped, 'second/goal_pose', partial(self._use_pose, side=1))]
         self._inputs = [
             GoalInput(node.add_subscription(kind, f'~/{topic}', None, raw=True), topic, use,
                       streamer.refusals.add)
             for kind, topic, use in ((PoseStamped, 'goal_pose', self._use_pose),
+                                     *(second if second_arm else ()),
                                      (MovingGoal, 'moving_goal', self._use_moving),
                                      (Float64MultiArray, 'goal_stiffness', self._use_stiffness),
                                      (Float64, 'amplitude', self._use_amplitude),
@@ -59,9 +65,9 @@ class GoalTopics:
             if one.topic == topic:
                 one.use_or_refuse(data)
 
-    def _use_pose(self, data: bytes, age: float) -> None:
+    def _use_pose(self, data: bytes, age: float, side: int = 0) -> None:
         self._commands.goal_pose(self._poses.read(data), self._streamer.now,
-                                 self._age(data, age))
+                                 self._age(data, age), side)
 
     def _use_moving(self, data: bytes, age: float) -> None:
         message = deserialized(data, MovingGoal)

@@ -17,6 +17,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.playback.goal_check import no_second_arm
+from gdmp_ros.playback.measured_input import MeasuredInputs
+from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import NS, Streamer
 from gdmp_ros.realtime import shared_loop
 from gdmp_ros.ros.clock_loop import ClockLoop
@@ -40,6 +43,7 @@ from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 from gdmp_ros.ros.server.refinement import Refinement
 from gdmp_ros.ros.server.report import ServerReport
 from gdmp_ros.ros.server.robot_inputs import RobotInputs
+from gdmp_ros.ros.server.second_arm import SecondArm
 from gdmp_ros.ros.server.sequence_action import SequenceAction
 from gdmp_ros.ros.server.skill_loader import SkillLoader
 
@@ -61,6 +65,7 @@ class TrajectoryServer(ManagedNode):
     _action: ExecuteAction
     _sequences: SequenceAction
     _references: ReferencePublisher
+    _second: SecondArm | None
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
     _clock_input: tuple[Any, Callable[[ClockMessage], None]]
 
@@ -77,10 +82,14 @@ class TrajectoryServer(ManagedNode):
         self._base = BaseFrame(self, parameters.frame_id)
         self.inputs = RobotInputs(self, parameters, self._base)
         reach, checker = kinematics(parameters)
+        second = self._second = (SecondArm(self, parameters, self._base, self.inputs)
+                                 if parameters.second_frame_id else None)
         self.streamer = Streamer(
-            self._period_ns(), self.inputs.pose, stream_settings(parameters),
-            player_settings(parameters), robot_settings(parameters), reach,
-            self.inputs.joints, GripperTopics(self, parameters.gripper))
+            self._period_ns(), MeasuredInputs(self.inputs.pose, self.inputs.joints,
+                                              second.pose if second else None),
+            stream_settings(parameters), player_settings(parameters), robot_settings(parameters),
+            reach, GripperTopics(self, parameters.gripper),
+            second.base if second else no_second_arm)
         self.inputs.connect(self.streamer)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
@@ -89,7 +98,8 @@ class TrajectoryServer(ManagedNode):
         self._references = ReferencePublisher(self, parameters.frame_id)
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
-        self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id)
+        self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id,
+                                second is not None)
         self._action = ExecuteAction(self, self.streamer, self._report, self._base,
                                      self._skills.load)
         self._sequences = SequenceAction(self, self.streamer, self._report)
@@ -124,6 +134,8 @@ class TrajectoryServer(ManagedNode):
             self.streamer.member.leave()
             self.streamer.member = None
         self._references.end()
+        if self._second is not None:
+            self._second.end()
         self._action.deactivated()
         self._sequences.deactivated()
         if self.parameters.lateness_file:
@@ -180,6 +192,11 @@ class TrajectoryServer(ManagedNode):
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
             self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
+            if self._second is not None:
+                if self.streamer.kind is Kind.TWO_TOOLS:
+                    self._second.publish(target, stamp_ns, self.streamer.mode)
+                else:
+                    self._second.end()
 
     # Interfaces
 

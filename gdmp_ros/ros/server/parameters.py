@@ -38,6 +38,10 @@ SPECS = (
     Spec('tool_site', 'tcp', 'site of that model that is the tool'),
     *specs_of(ToolTransform, 'configure', names=_TOOL),
     Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
+    Spec('second_frame_id', '', 'for skills of two arms: base frame of the second arm and of its '
+         'references; /tf_static tells where it is in frame_id. Empty: there is one arm'),
+    Spec('second_measured_pose_topic', '~/second/measured_pose', "PoseStamped of the second arm's "
+         'tool'),
     Spec('measured_joints_topic', 'joint_states', 'JointState of the robot, for skills of the '
          'joints'),
     Spec('gripper', 'gripper', 'name before the topics of the gripper: gripper/command, '

@@ -35,14 +35,20 @@ def first_sequence() -> int:
 class ReferencePublisher:
     """Publishes ``~/reference``, ``~/reference_pose`` and ``~/reference_stiffness``."""
 
-    def __init__(self, node: ManagedNode, frame: str):
-        """:param frame: ``frame_id`` of the references"""
-        self._out, self._frame = node.add_publisher(Reference, '~/reference', DEEP), frame
+    def __init__(self, node: ManagedNode, frame: str, prefix: str = '~'):
+        """
+        Publish; nothing before `publish`.
+
+        :param frame: ``frame_id`` of the references
+        :param prefix: of the topics
+        """
+        self._out = node.add_publisher(Reference, f'{prefix}/reference', DEEP)
+        self._frame = frame
         self._whole = self._stream(TARGET_SIZE, fill_reference)
         #: Streams of references of the joints, by their number.
         self._joints: dict[int, Stream] = {}
-        self._pose = pose_stream(node, '~/reference_pose', frame)
-        self._stiffness = stiffness_stream(node, '~/reference_stiffness')
+        self._pose = pose_stream(node, f'{prefix}/reference_pose', frame)
+        self._stiffness = stiffness_stream(node, f'{prefix}/reference_stiffness')
         self._sequence = first_sequence()
         self._ticks = 0
         self._last: tuple[np.ndarray, int, int] | None = None
@@ -57,7 +63,8 @@ class ReferencePublisher:
         """
         Publish the reference of a tick.
 
-        :param target: `TARGET_SIZE` numbers, or those of `gdmp_ros.playback.joint_skill`
+        :param target: `TARGET_SIZE` numbers, more are not used; or those of
+            `gdmp_ros.playback.joint_skill`
         :param joints: number of joints, if it is one of the joints
         """
         if self._ticks % CHECK_EVERY == 0:
@@ -69,7 +76,7 @@ class ReferencePublisher:
             self._publish_joints(target, stamp_ns, mode, joints)
             return
         if self._whole.has_subscribers:
-            self._whole.publish(target, stamp_ns, self._sequence, mode)
+            self._whole.publish(target[:TARGET_SIZE], stamp_ns, self._sequence, mode)
         if mode is StreamMode.ENDED:
             return
         if self._pose.has_subscribers:

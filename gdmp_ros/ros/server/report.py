@@ -13,6 +13,7 @@ import numpy as np
 
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction, Tube
 from gdmp_ros.playback.requests import Status
@@ -81,10 +82,9 @@ class ServerReport:
             measured, player = streamer.robot.place, streamer.player
             if measured is not None and measured.shape == player.goal.shape:
                 message.robot_distance = list(player.playing.distance(measured, player.goal))
-            pose = self._pose_of(player.goal)
-            if pose is not None:
-                message.goal = [Pose()]
-                set_pose(message.goal[0], pose)
+            for pose in self._poses_at(player.goal):
+                message.goal.append(Pose())
+                set_pose(message.goal[-1], pose)
         sequence = streamer.sequence.status
         if sequence is not None and sequence.running:
             message.sequence, message.step_name = sequence.name, sequence.step_name
@@ -146,8 +146,9 @@ class ServerReport:
         rollout, stamp = player.taken_copy(), self._node.get_clock().now().to_msg()
         if rollout is not None:
             points, progress = prediction(rollout, PLAN_POSES)
-            found = [self._pose_of(player.playing.place_of(point)) for point in points]
-            poses = np.array([pose for pose in found if pose is not None]).reshape(-1, 7)
+            # Of two arms the path of the first one is shown.
+            poses = np.concatenate([self._poses_at(player.playing.place_of(point))[:1]
+                                    for point in points])
             self._plan_is_shown = True
             self._plan.publish(path_message(poses, self._frame, stamp))
             self._publish_tube(rollout.skill, poses, progress, stamp)
@@ -160,12 +161,14 @@ class ServerReport:
                 and self._reports % PLAN_EVERY == 0):
             player.request_copy()
 
-    def _pose_of(self, place: np.ndarray) -> np.ndarray | None:
-        """Pose of the tool at a place; None if that is not known."""
-        if not self._streamer.joints:
-            return place
+    def _poses_at(self, place: np.ndarray) -> np.ndarray:
+        """Poses of the tools at a place, shape ``(n, 7)``; none if they are not known."""
         kinematics = self._streamer.kinematics
-        return None if kinematics is None else kinematics.pose_at(place)
+        if not self._streamer.joints:
+            return place.reshape(-1, POSE_SIZE)
+        if kinematics is None:
+            return np.empty((0, POSE_SIZE))
+        return kinematics.pose_at(place)[None]
 
     def _publish_tube(self, skill: Primitive, poses: np.ndarray, progress: np.ndarray, stamp: Time
                       ) -> None:

@@ -32,11 +32,10 @@ class RobotInputs:
 
     def __init__(self, node: ManagedNode, parameters: Any, base: BaseFrame):
         """Subscribe; `connect` follows."""
-        pose, joints = parameters.measured_pose_topic, parameters.measured_joints_topic
+        joints = parameters.measured_joints_topic
         self._reader = PoseReader(base.name, base.pose)
-        self._poses = node.add_subscription(PoseStamped, pose, None, raw=True)
         self._states = node.add_subscription(JointState, joints, None)
-        self.pose = MeasuredInput(self._newest_pose, node.resolve_topic_name(pose))
+        self.pose = self.pose_of(node, parameters.measured_pose_topic)
         self.joints = MeasuredInput(self._newest_joints, node.resolve_topic_name(joints),
                                     'positions of the joints')
 
@@ -48,10 +47,15 @@ class RobotInputs:
         """Read the measured pose of a serialised message, or refuse it."""
         return self._guarded('measured_pose', lambda: self._reader.read(data))
 
-    def _newest_pose(self) -> tuple[np.ndarray, float] | None:
-        taken = take_latest_with_age(self._poses)
-        pose = None if taken is None else self.read_pose(taken[0])
-        return None if taken is None or pose is None else (pose, taken[1])
+    def pose_of(self, node: ManagedNode, topic: str) -> MeasuredInput:
+        """Subscribe to the measured pose of a tool."""
+        poses = node.add_subscription(PoseStamped, topic, None, raw=True)
+
+        def newest() -> tuple[np.ndarray, float] | None:
+            taken = take_latest_with_age(poses)
+            pose = None if taken is None else self.read_pose(taken[0])
+            return None if taken is None or pose is None else (pose, taken[1])
+        return MeasuredInput(newest, node.resolve_topic_name(topic))
 
     def _newest_joints(self) -> tuple[np.ndarray, float] | None:
         taken, player = take_latest_with_age(self._states), self._streamer.player

@@ -10,6 +10,7 @@ from gdmp_msgs.srv import LoadSkill
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.playback.pair_skill import is_of_two_arms
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.server.learning import skill_from_parameters
@@ -71,7 +72,8 @@ class SkillLoader:
         self._check(skill, name)
 
     def _check(self, skill: Skill, name: str) -> str:
-        if self._checker is None:
+        # Of two arms only goals are checked, when a motion starts.
+        if self._checker is None or is_of_two_arms(skill):
             return ''
         try:
             problems = check_skill(skill, self._checker, POSES)[0].problems()

@@ -1,0 +1,89 @@
+"""Which goals are accepted: in the workspace, and within reach of the arm or of both arms."""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.manifolds.poses import compose, inverse, POSE_SIZE
+from gdmp_ros.playback.kinematics import ArmKinematics
+from gdmp_ros.playback.pair_skill import one_of_two
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+
+
+def no_second_arm() -> np.ndarray:
+    """:raises ParameterError: always: there is one arm"""
+    raise ParameterError('there is no second arm')
+
+
+class GoalCheck:
+    """
+    Checks goals.
+
+    :ivar settings: with the limits of the workspace, in the frame of each arm's own base
+    """
+
+    def __init__(self, settings: StreamSettings, kinematics: ArmKinematics | None,
+                 second_base: Callable[[], np.ndarray] = no_second_arm):
+        """
+        Prepare to check.
+
+        :param kinematics: of each arm; None if it is not known
+        :param second_base: gives the pose of the second arm's base in the frame of the goals, or
+            raises a `ParameterError`
+        """
+        self.settings, self._kinematics, self._second_base = settings, kinematics, second_base
+
+    def place_for(self, skill: StreamedSkill, pose: np.ndarray, near: np.ndarray, side: int = 0
+                  ) -> np.ndarray:
+        """
+        Place of a skill with the tool at a pose; of two tools, the other one follows.
+
+        :param near: the place before
+        :param side: which of two tools: 0 or 1
+        :raises GdmpError: if the pose lies outside the workspace, or there is no such place
+        """
+        if side and skill.kind is not Kind.TWO_TOOLS:
+            raise ManifoldError('the skill is not one of two arms')
+        if skill.kind is Kind.TWO_TOOLS:
+            place = one_of_two(pose, side)
+            self.check_workspace(skill, skill.whole(place, near))
+            return place
+        self.settings.check_goal(pose)
+        if skill.kind is Kind.TOOL:
+            return pose
+        if self._kinematics is None:
+            raise ManifoldError('a pose as goal of a skill of the joints needs reach_model')
+        return self._kinematics.posture(pose, near)
+
+    def check(self, skill: StreamedSkill, place: np.ndarray) -> None:
+        """:raises GdmpError: if a skill cannot have a place as goal"""
+        self.check_workspace(skill, place)
+        self.check_reach(skill, place)
+
+    def check_workspace(self, skill: StreamedSkill, place: np.ndarray) -> None:
+        """:raises GdmpError: if a place of the tools lies outside the workspace"""
+        if skill.kind is not Kind.JOINTS:
+            for arm, pose in self._poses(skill, place):
+                self.settings.check_goal(pose, arm)
+
+    def check_reach(self, skill: StreamedSkill, place: np.ndarray) -> None:
+        """:raises ParameterError: if an arm cannot reach a place"""
+        if self._kinematics is None:
+            return
+        if skill.kind is Kind.JOINTS:
+            problems = [self._kinematics.problem_of_joints(place)]
+        else:
+            problems = [problem and f'{arm}{problem}' for arm, problem in (
+                (arm, self._kinematics.problem(pose)) for arm, pose in self._poses(skill, place))]
+        for problem in filter(None, problems):
+            raise ParameterError(f'the goal cannot be reached: {problem}')
+
+    def _poses(self, skill: StreamedSkill, place: np.ndarray) -> list[tuple[str, np.ndarray]]:
+        """Name of each arm for messages, and the pose of its tool in the frame of its base."""
+        if skill.kind is not Kind.TWO_TOOLS:
+            return [('', place)]
+        return [('first arm: ', place[:POSE_SIZE]),
+                ('second arm: ', compose(inverse(self._second_base()), place[POSE_SIZE:]))]

@@ -1,0 +1,56 @@
+"""
+Two simulated arms and the trajectory server that streams one skill of two arms to both.
+
+    ros2 launch gdmp_ros two_arms.launch.py skill:=$PWD/both.json second_base:='0 -0.56 0 0 0 0'
+"""
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+#: Names of the arms, and the topics of their references.
+SIDES = (('left', 'reference'), ('right', 'second/reference'))
+#: Name, default, what it is.
+ARGUMENTS = (
+    ('skill', '', 'skill file of two arms to load'),
+    ('second_base', '0 -0.56 0 0 0 0', 'base of the right arm in the frame of the left one: x y z '
+     '[m] yaw pitch roll [rad]'),
+    ('headless', 'true', "without the simulations' windows"),
+    ('gripper', 'false', 'with grippers'),
+)
+
+
+def start(context):
+    """Make the nodes."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    numbers = given['second_base'].split()
+    if len(numbers) != 6:
+        raise ValueError(f"second_base is {given['second_base']!r}, expected 6 numbers")
+    on = {name: given[name].lower() in ('true', '1') for name in ('headless', 'gripper')}
+    share = FindPackageShare('gdmp_ros').perform(context)
+
+    def node(name, values, namespace=''):
+        return Node(package='gdmp_ros', executable=name, name=name, namespace=namespace,
+                    output='screen', parameters=[f'{share}/config/{name}.yaml', values])
+
+    wanted = {side: {'frame_id': f'{side}_link0', 'reference_topic': f'/trajectory_server/{topic}',
+                     **on} for side, topic in SIDES}
+    return [
+        *(node('panda_sim', values, side) for side, values in wanted.items()),
+        node('trajectory_server', {
+            'skill': given['skill'], 'frame_id': 'left_link0', 'second_frame_id': 'right_link0',
+            'measured_pose_topic': '/left/panda_sim/measured_pose',
+            'second_measured_pose_topic': '/right/panda_sim/measured_pose',
+            'arm_status_topic': '/left/panda_sim/status'}),
+        Node(package='tf2_ros', executable='static_transform_publisher', arguments=[
+            *numbers, 'left_link0', 'right_link0'])]
+
+
+def generate_launch_description():
+    """Describe the arguments, and what they start."""
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, default, text in ARGUMENTS),
+        OpaqueFunction(function=start)])
