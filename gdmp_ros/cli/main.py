@@ -28,6 +28,7 @@ GROUPS = {
         'learn': 'learn a skill from rosbag2 demonstrations',
         'tune': 'suggest basis functions, gains, stiffness and limits',
         'couple': 'make one skill of two arms from two skills',
+        'improve': 'improve a skill by trying, from the cost of roll-outs',
         'refine': 'correct a skill where the arm was pushed, or undo that',
         'inspect': 'show the contents of a bag or a skill file',
         'plot': 'draw a skill',

@@ -15,6 +15,8 @@ LARGEST_ERROR = 0.2
 _PEAK = 1.875
 #: Time at the end in which the joints come to rest [s].
 SETTLE_S = 0.3
+#: Time over which a velocity is computed [s].
+_STEP = 1e-3
 
 
 class JointMotion(Protocol):
@@ -90,6 +92,48 @@ class PostureMotion:
         share = s ** 3 * (10.0 - 15.0 * s + 6.0 * s ** 2)
         rate = 30.0 * (s * (1.0 - s)) ** 2 / self.seconds
         return self._start + share * self._way, rate * self._way
+
+    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
+        """Let a tick pass; see `JointMotion`."""
+        check_follows(self.target()[0], measured)
+        self.time += dt
+
+
+class Retrace:
+    """The way back along postures that were passed, from the last one to the first one."""
+
+    mode = ArmMode.MOVE
+    what = 'going back the way it came'
+
+    def __init__(self, joints: JointLimits, postures: np.ndarray, speed: float):
+        """
+        Plan.
+
+        :param postures: in the order in which they were passed [rad], shape ``(T, n)``
+        :param speed: largest speed of a joint [rad/s]; the limits of the joints hold too
+        """
+        self._back = postures[::-1]
+        steps = np.abs(np.diff(self._back, axis=0)) / np.minimum(joints.fastest(speed), speed)
+        # Pauses on the way take no time.
+        self._reached = np.concatenate([[0.0], np.cumsum(steps.max(axis=1))])
+        self.seconds = float(_PEAK * self._reached[-1])
+        self.time = 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether it has arrived."""
+        return self.time >= self.seconds + SETTLE_S
+
+    def _at(self, time: float) -> np.ndarray:
+        s = min(time / self.seconds, 1.0) if self.seconds > 0.0 else 1.0
+        share = s ** 3 * (10.0 - 15.0 * s + 6.0 * s ** 2)
+        return np.array([np.interp(share * self._reached[-1], self._reached, column)
+                         for column in self._back.T])
+
+    def target(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions [rad] and velocities [rad/s] that are wanted now."""
+        now = self._at(self.time)
+        return now, (self._at(self.time + _STEP) - now) / _STEP
 
     def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
         """Let a tick pass; see `JointMotion`."""

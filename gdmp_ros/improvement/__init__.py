@@ -1,0 +1,1 @@
+"""Improvement of skills from reward: search, what varies, tasks, roll-outs."""

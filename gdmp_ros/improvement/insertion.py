@@ -1,0 +1,69 @@
+"""A task in simulation: a peg goes into a hole that is not exactly where it is believed to be."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.improvement.task import Scored, SimulatedTask
+from gdmp_ros.improvement.trial import Trial
+from gdmp_ros.improvement.variables import Stiffness, Variable, Weights
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.scenes import HOLE_TOP, peg_and_hole, PEG_BELOW, PEG_HALF_LENGTH
+from gdmp_ros.util.profiles import minimum_jerk
+
+#: Where the hole is believed to be [m], and how far it is off at most [m].
+PLACE, OFF = np.array([0.45, 0.0]), 0.003
+#: Clearance on each side of the peg [m]; how deep the peg is to go [m]: less was not inserted.
+CLEARANCE, DEPTH, INSERTED = 0.0005, 0.025, 0.02
+#: Height of the peg above the hole at the start [m], duration [s], stiffness [N/m, Nm/rad].
+ABOVE, DURATION, STIFFNESS = 0.01, 3.0, (600.0, 40.0)
+#: Force that costs nothing [N], and the cost of a newton more.
+FREE_FORCE, FORCE_COST = 40.0, 0.0005
+_SAMPLES = 200
+
+
+@dataclass
+class Insertion(SimulatedTask):
+    """The hole is off by up to 3 mm in any direction; the arm does not know it."""
+
+    name: str = 'insertion'
+    largest_force: float = 100.0
+
+    def skill(self) -> Skill:
+        """Straight down into the hole where it is believed to be."""
+        s = np.linspace(0.0, 1.0, _SAMPLES)
+        top = HOLE_TOP + PEG_BELOW + PEG_HALF_LENGTH
+        stiffness = np.diag(np.repeat(STIFFNESS, 3)).reshape(-1)
+        points = np.tile([*PLACE, top + ABOVE, 0.0, 1.0, 0.0, 0.0, *stiffness], (_SAMPLES, 1))
+        points[:, 2] -= (ABOVE + DEPTH) * minimum_jerk(s)
+        return Skill.learn(Demonstration(DURATION * s, points, tool_manifold(6)), 30,
+                           provenance={'shown': 'straight down'})
+
+    def variables(self) -> Sequence[Variable]:
+        """The path of the tool, and one stiffness along and across the peg and for its turns."""
+        return [Weights(8, {'position': 0.003, 'orientation': 0.04}),
+                Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
+
+    def off(self, seed: int) -> np.ndarray:
+        """How far the hole is off [m], evenly distributed in a disk."""
+        rng = np.random.default_rng(seed)
+        away, direction = OFF * np.sqrt(rng.random()), 2.0 * np.pi * rng.random()
+        return np.array([away * np.cos(direction), away * np.sin(direction)])
+
+    def arm(self, seed: int) -> Arm:
+        """See `SimulatedTask`."""
+        x, y = PLACE + self.off(seed)
+        return Arm(peg_and_hole((float(x), float(y)), 0.0, CLEARANCE))
+
+    def score(self, trial: Trial) -> Scored:
+        """See `SimulatedTask`: how deep the peg is at the end, and how hard it was pressed."""
+        depth = HOLE_TOP - (trial.measured[-1, 2] - PEG_BELOW - PEG_HALF_LENGTH)
+        force = float(np.linalg.norm(trial.wrenches[:, :3], axis=1).max())
+        return Scored({'depth': 1.0 - depth / DEPTH,
+                       'force': FORCE_COST * max(force - FREE_FORCE, 0.0)},
+                      bool(depth > INSERTED))
