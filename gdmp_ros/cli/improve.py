@@ -44,11 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--page', type=Path, metavar='HTML',
                         help='page about the improvement (default: beside the improved skill)')
     effort = parser.add_argument_group('how much is tried')
-    effort.add_argument('--updates', type=int, default=24, metavar='N',
+    effort.add_argument('--updates', type=int, default=12, metavar='N',
                         help='of the search (default %(default)s)')
     effort.add_argument('--samples', type=int, default=10, metavar='N',
                         help='skills that are tried in each update (default %(default)s)')
-    effort.add_argument('--situations', type=int, default=2, metavar='N',
+    effort.add_argument('--situations', type=int, default=4, metavar='N',
                         help='roll-outs of each skill, each in another situation '
                              '(default %(default)s)')
     effort.add_argument('--held-out', type=int, default=20, metavar='N',

@@ -20,8 +20,10 @@ from gdmp_ros.util.profiles import minimum_jerk
 PLACE, OFF = np.array([0.45, 0.0]), 0.003
 #: Clearance on each side of the peg [m]; how deep the peg is to go [m]: less was not inserted.
 CLEARANCE, DEPTH, INSERTED = 0.0005, 0.025, 0.02
-#: Height of the peg above the hole at the start [m], duration [s], stiffness [N/m, Nm/rad].
-ABOVE, DURATION, STIFFNESS = 0.01, 3.0, (600.0, 40.0)
+#: Height of the peg above the hole at the start [m], duration [s], stiffness along the axes.
+ABOVE, DURATION, STIFFNESS = 0.01, 3.0, (1200.0, 1200.0, 400.0, 40.0, 40.0, 40.0)
+#: Between peg and hole, as of metal that is not greased.
+FRICTION = 0.3
 #: Force that costs nothing [N], and the cost of a newton more.
 FREE_FORCE, FORCE_COST = 40.0, 0.0005
 _SAMPLES = 200
@@ -38,7 +40,7 @@ class Insertion(SimulatedTask):
         """Straight down into the hole where it is believed to be."""
         s = np.linspace(0.0, 1.0, _SAMPLES)
         top = HOLE_TOP + PEG_BELOW + PEG_HALF_LENGTH
-        stiffness = np.diag(np.repeat(STIFFNESS, 3)).reshape(-1)
+        stiffness = np.diag(STIFFNESS).reshape(-1)
         points = np.tile([*PLACE, top + ABOVE, 0.0, 1.0, 0.0, 0.0, *stiffness], (_SAMPLES, 1))
         points[:, 2] -= (ABOVE + DEPTH) * minimum_jerk(s)
         return Skill.learn(Demonstration(DURATION * s, points, tool_manifold(6)), 30,
@@ -46,7 +48,7 @@ class Insertion(SimulatedTask):
 
     def variables(self) -> Sequence[Variable]:
         """The path of the tool, and one stiffness along and across the peg and for its turns."""
-        return [Weights(8, {'position': 0.003, 'orientation': 0.04}),
+        return [Weights(8, {'position': 0.003}),
                 Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
 
     def off(self, seed: int) -> np.ndarray:
@@ -58,7 +60,7 @@ class Insertion(SimulatedTask):
     def arm(self, seed: int) -> Arm:
         """See `SimulatedTask`."""
         x, y = PLACE + self.off(seed)
-        return Arm(peg_and_hole((float(x), float(y)), 0.0, CLEARANCE))
+        return Arm(peg_and_hole((float(x), float(y)), 0.0, CLEARANCE, FRICTION))
 
     def score(self, trial: Trial) -> Scored:
         """See `SimulatedTask`: how deep the peg is at the end, and how hard it was pressed."""

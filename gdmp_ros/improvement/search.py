@@ -17,6 +17,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 
 #: Elitism h of [PIBB]: the worst sample of an update has the weight e^-h of the best one.
 ELITISM = 10.0
+#: Share of the new covariance in an update, as in the demonstrations of dmpbbo.
+LEARNING_RATE = 0.5
 #: Bounds of the standard deviation along each axis, in units of the first one.
 SMALLEST, LARGEST = 0.05, 3.0
 
@@ -92,10 +94,7 @@ class RewardWeighted:
             return
         weights, away = reward_weights(known), samples - self.mean
         found = (weights[:, None] * away).T @ away
-        # So many samples count; with more numbers than that their covariance has no full rank.
-        count = 1.0 / float(weights @ weights)
-        rate = count / (count + len(self.mean))
-        mixed = (1.0 - rate) * self.covariance + rate * found
+        mixed = (1.0 - LEARNING_RATE) * self.covariance + LEARNING_RATE * found
         values, axes = np.linalg.eigh(mixed)
         values = np.clip(values, SMALLEST ** 2, LARGEST ** 2)
         self.covariance = (axes * values) @ axes.T

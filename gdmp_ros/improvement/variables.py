@@ -208,6 +208,8 @@ class Variables:
         :param values: in units of their first standard deviations, shape ``(size,)``
         :raises GdmpError: if there is no such skill
         """
+        if np.shape(values) != (self.size,) or not np.isfinite(values).all():
+            raise ParameterError(f'expected {self.size} finite numbers, got {values!r}')
         changed, ends = self.skill, np.cumsum(self._sizes)
         for part, one in zip(self._parts, np.split(np.asarray(values, float), ends[:-1])):
             changed = part.apply(changed, one)

@@ -159,7 +159,8 @@ PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
 HOLE_TOP = 0.2
 
 
-def peg_and_hole(where: tuple[float, float], angle: float, clearance: float) -> mujoco.MjSpec:
+def peg_and_hole(where: tuple[float, float], angle: float, clearance: float,
+                 friction: float = 1.0) -> mujoco.MjSpec:
     """
     Panda with a square peg in its hand, and a square hole between four walls.
 
@@ -168,11 +169,13 @@ def peg_and_hole(where: tuple[float, float], angle: float, clearance: float) -> 
     :param where: centre of the hole [m]
     :param angle: of the hole about the vertical [rad]
     :param clearance: on each side of the peg [m]
+    :param friction: between peg and walls
     """
     spec = mujoco.MjSpec.from_file(str(PANDA))
     spec.body('hand').add_geom(
         name='peg', type=_BOX, size=[PEG_HALF, PEG_HALF, PEG_HALF_LENGTH], mass=0.1, rgba=_GREEN,
-        pos=[0.0, 0.0, 0.1034 + PEG_BELOW], contype=1, conaffinity=2)
+        pos=[0.0, 0.0, 0.1034 + PEG_BELOW], contype=1, conaffinity=2,
+        friction=[friction, 0.005, 0.0001], priority=1)
     hole = spec.worldbody.add_body(name='hole', pos=[*where, 0.0], quat=[
         np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
     _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_TOP, _WOOD, 'hole')
