@@ -8,6 +8,7 @@ tempo        the path when the tempo changes, compared with movement_primitives
 noise        demonstrations with noise on R³, S³ and SPD(3)
 takes        several takes of real tasks, each left out once (needs the data: --robottasks)
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
+improve      improvement from the cost of roll-outs: two demonstrations of dmpbbo, and CMA-ES
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
 franka       a cycle of a Franka over its protocol, compared with a client that only reads

@@ -62,7 +62,7 @@ def test_a_python_file_scores_and_a_killed_run_is_resumed(folder):
         (folder / 'better.json').read_text())
     # A file of other roll-outs is not taken.
     done = gdmp(*words, '-o', 'again.json', '--seed', '1', cwd=folder)
-    assert done.returncode == 2 and 'not a journal of' in done.stderr
+    assert done.returncode == 1 and 'not a journal of' in done.stderr
 
 
 def test_an_executable_scores(folder):
@@ -84,7 +84,7 @@ def test_an_executable_scores(folder):
     (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--via', '1.5'], '--via'),
     (['broken.py', '--skill', 'skill.json', '-o', 'x.json'], 'ZeroDivisionError'),
     (['empty.py', '--skill', 'skill.json', '-o', 'x.json'], 'expected a function score'),
-    (['text.py', '--skill', 'skill.json', '-o', 'x.json', *LITTLE], "expected a number"),
+    (['text.py', '--skill', 'skill.json', '-o', 'x.json', *LITTLE], 'expected a number'),
     (['./silent', '--skill', 'skill.json', '-o', 'x.json', *LITTLE], 'expected a number as the')])
 def test_what_cannot_be_is_refused_and_nothing_is_written(folder, words, reason):
     (folder / 'broken.py').write_text('1 / 0')
@@ -93,5 +93,5 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(folder, words, reason)
     (folder / 'silent').write_text('#!/bin/sh\n')
     (folder / 'silent').chmod(0o755)
     done = gdmp('improve', *words, cwd=folder)
-    assert done.returncode == 2 and reason in done.stderr, done.stderr
+    assert done.returncode == 1 and reason in done.stderr, done.stderr
     assert 'Traceback' not in done.stderr and not (folder / 'x.json').exists()

