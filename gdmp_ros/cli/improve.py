@@ -30,6 +30,7 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 if TYPE_CHECKING:
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.improvement.session import Improvement, Job
+    from gdmp_ros.improvement.task import Task
     from gdmp_ros.improvement.variables import Variable
 
 
@@ -129,19 +130,20 @@ def _tell(state: Improvement) -> None:
     print(f'update {len(state.updates)}: {text}', flush=True)
 
 
-def _skill(options: argparse.Namespace, task: Any) -> Skill:
-    """:raises GdmpError: if there is none"""
+def _skill(options: argparse.Namespace, task: Task) -> Skill:
+    """:raises GdmpError: if there is no skill to improve, or it cannot be read"""
     from gdmp_ros.dmp.skill import Skill
+    from gdmp_ros.improvement.task import ProvidesSkill
     if options.skill is not None:
         return Skill.load(options.skill)
-    if not hasattr(task, 'skill'):
+    if not isinstance(task, ProvidesSkill):
         raise ParameterError(f'{options.task}: the task brings no skill: give --skill')
-    found: Skill = task.skill()
-    return found
+    return task.skill()
 
 
-def _variables(options: argparse.Namespace, task: Any) -> list[Variable]:
+def _variables(options: argparse.Namespace, task: Task) -> list[Variable]:
     """What varies: what is asked for, or what the task says, or the path."""
+    from gdmp_ros.improvement.task import ProvidesSkill
     from gdmp_ros.improvement.variables import Stiffness, Tempo, ViaPoints, Weights
     for name, value in (('--weights', options.weights), ('--stiffness', options.stiffness)):
         if value is not None:
@@ -160,6 +162,6 @@ def _variables(options: argparse.Namespace, task: Any) -> list[Variable]:
         chosen.append(ViaPoints(tuple(options.via), pose))
     if options.tempo:
         chosen.append(Tempo())
-    if not chosen and hasattr(task, 'variables'):
+    if not chosen and isinstance(task, ProvidesSkill):
         chosen = list(task.variables())
     return chosen or [Weights(8, pose)]

@@ -8,6 +8,7 @@ import numpy as np
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.util.profiles import minimum_jerk
 
 #: A joint that is further than this from where it is to be does not move freely [rad].
 LARGEST_ERROR = 0.2
@@ -15,8 +16,6 @@ LARGEST_ERROR = 0.2
 _PEAK = 1.875
 #: Time at the end in which the joints come to rest [s].
 SETTLE_S = 0.3
-#: Time over which a velocity is computed [s].
-_STEP = 1e-3
 
 
 class JointMotion(Protocol):
@@ -57,10 +56,39 @@ def check_follows(wanted: np.ndarray, measured: Measurement) -> None:
                         'holds the arm, or its model is wrong')
 
 
-class PostureMotion:
+class _RestToRest:
     """From rest to rest with minimal jerk, all joints together; obstacles are not known."""
 
     mode = ArmMode.MOVE
+
+    def __init__(self, seconds: float):
+        self.seconds, self.time = seconds, 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether it has arrived."""
+        return self.time >= self.seconds + SETTLE_S
+
+    def _progress(self) -> tuple[float, float]:
+        """Share of the way that is done, and its rate [1/s]."""
+        if self.time >= self.seconds:
+            return 1.0, 0.0
+        s = self.time / self.seconds
+        return minimum_jerk(s), 30.0 * (s * (1.0 - s)) ** 2 / self.seconds
+
+    def target(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions [rad] and velocities [rad/s] that are wanted now."""
+        raise NotImplementedError
+
+    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
+        """Let a tick pass; see `JointMotion`."""
+        check_follows(self.target()[0], measured)
+        self.time += dt
+
+
+class PostureMotion(_RestToRest):
+    """Straight from one posture to another."""
+
     what = 'moving to a posture'
 
     def __init__(self, joints: JointLimits, start: np.ndarray, goal: np.ndarray, speed: float):
@@ -76,33 +104,17 @@ class PostureMotion:
             raise ParameterError(f'speed is {speed!r} rad/s, expected a positive number')
         self._start, self._way = start.copy(), goal - start
         fastest = np.minimum(joints.fastest(speed), speed)
-        self.seconds = float(_PEAK * np.max(np.abs(self._way) / fastest))
-        self.time = 0.0
-
-    @property
-    def done(self) -> bool:
-        """Whether it has arrived."""
-        return self.time >= self.seconds + SETTLE_S
+        super().__init__(float(_PEAK * np.max(np.abs(self._way) / fastest)))
 
     def target(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions [rad] and velocities [rad/s] that are wanted now."""
-        if self.time >= self.seconds:
-            return self._start + self._way, np.zeros_like(self._way)
-        s = self.time / self.seconds
-        share = s ** 3 * (10.0 - 15.0 * s + 6.0 * s ** 2)
-        rate = 30.0 * (s * (1.0 - s)) ** 2 / self.seconds
+        share, rate = self._progress()
         return self._start + share * self._way, rate * self._way
 
-    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
-        """Let a tick pass; see `JointMotion`."""
-        check_follows(self.target()[0], measured)
-        self.time += dt
 
-
-class Retrace:
+class Retrace(_RestToRest):
     """The way back along postures that were passed, from the last one to the first one."""
 
-    mode = ArmMode.MOVE
     what = 'going back the way it came'
 
     def __init__(self, joints: JointLimits, postures: np.ndarray, speed: float):
@@ -114,28 +126,17 @@ class Retrace:
         """
         self._back = postures[::-1]
         steps = np.abs(np.diff(self._back, axis=0)) / np.minimum(joints.fastest(speed), speed)
-        # Pauses on the way take no time.
+        # When each posture is reached at that speed; pauses on the way take no time.
         self._reached = np.concatenate([[0.0], np.cumsum(steps.max(axis=1))])
-        self.seconds = float(_PEAK * self._reached[-1])
-        self.time = 0.0
-
-    @property
-    def done(self) -> bool:
-        """Whether it has arrived."""
-        return self.time >= self.seconds + SETTLE_S
-
-    def _at(self, time: float) -> np.ndarray:
-        s = min(time / self.seconds, 1.0) if self.seconds > 0.0 else 1.0
-        share = s ** 3 * (10.0 - 15.0 * s + 6.0 * s ** 2)
-        return np.array([np.interp(share * self._reached[-1], self._reached, column)
-                         for column in self._back.T])
+        super().__init__(float(_PEAK * self._reached[-1]))
 
     def target(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions [rad] and velocities [rad/s] that are wanted now."""
-        now = self._at(self.time)
-        return now, (self._at(self.time + _STEP) - now) / _STEP
-
-    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
-        """Let a tick pass; see `JointMotion`."""
-        check_follows(self.target()[0], measured)
-        self.time += dt
+        share, rate = self._progress()
+        if share == 1.0:
+            return self._back[-1], np.zeros_like(self._back[-1])
+        reached, back = self._reached, self._back
+        at = share * reached[-1]
+        k = int(np.searchsorted(reached, at, side='right')) - 1
+        slope = (back[k + 1] - back[k]) / (reached[k + 1] - reached[k])
+        return back[k] + (at - reached[k]) * slope, rate * reached[-1] * slope

@@ -14,6 +14,9 @@ from gdmp_ros.improvement.search import Search, search_of
 from gdmp_ros.improvement.task import Outcome, Task
 from gdmp_ros.improvement.variables import Variables
 
+#: Number of the held-out situations in place of that of an update: beyond all of those.
+HELD_OUT = 1 << 31
+
 
 class Effort(NamedTuple):
     """
@@ -52,7 +55,7 @@ class Job(NamedTuple):
     seed: int
 
 
-#: Makes roll-outs: a title, jobs by key -> plain outcomes by key (`outcome_of`).
+#: Makes roll-outs: a title, jobs by key -> what `roll_out` returns, by key.
 Execute: TypeAlias = Callable[[str, dict[str, Job]], dict[str, Any]]
 
 
@@ -197,10 +200,6 @@ def _judged(state: Improvement, execute: Execute, when: str) -> Judgement:
     successes = [one.success is True for one in outcomes]
     known = any(one.success is not None for one in outcomes)
     return Judgement([one.cost for one in outcomes], successes if known else None)
-
-
-#: Beyond every number of updates.
-HELD_OUT = 1 << 31
 
 
 def _outcomes(plain: dict[str, Any]) -> dict[str, Outcome]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import functools
 import hashlib
 import importlib.util
 import os
@@ -10,7 +11,7 @@ from pathlib import Path
 import subprocess
 import tempfile
 from types import ModuleType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class Task(Protocol):
         """
 
 
+@runtime_checkable
 class ProvidesSkill(Protocol):
     """A task that brings the skill that is improved, and what varies."""
 
@@ -131,7 +133,7 @@ class FileTask(SimulatedTask):
 
     def arm(self, seed: int) -> Arm:
         """See `SimulatedTask`."""
-        make = getattr(self._module(), 'arm', None)
+        make = getattr(self.module(), 'arm', None)
         made = super().arm(seed) if make is None else make(seed)
         if not isinstance(made, Arm):
             raise DataError(f'{self.path}: arm returned {made!r}, expected a gdmp_ros.sim.Arm')
@@ -139,12 +141,17 @@ class FileTask(SimulatedTask):
 
     def score(self, trial: Trial) -> Scored:
         """See `SimulatedTask`."""
-        given = self._module().score(trial)
+        given = self.module().score(trial)
         if isinstance(given, Scored):
             return given
         return Scored(given if isinstance(given, Mapping) else {'cost': given})
 
-    def _module(self) -> ModuleType:
+    def module(self) -> ModuleType:
+        """
+        Execute the file, once.
+
+        :raises DataError: if it fails
+        """
         return _module(self.path, os.stat(self.path).st_mtime_ns)
 
 
@@ -180,21 +187,22 @@ class ExecutableTask(SimulatedTask):
                             'the last word') from None
 
 
-_MODULES: dict[tuple[str, int], ModuleType] = {}
-
-
+@functools.cache
 def _module(path: str, changed: int) -> ModuleType:
-    if (path, changed) not in _MODULES:
-        spec = importlib.util.spec_from_file_location('gdmp_task', path)
-        if spec is None or spec.loader is None:
-            raise DataError(f'{path}: not a Python file')
-        module = importlib.util.module_from_spec(spec)
-        try:
-            spec.loader.exec_module(module)
-        except Exception as error:
-            raise DataError(f'{path}: {type(error).__name__}: {error}') from error
-        _MODULES[path, changed] = module
-    return _MODULES[path, changed]
+    """
+    Execute a Python file once.
+
+    :param changed: when it was changed; a changed one is executed again
+    """
+    spec = importlib.util.spec_from_file_location('gdmp_task', path)
+    if spec is None or spec.loader is None:
+        raise DataError(f'{path}: not a Python file')
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise DataError(f'{path}: {type(error).__name__}: {error}') from error
+    return module
 
 
 def task_from_file(path: Path, largest_force: float = np.inf) -> SimulatedTask:
@@ -210,7 +218,7 @@ def task_from_file(path: Path, largest_force: float = np.inf) -> SimulatedTask:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     if path.suffix == '.py':
         task = FileTask(path.name, largest_force, whole, digest)
-        if not callable(getattr(_module(whole, os.stat(whole).st_mtime_ns), 'score', None)):
+        if not callable(getattr(task.module(), 'score', None)):
             raise DataError(f'{path}: expected a function score(trial)')
         return task
     if not os.access(path, os.X_OK):

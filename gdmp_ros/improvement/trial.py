@@ -11,6 +11,7 @@ from gdmp_ros.control.target import POSE
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import execution_ticks
 from gdmp_ros.sim.path_check import PathChecker
@@ -76,20 +77,21 @@ def perform(skill: Skill, loop: ClosedLoop, checker: PathChecker | None = None,
         problems = check_skill(skill, checker, POSES)[0].problems()
         if problems:
             return refused(f'not begun: {"; ".join(problems)}', count)
-    rows, guard = list[tuple[np.ndarray, Tick]](), loop.controller.guard
+    rows, guard = list[tuple[np.ndarray, ...]](), loop.controller.guard
     before, ended = guard.refused, ''
     for target, tick in execution_ticks(skill, loop):
-        rows.append((target[POSE:POSE + 7].copy(), tick._replace(
-            measurement=tick.measurement._replace(
-                pose=tick.measurement.pose.copy(), position=tick.measurement.position.copy()),
-            wrench=tick.wrench.copy(), stiffness=tick.stiffness.copy(),
-            torque=tick.torque.copy())))
+        # Copies: the arrays are those of the next tick too.
+        rows.append(tuple(part.copy() for part in (
+            target[POSE:POSE + POSE_SIZE], tick.measurement.pose, tick.stiffness, tick.wrench,
+            tick.measurement.position, tick.torque)))
         ended = _problem(tick, largest_force)
         if guard.refused > before:
             ended = guard.last_refusal
         if ended:
             break
-    trial = _recorded(rows, loop, ended)
+    references, measured, stiffness, wrenches, joints, torques = map(np.array, zip(*rows))
+    trial = Trial(loop.arm.period * np.arange(1, len(rows) + 1), references, measured,
+                  stiffness.reshape(-1, 6, 6), wrenches, joints, torques, loop.others, ended)
     if ended:
         go_back(loop, trial.joints, ended)
     return trial
@@ -122,14 +124,3 @@ def _problem(tick: Tick, largest_force: float) -> str:
         return 'the energy tank is empty'
     force = float(np.linalg.norm(tick.wrench[:3]))
     return f'a force of {force:.1f} N, allowed {largest_force:g}' if force > largest_force else ''
-
-
-def _recorded(rows: list[tuple[np.ndarray, Tick]], loop: ClosedLoop, ended: str) -> Trial:
-    ticks = [tick for _, tick in rows]
-    return Trial(
-        loop.arm.period * np.arange(1, len(rows) + 1), np.array([pose for pose, _ in rows]),
-        np.array([tick.measurement.pose for tick in ticks]),
-        np.array([tick.stiffness for tick in ticks]).reshape(-1, 6, 6),
-        np.array([tick.wrench for tick in ticks]),
-        np.array([tick.measurement.position for tick in ticks]),
-        np.array([tick.torque for tick in ticks]), loop.others, ended)

@@ -5,8 +5,9 @@ import numpy as np
 
 from gdmp_ros.manifolds.quaternion import multiply, rotate
 
-#: Numbers of a pose.
+#: Numbers of a pose, and that of a frame in itself.
 POSE_SIZE = 7
+IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:

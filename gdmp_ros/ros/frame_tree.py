@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 
 NS = 1_000_000_000
@@ -15,7 +15,6 @@ NS = 1_000_000_000
 MEMORY_S = 10.0
 #: Frames in a chain, to find loops.
 LONGEST_CHAIN = 1000
-_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _SPHERE = UnitQuaternion()
 
 
@@ -103,7 +102,7 @@ class FrameTree:
 
     def _along(self, chain: list[str], stamp_ns: int) -> np.ndarray:
         """Pose of the first frame of a chain in the parent of its last one."""
-        pose = _IDENTITY
+        pose = IDENTITY
         for name in chain:
             pose = compose(self._at(name, stamp_ns), pose)
         return pose

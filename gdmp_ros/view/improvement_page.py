@@ -3,18 +3,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from gdmp_ros import __version__
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.improvement.session import Improvement, Judgement
-from gdmp_ros.util.atomic_write import write_text
 from gdmp_ros.view import report_figures as figures
+from gdmp_ros.view.pages import write_page
 from gdmp_ros.view.style import INK
 
 #: Skills that are drawn from a distribution, and samples of each motion.
@@ -29,17 +27,11 @@ def write(state: Improvement, path: Path, done: bool) -> None:
 
     :raises DataError: if it cannot be written
     """
-    page = Environment(loader=PackageLoader('gdmp_ros.view', '.'), autoescape=True)
-    text = page.get_template('improvement.html').render(
-        library=figures.library(), version=__version__, name=state.task.name,
-        refresh=None if done else REFRESH_S, rows=_rows(state), ended=_ended(state),
-        costs=figures.html(costs_figure(state), 'costs'),
-        path=figures.html(distribution_figure(state), 'distribution'))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, text)
-    except OSError as error:
-        raise DataError(f'{path}: cannot write the page: {error.strerror}') from None
+    write_page('improvement.html', path, 'page', title=f'Improvement: {state.task.name}',
+               source=f'Task {state.task.name}', refresh=None if done else REFRESH_S,
+               rows=_rows(state), ended=_ended(state),
+               costs=figures.html(costs_figure(state), 'costs'),
+               distribution=figures.html(distribution_figure(state), 'distribution'))
 
 
 def _rows(state: Improvement) -> list[tuple[str, str]]:

@@ -3,16 +3,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader
 import numpy as np
 
-from gdmp_ros import __version__
 from gdmp_ros.data import bags, recordings, run_analysis, run_events, runs
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
 from gdmp_ros.playback.prediction import likely_path
-from gdmp_ros.util.atomic_write import write_text
 from gdmp_ros.view import report_figures as figures
+from gdmp_ros.view.pages import write_page
 
 #: Intervals of progress at which a tube is computed.
 INTERVALS = 60
@@ -33,14 +30,7 @@ def write(bag: Path, path: Path, robot: str = '', skill: Path | None = None) -> 
     learned = None if skill is None else Skill.load(skill)
     is_run = all(runs.streams(bags.topics(bag), robot))
     parts = _run(bag, robot, learned) if is_run else _demonstration(bag, learned)
-    page = Environment(loader=PackageLoader('gdmp_ros.view', '.'), autoescape=True)
-    text = page.get_template('report.html').render(
-        library=figures.library(), source=str(bag), version=__version__, **parts)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, text)
-    except OSError as error:
-        raise DataError(f'{path}: cannot write the report: {error.strerror}') from None
+    write_page('report.html', path, 'report', source=str(bag), **parts)
     return 'a run' if is_run else 'a demonstration'
 
 

@@ -6,28 +6,17 @@ from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.improvement.variables import Stiffness, Tempo, Variables, ViaPoints, Weights
-from gdmp_ros.manifolds import (
-    Euclidean,
-    Product,
-    SpecialOrthogonal,
-    Sphere,
-    SymmetricPositiveDefinite,
-    UnitQuaternion,
-)
+from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
+from test.motions import MANIFOLDS, motion
 
 S = np.linspace(0.0, 1.0, 120)
-KINDS = [Euclidean(3), Sphere(2), UnitQuaternion(), SpecialOrthogonal(3),
-         SymmetricPositiveDefinite(2)]
+KINDS = [one for one in MANIFOLDS if not isinstance(one, Product)]
 
 
-def skill_on(manifold, size=0.5):
-    rng = np.random.default_rng(2)
-    base = manifold.random_point(rng)
-    way = manifold.random_tangent(base, rng)
-    way *= size / manifold.norm(base, way)
-    points = np.array([manifold.exp(base, b * way) for b in minimum_jerk(S)])
-    return Skill.learn(Demonstration(2.0 * S, points, manifold), 25)
+def skill_on(manifold):
+    shown = motion(manifold, np.random.default_rng(2))
+    return Skill.learn(shown, 25)
 
 
 def named(manifold):

@@ -165,4 +165,5 @@ def test_without_a_second_arm_the_skill_is_refused(shared_nodes):
     running.children.start_node('alone', MODULES[SERVER], {
         'skill': str(running.skill_file), 'start_from': 'skill'}, ['-r', '__node:=alone'])
     running.wait_log('alone', 'there is no second arm', 60.0)
+    assert 'second_frame_id' in running.log('alone')
     running.children.kill('alone')

@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import target_in_frame, TARGET_SIZE
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.ros.frame_tree import FrameError
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -18,7 +19,6 @@ from gdmp_ros.ros.server.robot_inputs import RobotInputs
 
 #: Prefix of the topics of the second arm.
 SECOND = '~/second'
-_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class SecondArm:
@@ -40,10 +40,10 @@ class SecondArm:
         self._frame, self._common = parameters.second_frame_id, base
         self.pose = inputs.pose_of(node, parameters.second_measured_pose_topic)
         self._references = ReferencePublisher(node, self._frame, SECOND)
-        self._base = _IDENTITY if self._frame == base.name else None
+        self._base = IDENTITY if self._frame == base.name else None
         self._target = np.empty(TARGET_SIZE)
         # Loads the kernel: in a tick that would take too long.
-        target_in_frame(np.zeros(TARGET_SIZE), _IDENTITY, self._target)
+        target_in_frame(np.zeros(TARGET_SIZE), IDENTITY, self._target)
         node.add_report(self._find)
 
     def base(self) -> np.ndarray:

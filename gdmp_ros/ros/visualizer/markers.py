@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
+from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.playback.prediction import LIKELY
 from gdmp_ros.ros.messages import set_pose
 from gdmp_ros.sim.urdf import Shape
@@ -19,13 +20,12 @@ PAST, PREDICTED, GOAL = (0.2, 0.2, 0.25, 0.9), (0.0, 0.45, 0.7, 0.9), (0.9, 0.4,
 STIFFNESS, MANIPULABILITY = (0.0, 0.62, 0.45, 0.35), (0.8, 0.47, 0.65, 0.3)
 TUBE = (0.35, 0.7, 0.9, 0.12)
 _AXES = ((0.85, 0.15, 0.1, 1.0), (0.15, 0.65, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
-_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 #: Width of a line [m].
 _WIDTH = 0.004
 
 
 def _marker(space: str, number: int, kind: int, colour: Sequence[float] | np.ndarray,
-            pose: np.ndarray = _IDENTITY,
+            pose: np.ndarray = IDENTITY,
             size: Sequence[float] | np.ndarray = (1.0, 1.0, 1.0)) -> Marker:
     result = Marker(ns=space, id=number, type=kind, action=Marker.ADD)
     set_pose(result.pose, pose)
