@@ -123,6 +123,18 @@ class Studio:
                 self.jobs.put(work, kind)
         return callback  # type: ignore[return-value]
 
+    def entered(self, work: Callable[[Any], None], kind: str | None = None
+                ) -> Callable[[Any], None]:
+        """
+        Callback of a field: work with the value that the user has entered.
+
+        The studio may write to the field before the work is done.
+        """
+        async def callback(event: Any) -> None:
+            if event.client_id is not None:
+                self.jobs.put(partial(work, event.target.value), kind)
+        return callback  # type: ignore[return-value]
+
     def background(self, title: str, work: Callable[[], T], done: Callable[[T], None]) -> None:
         """
         Work that takes long: in a thread of its own, with a notice while it lasts.

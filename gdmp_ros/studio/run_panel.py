@@ -28,14 +28,12 @@ class RunPanel:
         gui.add_button('start', color='green').on_click(studio.later(self._start))
         gui.add_button('stop', color='red').on_click(studio.later(studio.robot.stop))
         self._paused = gui.add_checkbox('paused', False)
-        self._paused.on_update(studio.later(
-            lambda: studio.robot.pause(self._paused.value)))
+        self._paused.on_update(studio.entered(studio.robot.pause))
         self._tempo = gui.add_slider('tempo', 0.0, 2.0, 0.05, 1.0)
-        self._tempo.on_update(studio.later(
-            lambda: studio.robot.set_tempo(self._tempo.value), 'tempo'))
+        self._tempo.on_update(studio.entered(studio.robot.set_tempo, 'tempo'))
         self._amplitude = gui.add_slider('amplitude', 0.0, 2.0, 0.05, 1.0,
                                          hint='of a rhythmic skill; 0 ends it at its centre')
-        self._amplitude.on_update(studio.later(self._set_amplitude, 'amplitude'))
+        self._amplitude.on_update(studio.entered(self._set_amplitude, 'amplitude'))
         self._switch = gui.add_checkbox(
             'switch the goal while it moves', True,
             hint='a goal that you drag or type is sent to a robot that moves')
@@ -45,11 +43,11 @@ class RunPanel:
         studio.on_view.append(self._show)
         studio.on_goal.append(self._switch_goal)
 
-    def _set_amplitude(self) -> None:
+    def _set_amplitude(self, amplitude: float) -> None:
         """Send an amplitude that the user has moved to a rhythmic motion."""
         view = self._studio.view
         if view is not None and view.cycle is not None:
-            self._studio.robot.set_amplitude(self._amplitude.value)
+            self._studio.robot.set_amplitude(amplitude)
 
     def _start(self) -> None:
         studio = self._studio

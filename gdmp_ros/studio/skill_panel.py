@@ -25,7 +25,7 @@ class SkillPanel:
     def __init__(self, studio: Studio):
         self._studio, gui = studio, studio.server.gui
         self._choice = gui.add_dropdown('skill', (NONE,))
-        self._choice.on_update(studio.later(self._choose))
+        self._choice.on_update(studio.entered(self._choose))
         self._numbers = gui.add_markdown('')
         self._verdict = gui.add_markdown('')
         with gui.add_folder('start and goal'):
@@ -56,27 +56,27 @@ class SkillPanel:
         self._named = ''
         for handle, change in ((self._goal, self._type_goal), (self._start, self._type_start),
                                (self._duration, self._type_duration)):
-            handle.on_update(studio.later(change, change.__name__))
+            handle.on_update(studio.entered(change, change.__name__))
         studio.on_motion.append(self._show)
         studio.on_quiet.append(self._show_verdict)
 
     # What the user does
 
-    def _choose(self) -> None:
-        if self._choice.value != NONE:
-            self._studio.bench.choose(self._choice.value)
+    def _choose(self, name: str) -> None:
+        if name != NONE:
+            self._studio.bench.choose(name)
             self._studio.redraw()
 
-    def _type_goal(self) -> None:
-        self._studio.change(lambda: self._move('goal', np.array(self._goal.value)))
+    def _type_goal(self, position: tuple[float, float, float]) -> None:
+        self._studio.change(lambda: self._move('goal', np.array(position)))
         self._studio.goal_moved()
 
-    def _type_start(self) -> None:
-        self._studio.change(lambda: self._move('start', np.array(self._start.value)))
+    def _type_start(self, position: tuple[float, float, float]) -> None:
+        self._studio.change(lambda: self._move('start', np.array(position)))
 
-    def _type_duration(self) -> None:
+    def _type_duration(self, seconds: float) -> None:
         def change() -> None:
-            self._studio.bench.changes.duration = float(self._duration.value)
+            self._studio.bench.changes.duration = float(seconds)
         self._studio.change(change)
 
     def _move(self, which: str, numbers: np.ndarray) -> None:
@@ -146,9 +146,9 @@ class SkillPanel:
                             'another name')
         return path
 
-    def _compare(self, name: str) -> None:
+    def _compare(self, name: str, shown: bool) -> None:
         compared = self._studio.compared
-        (compared.add if self._boxes[name].value else compared.discard)(name)
+        (compared.add if shown else compared.discard)(name)
         self._studio.redraw()
 
     # What the page shows
@@ -216,5 +216,5 @@ class SkillPanel:
             for name in names:
                 if name not in self._boxes:
                     box = self._studio.server.gui.add_checkbox(name, False)
-                    box.on_update(self._studio.later(partial(self._compare, name)))
+                    box.on_update(self._studio.entered(partial(self._compare, name)))
                     self._boxes[name] = box

@@ -28,7 +28,7 @@ class TeachPanel:
         gui.add_markdown('Guide the arm: drag the handle *hand*. Record several takes of one '
                          'motion; drop bad ones; learn.')
         self._guided = gui.add_checkbox('guide the arm by hand', False)
-        self._guided.on_update(studio.later(self._guide))
+        self._guided.on_update(studio.entered(self._guide))
         gui.add_button('record a take', color='red').on_click(studio.later(self._record))
         gui.add_button('keep the take').on_click(studio.later(self._keep))
         gui.add_button('discard the take').on_click(studio.later(studio.robot.discard))
@@ -55,8 +55,9 @@ class TeachPanel:
         studio.on_view.append(self._show)
         self._show_takes()
 
-    def _guide(self) -> None:
-        studio, guided = self._studio, self._guided.value
+    def _guide(self, guided: bool) -> None:
+        studio = self._studio
+        self._guided.value = guided
         self._asked = time.monotonic()
         self._pulled = False
         studio.robot.pull(None)
@@ -86,8 +87,8 @@ class TeachPanel:
         self._show_takes()
         studio.redraw()
 
-    def _use(self, take: Take, box: Any) -> None:
-        take.used = bool(box.value)
+    def _use(self, take: Take, used: bool) -> None:
+        take.used = used
         self._studio.redraw()
 
     def _drop(self) -> None:
@@ -152,7 +153,7 @@ class TeachPanel:
                 shown = take.recording.demonstration
                 box = gui.add_checkbox(bench.label(take), take.used,
                                        hint=outlier or f'{shown.duration:.1f} s')
-                box.on_update(studio.later(partial(self._use, take, box)))
+                box.on_update(studio.entered(partial(self._use, take)))
                 self._rows.append(box)
                 if outlier:
                     self._rows.append(gui.add_markdown(f'*outlier: {outlier}*'))
