@@ -5,7 +5,11 @@ a function score(trial) that returns the cost, or an executable that gets a file
 roll-out and prints the cost. A Python file may have arm(seed) too, which returns the simulated arm
 with what is around it. A roll-out that would violate a limit is ended, and scores worst.
 
-While it runs, index.html in the folder shows costs and skills; open it in a browser.
+With --robot the roll-outs are made one by one on the robot of running nodes (gdmp start, or a
+launch file). Before each the program says what is new, and waits for a person to say go. The arm
+then goes back the way it came. Every roll-out is kept: the same command continues after an end.
+
+While it runs, a page beside the skill shows costs and skills; open it in a browser.
 
 examples:
   gdmp improve insertion -o inserts.json --jobs 2
@@ -13,25 +17,38 @@ examples:
   gdmp improve ./score --skill skill.json -o better.json --via 0.3 0.6 --stiffness 1
   gdmp improve insertion -o inserts.json --resume rollouts.jsonl
   gdmp improve insertion -o inserts.json --backend dask 127.0.0.1:8786
+  gdmp improve reach.py --skill skill.json -o better.json --robot --updates 3 --by 3 0.02
 
 The search cma and pages come with: pip install 'gdmp_ros[sim,improve,report]'
 """
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+import tempfile
+from typing import TYPE_CHECKING
 
 from gdmp_ros.choices import SEARCHES, TASKS_TO_IMPROVE
-from gdmp_ros.cli.arguments import add_parallel, check_number, check_output
+from gdmp_ros.cli.arguments import add_arm_node, add_parallel, check_number, check_output
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.util.optional_imports import extra, optional_import
+from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from gdmp_ros.dmp.skill import Skill
-    from gdmp_ros.improvement.session import Improvement, Job
-    from gdmp_ros.improvement.task import Task
-    from gdmp_ros.improvement.variables import Variable
+    from gdmp_ros.improvement.session import Effort, Execute, Improvement
+    from gdmp_ros.improvement.task import SimulatedTask, Task
+    from gdmp_ros.improvement.variables import Variable, Variables
+    from gdmp_ros.util.parallel import Journal
+
+#: What is tried: text, default in simulation, and on a robot.
+EFFORTS = {
+    'updates': ('updates of the search', 12, 5),
+    'samples': ('skills that are tried in each update', 10, 8),
+    'situations': ('roll-outs of each skill, each in another situation', 4, 1),
+    'held_out': ('roll-outs before and after, in situations not used for learning', 20, 3)}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,16 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--page', type=Path, metavar='HTML',
                         help='page about the improvement (default: beside the improved skill)')
     effort = parser.add_argument_group('how much is tried')
-    effort.add_argument('--updates', type=int, default=12, metavar='N',
-                        help='of the search (default %(default)s)')
-    effort.add_argument('--samples', type=int, default=10, metavar='N',
-                        help='skills that are tried in each update (default %(default)s)')
-    effort.add_argument('--situations', type=int, default=4, metavar='N',
-                        help='roll-outs of each skill, each in another situation '
-                             '(default %(default)s)')
-    effort.add_argument('--held-out', type=int, default=20, metavar='N',
-                        help='roll-outs before and after, in situations not used for learning '
-                             '(default %(default)s)')
+    for field, (text, usual, robot) in EFFORTS.items():
+        effort.add_argument(f'--{field.replace("_", "-")}', type=int, metavar='N',
+                            help=f'{text} (default {usual}; {robot} with --robot)')
     effort.add_argument('--search', choices=SEARCHES, default=SEARCHES[0],
                         help='pibb: reward-weighted averaging with covariance adaptation; cma: '
                              'CMA-ES (default %(default)s)')
@@ -74,6 +84,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vary.add_argument('--by', type=float, nargs=2, default=(5.0, 0.05), metavar=('MM', 'RAD'),
                       help='first standard deviation of positions and rotations (default 5 0.05)')
     add_parallel(parser)
+    nodes = parser.add_argument_group('on a robot')
+    nodes.add_argument('--robot', action='store_true',
+                       help='one by one on the robot of running nodes; a person says go')
+    add_arm_node(nodes)
+    nodes.add_argument('--server', default='trajectory_server', metavar='NODE',
+                       help='with its namespace (default %(default)s)')
+    nodes.add_argument('--model', default='', metavar='MODEL',
+                       help='of the arm, as for gdmp check (default: the built-in Panda)')
+    nodes.add_argument('--wait', type=float, default=120.0, metavar='S',
+                       help='timeout for the nodes [s] (default %(default)g)')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -84,29 +104,43 @@ def run(options: argparse.Namespace) -> None:
     check_number('--force', options.force, above=0.0)
     for value in options.by:
         check_number('--by', value, above=0.0)
+    for name, (_, usual, robot) in EFFORTS.items():
+        if getattr(options, name) is None:
+            setattr(options, name, robot if options.robot else usual)
     with optional_import(extra('sim')):
         from gdmp_ros.improvement.insertion import Insertion
-        from gdmp_ros.improvement.session import Effort, improve, roll_out, subject
+        from gdmp_ros.improvement.session import subject
         from gdmp_ros.improvement.task import task_from_file
         from gdmp_ros.improvement.variables import Variables
     with optional_import(extra('report')):
-        from gdmp_ros.view import improvement_page
-    from gdmp_ros.util.parallel import Journal, map_tasks, scheduler_address
+        pass
+    from gdmp_ros.util.parallel import Journal
     insertion = options.task == TASKS_TO_IMPROVE[0]
     task = (Insertion(largest_force=options.force) if insertion
             else task_from_file(Path(options.task), options.force))
     variables = Variables(_skill(options, task), _variables(options, task))
-    effort = Effort(options.updates, options.samples, options.situations, options.held_out)
-    journal = Journal(options.resume, subject(task, variables, options.search, effort,
-                                              options.seed))
-    dask = scheduler_address(options.backend)
+    effort = _effort(options)
+    journal = options.resume or (options.output.with_suffix('.jsonl') if options.robot else None)
 
-    def execute(title: str, jobs: dict[str, Job]) -> dict[str, Any]:
-        return map_tasks(title, roll_out, jobs, options.jobs, dask, journal)
-    print(f'{task.name}: {variables.size} numbers vary, {effort.rollouts} roll-outs; see {page}',
-          flush=True)
+    def kept(task: Task) -> Journal:
+        return Journal(journal, subject(task, variables, options.search, effort, options.seed))
+    print(f'{task.name}: {variables.size} numbers vary, {effort.rollouts} roll-outs; see {page}'
+          + (f'; kept in {journal}' if journal else ''), flush=True)
+    if not options.robot:
+        _improve(options, task, variables, _parallel(options, kept(task)), page)
+        return
+    _check_robot(options, insertion)
+    _improve_on_robot(options, task, variables, kept, page)
+
+
+def _improve(options: argparse.Namespace, task: Task, variables: Variables, execute: Execute,
+             page: Path) -> None:
+    """Improve, and write the skill and the page."""
+    from gdmp_ros.improvement.session import improve
+    from gdmp_ros.view import improvement_page
     state: Improvement | None = None
-    for state in improve(task, variables, execute, effort, options.search, options.seed):
+    for state in improve(task, variables, execute, _effort(options), options.search,
+                         options.seed):
         improvement_page.write(state, page, done=False)
         _tell(state)
     if state is None:
@@ -117,6 +151,57 @@ def run(options: argparse.Namespace) -> None:
         if judged is not None:
             print(f'{name}: {improvement_page.described(judged)}')
     print(f'wrote {options.output} and {page}')
+
+
+def _effort(options: argparse.Namespace) -> Effort:
+    from gdmp_ros.improvement.session import Effort
+    return Effort(*(getattr(options, name) for name in EFFORTS))
+
+
+def _parallel(options: argparse.Namespace, journal: Journal) -> Execute:
+    """Roll-outs on several processes, or on a cluster."""
+    from gdmp_ros.improvement.session import roll_out
+    from gdmp_ros.util.parallel import map_tasks, scheduler_address
+    dask = scheduler_address(options.backend)
+    return lambda title, jobs: map_tasks(title, roll_out, jobs, options.jobs, dask, journal)
+
+
+def _check_robot(options: argparse.Namespace, insertion: bool) -> None:
+    """:raises ParameterError: if an option makes no sense with a robot"""
+    if insertion:
+        raise ParameterError('insertion is a simulation: with --robot give a Python file or an '
+                             'executable that scores a roll-out')
+    if options.jobs != 1 or options.backend:
+        raise ParameterError('--robot makes one roll-out after the other: neither --jobs nor '
+                             '--backend can be used')
+    check_number('--wait', options.wait, 0.0)
+
+
+def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variables: Variables,
+                      kept: Callable[[Task], Journal], page: Path) -> None:
+    """Roll-outs one by one on the robot of running nodes."""
+    from gdmp_ros.util.dds_network import default_environment
+    os.environ.update(default_environment())
+    with optional_import(ROS):
+        from gdmp_ros.ros.clients.trials_client import TrialsClient
+    from gdmp_ros.improvement.one_by_one import OneByOne, Quit, RobotTask
+    from gdmp_ros.sim.arm import Arm
+    from gdmp_ros.sim.reach import Reach
+    reach, start = Reach(Arm(options.model)), variables.skill.start[:7]
+    with tempfile.TemporaryDirectory() as folder:
+        robot = TrialsClient(options.server, options.arm, Path(folder), options.force)
+        try:
+            task = RobotTask(scored, robot)
+            journal = kept(task)
+            robot.begin_at(lambda present: reach.posture(start, present), options.wait)
+            print('Each roll-out begins at the start of the skill. If the arm is elsewhere, its '
+                  'joints move there in a straight line of joint space. After a roll-out it goes '
+                  'back the way it came. Obstacles are not known.', flush=True)
+            _improve(options, task, variables, OneByOne(robot, journal), page)
+        except Quit as error:
+            print(f'{error}; the same command continues')
+        finally:
+            robot.close()
 
 
 def _tell(state: Improvement) -> None:

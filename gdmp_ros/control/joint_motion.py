@@ -56,6 +56,11 @@ def check_follows(wanted: np.ndarray, measured: Measurement) -> None:
                         'holds the arm, or its model is wrong')
 
 
+def _check_speed(speed: float) -> None:
+    if not 0.0 < speed < np.inf:
+        raise ParameterError(f'speed is {speed!r} rad/s, expected a positive number')
+
+
 class _RestToRest:
     """From rest to rest with minimal jerk, all joints together; obstacles are not known."""
 
@@ -100,8 +105,7 @@ class PostureMotion(_RestToRest):
         :raises ParameterError: if the goal is outside the limits, or the speed is not positive
         """
         joints.check(goal)
-        if not 0.0 < speed < np.inf:
-            raise ParameterError(f'speed is {speed!r} rad/s, expected a positive number')
+        _check_speed(speed)
         self._start, self._way = start.copy(), goal - start
         fastest = np.minimum(joints.fastest(speed), speed)
         super().__init__(float(_PEAK * np.max(np.abs(self._way) / fastest)))
@@ -123,7 +127,9 @@ class Retrace(_RestToRest):
 
         :param postures: in the order in which they were passed [rad], shape ``(T, n)``
         :param speed: largest speed of a joint [rad/s]; the limits of the joints hold too
+        :raises ParameterError: if the speed is not positive
         """
+        _check_speed(speed)
         self._back = postures[::-1]
         steps = np.abs(np.diff(self._back, axis=0)) / np.minimum(joints.fastest(speed), speed)
         # When each posture is reached at that speed; pauses on the way take no time.

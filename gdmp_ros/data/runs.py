@@ -126,7 +126,7 @@ def read(bag: Path, robot: str = '') -> Run:
         velocities=_column(states, lambda m: m.velocity),
         torques=_column(states, lambda m: m.torque),
         tank=_column(states, lambda m: m.tank_energy),
-        limited=_column(states, _limited),
+        limited=_column(states, limited),
         arm_modes=_column(states, lambda m: _later(m, 'mode')),
         ticks=_column(states, lambda m: _later(m, 'tick')),
         wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
@@ -186,8 +186,8 @@ def _joint_reference(message: Any) -> np.ndarray:
     return np.full(len(message.position), np.nan)
 
 
-def _limited(message: Any) -> np.ndarray:
-    """By how much each of `LIMITS` was exceeded; 0 for those that came later."""
+def limited(message: Any) -> np.ndarray:
+    """By how much each of `LIMITS` was exceeded in a RobotState; 0 for those that came later."""
     numbers = np.concatenate([message.limited, getattr(message, 'limited_more', [])])
     return np.pad(numbers, (0, max(0, len(LIMITS) - len(numbers))))[:len(LIMITS)]
 

@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 import subprocess
 import tempfile
+import traceback
 from types import ModuleType
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -141,7 +142,13 @@ class FileTask(SimulatedTask):
 
     def score(self, trial: Trial) -> Scored:
         """See `SimulatedTask`."""
-        given = self.module().score(trial)
+        module = self.module()
+        try:
+            given = module.score(trial)
+        except Exception as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            raise DataError(f'{last.filename}, line {last.lineno}: score(trial) failed: '
+                            f'{type(error).__name__}: {error}') from error
         if isinstance(given, Scored):
             return given
         return Scored(given if isinstance(given, Mapping) else {'cost': given})

@@ -8,7 +8,6 @@ import numpy as np
 from gdmp_ros.control.joint_motion import Retrace
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import POSE
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import POSE_SIZE
@@ -84,7 +83,7 @@ def perform(skill: Skill, loop: ClosedLoop, checker: PathChecker | None = None,
         rows.append(tuple(part.copy() for part in (
             target[POSE:POSE + POSE_SIZE], tick.measurement.pose, tick.stiffness, tick.wrench,
             tick.measurement.position, tick.torque)))
-        ended = _problem(tick, largest_force)
+        ended = problem(tick.violation, tick.tank, tick.wrench, largest_force)
         if guard.refused > before:
             ended = guard.last_refusal
         if ended:
@@ -116,11 +115,18 @@ def go_back(loop: ClosedLoop, postures: np.ndarray, reason: str) -> None:
     loop.hold(loop.arm.measure())
 
 
-def _problem(tick: Tick, largest_force: float) -> str:
-    for limit, value in zip(LIMITS, tick.violation):
+def problem(violation: np.ndarray, tank: float, wrench: np.ndarray, largest_force: float) -> str:
+    """
+    Why a roll-out must end; empty if it may go on.
+
+    :param violation: by how much each of `gdmp_ros.control.limits.LIMITS` would be exceeded
+    :param tank: energy [J]
+    :param wrench: external, at the tool [N, Nm]
+    """
+    for limit, value in zip(LIMITS, violation):
         if value > 0.0 and not limit.smooths:
             return f'limit {limit.name}, by {value:.3g} {limit.unit}'
-    if tick.tank <= 0.0:
+    if tank <= 0.0:
         return 'the energy tank is empty'
-    force = float(np.linalg.norm(tick.wrench[:3]))
+    force = float(np.linalg.norm(wrench[:3]))
     return f'a force of {force:.1f} N, allowed {largest_force:g}' if force > largest_force else ''

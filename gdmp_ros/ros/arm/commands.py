@@ -149,9 +149,9 @@ class ArmCommands:
         if guard.following:
             raise ParameterError('the arm follows references: stop their publisher first')
 
-    def request_end_of_joint_motion(self) -> None:
-        """End motions of the joints at the next tick."""
-        self.requests.append(partial(self.control.end_joint_motion, 'it was ended'))
+    def request_end_of_joint_motion(self, reason: str) -> None:
+        """End motions of the joints at the next tick, if there are any."""
+        self.requests.append(partial(self.control.end_joint_motion, reason))
 
     @property
     def moves_joints(self) -> bool:

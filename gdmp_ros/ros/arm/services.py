@@ -1,7 +1,7 @@
 """Services of an arm."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 import json
 
@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.identification import FrictionIdentification
-from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
+from gdmp_ros.control.joint_motion import JointMotion, PostureMotion, Retrace
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm.commands import ArmCommands
@@ -79,7 +79,9 @@ class ArmServices:
                 'from wherever it is')
 
     def _stop(self, guard: ReferenceGuard) -> str:
-        self._commands.requests.append(guard.stop)
+        reason = '~/stop was called'
+        self._commands.request_end_of_joint_motion(reason)
+        self._commands.requests.append(partial(guard.stop, reason))
         return 'the arm stops and holds'
 
     def _comply(self, guard: ReferenceGuard) -> str:
@@ -146,10 +148,14 @@ class ArmServices:
         """Answers when the joints have arrived."""
         commands = self._commands
         goal = np.array(request.position) if len(request.position) else self._home
+        speed, joints = request.speed or MOVING_SPEED, self._control.joints
         try:
-            self._control.joints.check(goal)
-            commands.request_joint_motion(lambda: PostureMotion(
-                self._control.joints, commands.position(), goal, request.speed or MOVING_SPEED))
+            joints.check(goal)
+            via = _postures(request.via, len(goal))
+            commands.request_joint_motion(
+                (lambda: PostureMotion(joints, commands.position(), goal, speed))
+                if not len(via) else lambda: Retrace(
+                    joints, np.vstack([goal, via[::-1], commands.position()]), speed))
             await self._moved_joints()
             reply.success, reply.message = True, 'the arm has arrived'
         except GdmpError as error:
@@ -189,7 +195,7 @@ class ArmServices:
             if not self._is_active():
                 raise ParameterError('the node is not active')
             if not request.data:
-                commands.request_end_of_joint_motion()
+                commands.request_end_of_joint_motion('it was ended')
                 reply.success, reply.message = True, 'the arm holds'
                 return reply
             commands.request_joint_motion(
@@ -204,6 +210,19 @@ class ArmServices:
         except GdmpError as error:
             reply.message = str(error)
         return reply
+
+
+def _postures(numbers: Sequence[float], joints: int) -> np.ndarray:
+    """
+    Postures on the way, shape ``(T, n)``.
+
+    :raises ParameterError: if they are not finite, or a posture is not complete
+    """
+    found = np.array(numbers)
+    if found.size % joints or not np.isfinite(found).all():
+        raise ParameterError(f'via has {found.size} numbers, expected finite ones, {joints} for '
+                             'each posture')
+    return found.reshape(-1, joints)
 
 
 def _check_fault(guard: ReferenceGuard) -> None:
