@@ -27,7 +27,7 @@ def add_pose_topic(parser: argparse.ArgumentParser) -> None:
                         help='topic of the poses, if a bag has several')
 
 
-def add_arm_node(parser: argparse._ActionsContainer) -> None:
+def add_arm_node(parser: argparse.ArgumentParser) -> None:
     """Declare ``--arm`` of a verb that works with a running arm."""
     parser.add_argument('--arm', default='panda_sim', metavar='NODE',
                         help='node of the arm, with its namespace (default %(default)s)')

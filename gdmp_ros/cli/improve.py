@@ -87,11 +87,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     nodes = parser.add_argument_group('on a robot')
     nodes.add_argument('--robot', action='store_true',
                        help='one by one on the robot of running nodes; a person says go')
-    add_arm_node(nodes)
+    add_arm_node(parser)
     nodes.add_argument('--server', default='trajectory_server', metavar='NODE',
                        help='with its namespace (default %(default)s)')
     nodes.add_argument('--model', default='', metavar='MODEL',
-                       help='of the arm, as for gdmp check (default: the built-in Panda)')
+                       help='of the arm: panda, fr3, or as for gdmp check (default: panda)')
     nodes.add_argument('--wait', type=float, default=120.0, metavar='S',
                        help='timeout for the nodes [s] (default %(default)g)')
 

@@ -103,7 +103,7 @@ class OneByOne:
                     where += f', situation {situation(left[0]) + 1}'
                 self._tell(f'{where}: {_described(jobs[left[0]])}')
             answer = self._choose(where, {
-                '': 'go' if left else 'learn from them',
+                '': 'go' if left else 'go on',
                 **({REPEAT: 'repeat the last one'} if made else {}),
                 **({WORST: 'worst, without trying'} if left else {}), QUIT: 'quit'})
             if answer == REPEAT:

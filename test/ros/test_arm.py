@@ -3,8 +3,8 @@ import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from gdmp_msgs.msg import Reference
-from gdmp_msgs.srv import StepSimulation
+from gdmp_msgs.msg import Reference, RobotState
+from gdmp_msgs.srv import MoveJoints, StepSimulation
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
@@ -172,3 +172,27 @@ def test_the_tank_is_filled_and_identification_is_refused_under_references(runni
     refused = running.call(SetBool, f'{ARM}/identify_friction', data=True)
     assert not refused.success and 'follows references' in refused.message
     assert 'filled to 5 J' in running.call(Trigger, f'{ARM}/refill_tank').message
+
+
+def test_joints_move_by_way_of_postures_until_stop_is_called(running):
+    home = np.array(running.robot[-1].position)
+    via, goal = home + 0.2, home + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    refused = running.call(MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
+                           via=[0.0] * 8)
+    assert not refused.success and 'via has 8 numbers' in refused.message
+    moved = running.call(MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
+                         via=[*via, *(via + [0.1, 0, 0, 0, 0, 0, 0])], speed=1.0)
+    assert moved.success, moved.message
+    positions = np.array([message.position for message in running.robot])
+    assert np.abs(positions - via).max(axis=1).min() < 0.01
+    assert np.abs(positions[-1] - goal).max() < 0.01
+    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=home.tolist(),
+                               speed=0.1)
+    running.wait('the motion', lambda: np.abs(
+        np.array(running.robot[-1].position) - goal).max() > 0.05, 10.0)
+    assert running.call(Trigger, f'{ARM}/stop').success
+    running.wait('its end', reply.done, 5.0)
+    assert reply.result().message == '~/stop was called'
+    running.wait_rest()
+    assert np.abs(np.array(running.robot[-1].position) - home).max() > 0.05
+    assert running.robot[-1].mode == RobotState.HOLD

@@ -99,7 +99,7 @@ def test_a_person_says_go_quits_goes_on_and_repeats(running, folder, start):
     assert 'mm from the skill before' in text and 'Enter: go, w: worst' in text
     assert len(outcomes(folder)) == 1 and not (folder / 'better.json').exists()
     check_back(running, start)
-    # Go; repeat it; go; learn from them.
+    # Go; repeat it; go; go on.
     code, text = improve(running, folder, '\nr\n\n\n')
     assert code == 0 and 'wrote better.json' in text, text
     kept = outcomes(folder)
