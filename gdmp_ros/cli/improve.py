@@ -104,6 +104,9 @@ def run(options: argparse.Namespace) -> None:
     check_number('--force', options.force, above=0.0)
     for value in options.by:
         check_number('--by', value, above=0.0)
+    insertion = options.task == TASKS_TO_IMPROVE[0]
+    if options.robot:
+        _check_robot(options, insertion)
     for name, (_, usual, robot) in EFFORTS.items():
         if getattr(options, name) is None:
             setattr(options, name, robot if options.robot else usual)
@@ -112,10 +115,7 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.improvement.session import subject
         from gdmp_ros.improvement.task import task_from_file
         from gdmp_ros.improvement.variables import Variables
-    with optional_import(extra('report')):
-        pass
     from gdmp_ros.util.parallel import Journal
-    insertion = options.task == TASKS_TO_IMPROVE[0]
     task = (Insertion(largest_force=options.force) if insertion
             else task_from_file(Path(options.task), options.force))
     variables = Variables(_skill(options, task), _variables(options, task))
@@ -129,7 +129,6 @@ def run(options: argparse.Namespace) -> None:
     if not options.robot:
         _improve(options, task, variables, _parallel(options, kept(task)), page)
         return
-    _check_robot(options, insertion)
     _improve_on_robot(options, task, variables, kept, page)
 
 
@@ -137,7 +136,8 @@ def _improve(options: argparse.Namespace, task: Task, variables: Variables, exec
              page: Path) -> None:
     """Improve, and write the skill and the page."""
     from gdmp_ros.improvement.session import improve
-    from gdmp_ros.view import improvement_page
+    with optional_import(extra('report')):
+        from gdmp_ros.view import improvement_page
     state: Improvement | None = None
     for state in improve(task, variables, execute, _effort(options), options.search,
                          options.seed):

@@ -7,14 +7,25 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
+from gdmp_ros import Demonstration, Skill
+from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.experiments import timing
 from gdmp_ros.experiments.bench import franka as bench
 from gdmp_ros.experiments.demo.run import run_demo
 from gdmp_ros.experiments.demo.tasks import run_task
+from gdmp_ros.improvement.one_by_one import OneByOne, RobotTask
+from gdmp_ros.improvement.session import Effort, improve
+from gdmp_ros.improvement.task import task_from_file
+from gdmp_ros.improvement.variables import Variables, Weights
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.trials_client import TrialsClient
+from gdmp_ros.ros.testbed import SERVER
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.reach import Reach
 from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.util.parallel import Journal
+from gdmp_ros.util.profiles import minimum_jerk
 from test.franka.bed import FrankaBed, FRICTION
 
 CHOICE = ArmChoice('franka', protocol_server=True)
@@ -97,3 +108,30 @@ def test_a_task_that_was_shown_in_simulation(tmp_path, task):
     assert code == 0 and report['arm'] == FRANKA, report
     if task == 'joints':
         assert report['joint_rmse_rad'] < 0.005 and report['final_position_error_m'] < 0.003
+
+
+def test_a_skill_is_tried_one_by_one(bed, tmp_path):
+    arm, s = Arm('fr3'), np.linspace(0.0, 1.0, 100)
+    points = np.tile(arm.pose_at(arm.home), (len(s), 1))
+    points[:, 2] -= 0.05 * minimum_jerk(s)
+    skill = Skill.learn(Demonstration(2.0 * s, points, tool_manifold(None)), 20)
+    skill.save(tmp_path / 'skill.json')
+    (tmp_path / 'low.py').write_text('def score(trial):\n    return trial.measured[:, 2].min()\n')
+    move_joints(bed.client, FRANKA)
+    bed.start_server(skill=str(tmp_path / 'skill.json'))
+    bed.wait_holding()
+    robot = TrialsClient(SERVER, FRANKA, tmp_path, 30.0)
+    try:
+        robot.begin_at(lambda present: Reach(arm).posture(skill.start, present), 60.0)
+        variables = Variables(skill, [Weights(2, {'position': 0.005})])
+        told = []
+        execute = OneByOne(robot, Journal(None, ''), lambda _: '', told.append)
+        task = RobotTask(task_from_file(tmp_path / 'low.py'), robot)
+        *_, state = improve(task, variables, execute, Effort(1, 2, 1))
+    finally:
+        robot.close()
+    lowest = points[-1, 2]
+    assert all(abs(cost - lowest) < 0.02 for cost in state.updates[0].costs), (state, told)
+    bed.wait('the arm to be back', lambda: (
+        bed.states[-1].mode == HOLD
+        and np.abs(np.array(bed.states[-1].position) - arm.home).max() < 0.05), 10.0)
