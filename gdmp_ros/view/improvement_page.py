@@ -107,7 +107,7 @@ def distribution_figure(state: Improvement) -> go.Figure:
                            subplot_titles=[name for name, _ in shown])
     before = np.zeros(state.variables.size), np.eye(state.variables.size)
     after = state.search.mean, state.search.covariance
-    for (mean, covariance), name, ink in ((before, 'before', INK[3]), (after, 'after', INK[0])):
+    for (mean, covariance), name, ink in ((before, 'before', INK[1]), (after, 'after', INK[0])):
         drawn = rng.multivariate_normal(mean, covariance, DRAWN, method='eigh')
         for number, values in enumerate([*drawn, mean]):
             best = number == DRAWN
