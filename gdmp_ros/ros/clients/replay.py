@@ -17,10 +17,14 @@ from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.server.reference_publisher import first_sequence
-from gdmp_ros.util.terminal import progress
+from gdmp_ros.util.terminal import progress, rising
 
 #: An arm that does not follow a motion for this time will not [s].
 FOLLOW_S = 0.5
+#: What the graph of nodes says of a node whose name it has not found yet, and what is said here.
+_NAMELESS, _ANOTHER = '_NODE_NAME_UNKNOWN_', 'another node'
+#: Time in which the name of a node is found that is known to publish [s].
+_NAMES_S = 2.0
 #: Time between two looks at the status of the arm [s].
 LOOK_S = 0.05
 
@@ -90,17 +94,24 @@ class _Replayer:
                           lambda: (self._publisher.get_subscription_count() > 0
                                    and self._status is not None), request.wait)
         self._client.spend(DISCOVERY_S)
+        if _ANOTHER in self._others():
+            self._client.spend(_NAMES_S)
         self._check_alone()
+
+    def _others(self) -> list[str]:
+        """Other nodes that publish on the topic."""
+        node = self._client.node
+        return sorted(_ANOTHER if one.node_name == _NAMELESS
+                      else f'{one.node_namespace.rstrip("/")}/{one.node_name}'
+                      for one in node.get_publishers_info_by_topic(self._request.topic)
+                      if one.node_name != node.get_name())
 
     def _check_alone(self) -> None:
         """:raises GdmpError: if another node publishes on the topic"""
-        topic, node = self._request.topic, self._client.node
-        others = sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}'
-                        for one in node.get_publishers_info_by_topic(topic)
-                        if one.node_name != node.get_name())
+        others = self._others()
         if others:
-            raise GdmpError(f'{", ".join(others)} publishes on {topic}: deactivate it '
-                            'first (ros2 lifecycle set NODE deactivate, then cleanup)')
+            raise GdmpError(f'{", ".join(others)} publishes on {self._request.topic}: deactivate '
+                            'it first (ros2 lifecycle set NODE deactivate, then cleanup)')
 
     def send(self) -> None:
         """:raises GdmpError: if the arm does not follow"""
@@ -109,12 +120,11 @@ class _Replayer:
         thread.start()
         try:
             with progress('replaying, seconds', round(float(seconds))) as step:
-                shown = 0.0
+                show = rising(step)
                 while self._sent < len(self._references.times) and thread.failure is None:
                     self._client.spend(LOOK_S)
                     last = max(self._sent - 1, 0)
-                    step(self._references.times[last] - shown)
-                    shown = self._references.times[last]
+                    show(self._references.times[last])
                     self._check(self._references.modes[last], time.monotonic())
                     # On a busy machine others are discovered late.
                     self._check_alone()
