@@ -5,7 +5,7 @@ a function score(trial) that returns the cost, or an executable that gets a file
 roll-out and prints the cost. A Python file may have arm(seed) too, which returns the simulated arm
 with what is around it. A roll-out that would violate a limit is ended, and scores worst.
 
-With --robot the roll-outs are made one by one on the robot of running nodes (gdmp start, or a
+With --robot the roll-outs are made one by one on the robot of running nodes (gdmp up, or a
 launch file). Before each the program says what is new, and waits for a person to say go. The arm
 then goes back the way it came. Every roll-out is kept: the same command continues after an end.
 

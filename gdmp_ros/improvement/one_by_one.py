@@ -9,7 +9,7 @@ import numpy as np
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.improvement.session import Job, roll_out
+from gdmp_ros.improvement.session import Job, skill_of
 from gdmp_ros.improvement.task import Outcome, SimulatedTask
 from gdmp_ros.improvement.trial import Trial
 from gdmp_ros.util.parallel import Journal
@@ -17,6 +17,7 @@ from gdmp_ros.util.parallel import Journal
 #: Samples of a path that is compared with that of the skill before.
 SAMPLES = 60
 REPEAT, WORST, QUIT = 'r', 'w', 'q'
+AGAIN = 'repeat the last one'
 
 
 class Robot(Protocol):
@@ -85,36 +86,37 @@ class OneByOne:
 
         :raises Quit: if the person quits
         """
-        results, situation = self._journal.results, _situation
-        order = sorted(jobs, key=situation)
-        several = len({situation(key) for key in order}) > 1
+        results = self._journal.results
+        order = sorted(jobs, key=_situation)
+        several = len({_situation(key) for key in order}) > 1
         made: list[str] = []
         while True:
             left = [key for key in order if key not in results]
-            if not left and not made:
-                break
-            if left and (problem := _impossible(jobs[left[0]])) is not None:
-                self._journal.keep(left[0], list(problem))
+            if not left:
+                if not made or self._choose(f'{title}: all are made', {
+                        '': 'go on', REPEAT: AGAIN, QUIT: 'quit'}) != REPEAT:
+                    break
+                del results[made.pop()]
                 continue
-            where = f'{title}: all are made'
-            if left:
-                where = f'{title}, roll-out {len(order) - len(left) + 1} of {len(order)}'
-                if several:
-                    where += f', situation {situation(left[0]) + 1}'
-                self._tell(f'{where}: {_described(jobs[left[0]])}')
+            key, job = left[0], jobs[left[0]]
+            skill = skill_of(job)
+            if isinstance(skill, Outcome):
+                self._journal.keep(key, list(skill))
+                continue
+            where = f'{title}, roll-out {len(order) - len(left) + 1} of {len(order)}'
+            if several:
+                where += f', situation {_situation(key) + 1}'
+            self._tell(f'{where}: {_described(skill, Skill.of(job.variables.skill))}')
             answer = self._choose(where, {
-                '': 'go' if left else 'go on',
-                **({REPEAT: 'repeat the last one'} if made else {}),
-                **({WORST: 'worst, without trying'} if left else {}), QUIT: 'quit'})
+                '': 'go', **({REPEAT: AGAIN} if made else {}),
+                WORST: 'worst, without trying', QUIT: 'quit'})
             if answer == REPEAT:
                 del results[made.pop()]
             elif answer == WORST:
-                self._journal.keep(left[0], list(Outcome(None, ended='not begun: the person '
-                                                         'did not want it')))
-            elif not left:
-                break
-            elif self._made(left[0], jobs[left[0]]):
-                made.append(left[0])
+                self._journal.keep(key, list(Outcome(None, ended='not begun: the person did not '
+                                                                 'want it')))
+            elif self._made(key, job, skill):
+                made.append(key)
         return {key: results[key] for key in jobs}
 
     def _choose(self, where: str, offered: dict[str, str]) -> str:
@@ -135,11 +137,11 @@ class OneByOne:
             if answer in offered:
                 return answer
 
-    def _made(self, key: str, job: Job) -> bool:
+    def _made(self, key: str, job: Job, skill: Skill) -> bool:
         """Make a roll-out and bring the robot back; whether it counts."""
         counts = False
         try:
-            outcome = Outcome(*roll_out(job))
+            outcome = job.task.rollout(skill, job.seed)
             self._journal.keep(key, list(outcome))
             self._tell(f'cost {outcome.cost:.4g}' if outcome.cost is not None
                        else f'worst: {outcome.ended}')
@@ -165,25 +167,12 @@ def _situation(key: str) -> int:
     return int(key.rpartition('/')[2])
 
 
-def _impossible(job: Job) -> Outcome | None:
-    """Outcome of a skill that does not exist; None for one that does."""
-    try:
-        job.variables.apply(job.values)
-    except GdmpError as error:
-        return Outcome(None, ended=f'no such skill: {error}')
-    return None
-
-
-def _described(job: Job) -> str:
-    """How the skill differs from the one before, for a person who is to say go."""
-    paths, seconds = [], []
-    for skill in (Skill.of(job.variables.skill), job.variables.apply(job.values)):
-        times = np.linspace(0.0, skill.duration, SAMPLES)
-        points = skill.rollout().sample(times).points.reshape(SAMPLES, -1)
-        paths.append(points[:, :3])
-        seconds.append(skill.duration)
-    away = np.linalg.norm(paths[1] - paths[0], axis=1).max()
-    steps = np.linalg.norm(np.diff(paths[1], axis=0), axis=1)
-    speed = steps.max() * (SAMPLES - 1) / seconds[1]
-    return (f'{seconds[1]:.2f} s, at most {speed:.2f} m/s, up to {1e3 * away:.0f} mm from the '
+def _described(skill: Skill, before: Skill) -> str:
+    """How a skill differs from the one before, for a person who is to say go."""
+    paths = [one.rollout().sample(np.linspace(0.0, one.duration, SAMPLES)).points.reshape(
+        SAMPLES, -1)[:, :3] for one in (skill, before)]
+    away = np.linalg.norm(paths[0] - paths[1], axis=1).max()
+    steps = np.linalg.norm(np.diff(paths[0], axis=0), axis=1)
+    speed = steps.max() * (SAMPLES - 1) / skill.duration
+    return (f'{skill.duration:.2f} s, at most {speed:.2f} m/s, up to {1e3 * away:.0f} mm from the '
             'skill before')

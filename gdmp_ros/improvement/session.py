@@ -59,13 +59,18 @@ class Job(NamedTuple):
 Execute: TypeAlias = Callable[[str, dict[str, Job]], dict[str, Any]]
 
 
-def roll_out(job: Job) -> list[Any]:
-    """Make a roll-out; an impossible skill is one that was ended early. An `Outcome` as a list."""
+def skill_of(job: Job) -> Skill | Outcome:
+    """Return the skill of a roll-out; an impossible one is a roll-out that was ended early."""
     try:
-        skill = job.variables.apply(job.values)
+        return job.variables.apply(job.values)
     except GdmpError as error:
-        return list(Outcome(None, ended=f'no such skill: {error}'))
-    return list(job.task.rollout(skill, job.seed))
+        return Outcome(None, ended=f'no such skill: {error}')
+
+
+def roll_out(job: Job) -> list[Any]:
+    """Make a roll-out; an `Outcome` as a list."""
+    skill = skill_of(job)
+    return list(skill if isinstance(skill, Outcome) else job.task.rollout(skill, job.seed))
 
 
 class Update(NamedTuple):

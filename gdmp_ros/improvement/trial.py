@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.joint_motion import Retrace
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import POSE
 from gdmp_ros.dmp.skill import Skill
@@ -106,8 +106,8 @@ def go_back(loop: ClosedLoop, postures: np.ndarray, reason: str) -> None:
     for _ in range(round(STOP_S / loop.arm.period)):
         loop.tick()
     now = loop.arm.measure().position
-    way = np.vstack([postures[:1], postures[::REMEMBER_EVERY], now[None]])
-    loop.joint_motion = Retrace(loop.joints, way, BACK_SPEED)
+    way = np.vstack([now, postures[::REMEMBER_EVERY][::-1], postures[0]])
+    loop.joint_motion = PostureMotion(loop.joints, way, BACK_SPEED)
     while loop.moves_joints:
         loop.tick()
     if loop.joint_motion_problem:

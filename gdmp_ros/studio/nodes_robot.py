@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.data.runs import limited
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
@@ -65,7 +66,7 @@ class NodesRobot:
                 ('load_skill', LoadSkill), ('set_speed', SetSpeed), ('stop', Trigger),
                 ('pause', SetBool), ('refine_skill', RefineSkill))),
             *((f'{arm}/{name}', kind) for name, kind in (
-                ('teach', SetBool), ('move_joints', MoveJoints), ('identify_friction', SetBool))),
+                ('teach', SetBool), ('move_joints', MoveJoints), ('stop', Trigger))),
             *((f'{RECORDER}/{name}', Trigger) for name in ('start', 'stop', 'discard')))}
         self._robot: RobotState | None = None
         self._recorder: RecorderState | None = None
@@ -103,7 +104,6 @@ class NodesRobot:
         pose = messages.pose_numbers(robot.pose)
         goal = messages.pose_numbers(state.goal[0]) if state is not None and state.goal else None
         away = (0.0, 0.0) if goal is None else pose_distance(pose, goal)
-        limited = np.concatenate([robot.limited, robot.limited_more])
         recorder = self._recorder
         recording = recorder is not None and recorder.status == 'recording'
         return RobotView(
@@ -113,7 +113,7 @@ class NodesRobot:
             0.0 if state is None else state.progress, 0.0 if state is None else state.speed,
             (float(away[0]), float(away[1])), robot.tank_energy,
             tuple(f'{limit.name} by {value:.2g} {limit.unit}'
-                  for limit, value in zip(LIMITS, limited) if value > 0.0),
+                  for limit, value in zip(LIMITS, limited(robot)) if value > 0.0),
             recorder.duration if recorder is not None and recording else None,
             self._problem or problem_of(state), 1.0,
             None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
@@ -245,7 +245,7 @@ class NodesRobot:
         self._executing = False  # that it did not reach its goal is no problem then
         if self._homing is not None:
             self._homing = None
-            self._request(f'{self._arm}/identify_friction', data=False)  # ends every joint motion
+            self._request(f'{self._arm}/stop')
         self._request(f'{self._server}/stop')
 
     def _go_home(self) -> None:

@@ -265,8 +265,8 @@ class SimulatedRobot:
     def _go_home(self) -> None:
         self._guide(False)
         loop = self._loop
-        loop.joint_motion = PostureMotion(loop.joints, loop.arm.measure().position, loop.arm.home,
-                                          HOME_SPEED)
+        loop.joint_motion = PostureMotion(
+            loop.joints, np.array([loop.arm.measure().position, loop.arm.home]), HOME_SPEED)
 
     def _recover(self, problem: str) -> None:
         """Put the arm back to its first posture after its simulation has become unstable."""

@@ -47,6 +47,21 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         yield lambda done=1: bar.advance(task, done)
 
 
+def rising(step: Callable[..., None]) -> Callable[[float], None]:
+    """
+    Function to call with all that is done, instead of what is new; what falls is not shown.
+
+    :param step: of `progress`
+    """
+    shown = 0.0
+
+    def show(done: float) -> None:
+        nonlocal shown
+        step(max(done - shown, 0.0))
+        shown = max(done, shown)
+    return show
+
+
 class _Lines:
     """Progress as lines of text."""
 

@@ -54,7 +54,8 @@ def test_it_moves_to_a_posture_and_then_follows_a_motion(loop):
     loop.begin()
     cycles(loop, 50)
     goal = Arm('fr3').home
-    loop.joint_motion = PostureMotion(loop.joints, loop.measured.position, goal, 0.8)
+    loop.joint_motion = PostureMotion(
+        loop.joints, np.array([loop.measured.position, goal]), 0.8)
     while loop.moves_joints:
         cycles(loop, 1)
     assert not loop.joint_motion_problem

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.control.joint_motion import Retrace
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.improvement.insertion import Insertion, PLACE
 from gdmp_ros.improvement.trial import perform
@@ -77,23 +77,23 @@ def test_a_path_that_the_arm_cannot_follow_is_not_begun():
 
 def test_the_way_back_is_the_way_that_was_come():
     """Round a corner: a straight way back would cut it."""
-    joints, corner = ClosedLoop(Arm()).joints, np.zeros((200, 7))
+    joints, corner, home = ClosedLoop(Arm()).joints, np.zeros((200, 7)), Arm().home
     corner[:100, 0] = np.linspace(0.0, 0.4, 100)
     corner[100:, 0] = 0.4
     corner[100:, 1] = np.linspace(0.0, 0.5, 100)
-    way = Retrace(joints, corner, 0.5)
+    way = PostureMotion(joints, home + corner[::-1], 0.5)
     passed = []
     while not way.done:
-        passed.append(way.target()[0])
+        passed.append(way.target()[0] - home)
         way.time += 0.01
     passed = np.array(passed)
-    np.testing.assert_allclose(passed[0], corner[-1])
+    np.testing.assert_allclose(passed[0] + home, corner[-1] + home)
     np.testing.assert_allclose(passed[-1], corner[0], atol=1e-9)
     # Either the first joint is at the corner or the second one at its start.
     assert np.minimum(np.abs(passed[:, 0] - 0.4), np.abs(passed[:, 1])).max() < 1e-2
     assert np.abs(np.diff(passed, axis=0)).max() <= 0.5 * 0.01 * 1.01
-    rest = Retrace(joints, np.zeros((3, 7)), 0.5)
-    np.testing.assert_array_equal(rest.target()[0], 0.0)
+    rest = PostureMotion(joints, np.tile(home, (3, 1)), 0.5)
+    np.testing.assert_array_equal(rest.target()[0] - home, 0.0)
 
 
 def test_an_insertion_that_is_on_the_spot_succeeds_and_others_do_not():

@@ -15,8 +15,9 @@ def skill():
                                      shown.manifold))
 
 
-@pytest.fixture(scope='session')
+@pytest.fixture(scope='module')
 def skill_file(skill, tmp_path_factory):
+    """The skill as a file; of a test file that has a skill of its own, that one."""
     path = tmp_path_factory.mktemp('skill') / 'skill.json'
     skill.save(path)
     return path

@@ -42,13 +42,6 @@ def skill():
     return Skill.learn(Demonstration(1.5 * s, points, tool_manifold(None)), 20)
 
 
-@pytest.fixture(scope='session')
-def skill_file(skill, tmp_path_factory):
-    path = tmp_path_factory.mktemp('improve') / 'skill.json'
-    skill.save(path)
-    return path
-
-
 @pytest.fixture
 def folder(tmp_path, skill_file):
     (tmp_path / 'high.py').write_text(SCORE)

@@ -24,13 +24,6 @@ def skill():
     return Skill.learn(lasa.robot_demonstrations('GShape')[:3])
 
 
-@pytest.fixture(scope='session')
-def skill_file(skill, tmp_path_factory):
-    path = tmp_path_factory.mktemp('refine') / 'skill.json'
-    skill.save(path)
-    return path
-
-
 @pytest.fixture(scope='module')
 def shared_nodes(tmp_path_factory, skill_file):
     with open_testbed(tmp_path_factory.mktemp('nodes'), skill_file) as made:

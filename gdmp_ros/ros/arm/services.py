@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.identification import FrictionIdentification
-from gdmp_ros.control.joint_motion import JointMotion, PostureMotion, Retrace
+from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm.commands import ArmCommands
@@ -152,10 +152,8 @@ class ArmServices:
         try:
             joints.check(goal)
             via = _postures(request.via, len(goal))
-            commands.request_joint_motion(
-                (lambda: PostureMotion(joints, commands.position(), goal, speed))
-                if not len(via) else lambda: Retrace(
-                    joints, np.vstack([goal, via[::-1], commands.position()]), speed))
+            commands.request_joint_motion(lambda: PostureMotion(
+                joints, np.vstack([commands.position(), via, goal]), speed))
             await self._moved_joints()
             reply.success, reply.message = True, 'the arm has arrived'
         except GdmpError as error:

@@ -67,3 +67,15 @@ class Client:
         future = self._services[name].call_async(kind.Request(**fields))
         self.wait(f'the reply of {name}', future.done, 60.0)
         return future.result()
+
+    def request(self, kind: Any, name: str, **fields: Any) -> str:
+        """
+        Call a service.
+
+        :returns: its message
+        :raises GdmpError: if it refuses, with the reason
+        """
+        reply = self.call(kind, name, **fields)
+        if not reply.success:
+            raise GdmpError(f'{name}: {reply.message}')
+        return str(reply.message)

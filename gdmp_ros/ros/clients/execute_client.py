@@ -12,7 +12,7 @@ import numpy as np
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import ServerClient
-from gdmp_ros.util.terminal import progress
+from gdmp_ros.util.terminal import progress, rising
 
 
 class ExecuteRequest(NamedTuple):
@@ -119,12 +119,10 @@ def _follow(client: ServerClient, request: ExecuteRequest) -> int:
         if request.position is not None:
             client.spend(request.after)
             _switch(client, request.position)
-        done = 0.0
+        show = rising(step)
         while not client.done():
             client.spend(0.1)
-            now = 100.0 * min(_share(client, request), 1.0)
-            step(max(now - done, 0.0))
-            done = max(done, now)
+            show(100.0 * min(_share(client, request), 1.0))
     result = client.result(10.0)
     left = ', '.join(f'{name} {value:.2g}'
                      for name, value in zip(result.factors, result.distance_to_goal))

@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 import time
-from typing import Any
 
 from gdmp_msgs.msg import GripperCommand as CommandMessage
 from gdmp_msgs.msg import RecorderState
@@ -62,18 +61,6 @@ class Teacher(Client):
                   timeout)
         self.wait('the arm to subscribe to the hand',
                   lambda: self._hand.get_subscription_count() > 0, 30.0)
-
-    def request(self, kind: Any, name: str, **fields: Any) -> str:
-        """
-        Call a service.
-
-        :returns: its message
-        :raises GdmpError: if it refuses, with the reason
-        """
-        reply = self.call(kind, name, **fields)
-        if not reply.success:
-            raise GdmpError(f'{name}: {reply.message}')
-        return str(reply.message)
 
     def recording(self) -> bool:
         """Whether a take is being recorded now."""

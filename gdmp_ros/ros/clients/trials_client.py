@@ -22,7 +22,7 @@ from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import NS, pose_numbers
 from gdmp_ros.ros.polling import PolledGroup, take
-from gdmp_ros.util.terminal import progress
+from gdmp_ros.util.terminal import progress, rising
 
 #: Time in which an arm comes to rest [s].
 REST_S = 5.0
@@ -106,14 +106,12 @@ class TrialsClient(ServerClient):
             move_joints(self, self._arm, self._start.tolist(), BACK_SPEED)
         path = self._folder / 'candidate.json'
         skill.save(path)
-        loaded = self.call(LoadSkill, f'{self._server}/load_skill', path=str(path))
-        if not loaded.success:
-            raise GdmpError(loaded.message)
+        warning = self.request(LoadSkill, f'{self._server}/load_skill', path=str(path))
         self._trial = None
-        if loaded.message:
-            return refused(f'not begun: {loaded.message}', len(self._position()))
+        if warning:
+            return refused(f'not begun: {warning}', len(self._position()))
         # Every roll-out begins with the same energy.
-        self._request('refill_tank')
+        self.request(Trigger, f'{self._arm}/refill_tank')
         self._forget()
         self._refused = self._status.refused if self._status is not None else 0
         self._recording = True
@@ -138,16 +136,14 @@ class TrialsClient(ServerClient):
         """Execute until the end, or until something is wrong."""
         with progress('executing, seconds', round(seconds)) as step:
             self.execute()
-            done, left = 0.0, seconds + LONGER_S
+            show, left = rising(step), seconds + LONGER_S
             try:
                 while not self.done() and not self._problem:
                     self.spend(0.02)
                     left -= 0.02
                     if left < 0.0:
                         self._problem = f'no end after {seconds + LONGER_S:.0f} s'
-                    now = seconds * min(self.state.progress if self.state else 0.0, 1.0)
-                    step(max(now - done, 0.0))
-                    done = max(done, now)
+                    show(seconds * min(self.state.progress if self.state else 0.0, 1.0))
             finally:
                 # Also after Ctrl-C.
                 self.cancel()
@@ -166,15 +162,10 @@ class TrialsClient(ServerClient):
 
         :raises GdmpError: if it does not
         """
-        self._request('stop')
+        self.request(Trigger, f'{self._arm}/stop')
         self._robot = None
         self.wait(f'{self._arm} to hold', lambda: (
             self._robot is not None and self._robot.mode == ArmMode.HOLD), REST_S)
-
-    def _request(self, service: str) -> None:
-        reply = self.call(Trigger, f'{self._arm}/{service}')
-        if not reply.success:
-            raise GdmpError(f'{self._arm}: {reply.message}')
 
     def _position(self) -> np.ndarray:
         if self._robot is None:
