@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 #: What is tried: text, default in simulation, and on a robot.
 EFFORTS = {
-    'updates': ('updates of the search', 12, 5),
+    'updates': ('updates of the search', 6, 5),
     'samples': ('skills that are tried in each update', 10, 8),
-    'situations': ('roll-outs of each skill, each in another situation', 4, 1),
+    'situations': ('roll-outs of each skill, each in another situation', 8, 1),
     'held_out': ('roll-outs before and after, in situations not used for learning', 20, 3)}
 
 
