@@ -124,14 +124,15 @@ def test_a_skill_is_tried_one_by_one(bed, tmp_path):
     try:
         robot.begin_at(lambda present: Reach(arm).posture(skill.start, present), 60.0)
         variables = Variables(skill, [Weights(2, {'position': 0.005})])
-        told = []
-        execute = OneByOne(robot, Journal(None, ''), lambda _: '', told.append)
+        # Go, go, go on; a roll-out that does not count is not asked for again.
+        answers = ['', '', '']
+        execute = OneByOne(robot, Journal(None, ''), lambda _: answers.pop())
         task = RobotTask(task_from_file(tmp_path / 'low.py'), robot)
         *_, state = improve(task, variables, execute, Effort(1, 2, 1))
     finally:
         robot.close()
     lowest = points[-1, 2]
-    assert all(abs(cost - lowest) < 0.02 for cost in state.updates[0].costs), (state, told)
+    assert all(abs(cost - lowest) < 0.02 for cost in state.updates[0].costs), state
     bed.wait('the arm to be back', lambda: (
         bed.states[-1].mode == HOLD
         and np.abs(np.array(bed.states[-1].position) - arm.home).max() < 0.05), 10.0)
