@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
@@ -22,6 +23,8 @@ from gdmp_ros.util.compile_progress import compilation_reported
 DEEP = 2000
 #: History of /clock: each message is a tick.
 CLOCK_DEPTH = 200
+#: A node that publishes, and whose name is not discovered yet.
+ANOTHER_NODE, _NAMELESS = 'another node', '_NODE_NAME_UNKNOWN_'
 #: Time between two reports of a node, and without one the node counts as silent [s].
 REPORT_S, SILENT_S = 0.1, 1.0
 
@@ -34,6 +37,13 @@ def reliable(depth: int) -> QoSProfile:
 
 
 OVERRIDABLE = QoSOverridingOptions.with_default_policies
+
+
+def publishers_of(node: Node, topic: str) -> list[str]:
+    """Names of the discovered nodes that publish a topic, or `ANOTHER_NODE`."""
+    return sorted(ANOTHER_NODE if one.node_name == _NAMELESS
+                  else f'{one.node_namespace.rstrip("/")}/{one.node_name}'
+                  for one in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)))
 
 
 class ManagedNode(LifecycleNode):
@@ -103,11 +113,6 @@ class ManagedNode(LifecycleNode):
             qos_overriding_options=OVERRIDABLE(), raw=raw)
         self._owned.append((self.destroy_subscription, made))
         return made
-
-    def publishers(self, topic: str) -> list[str]:
-        """Names of the discovered nodes that publish a topic."""
-        found = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-        return sorted(f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
 
     def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
                     group: CallbackGroup | None = None) -> None:

@@ -17,7 +17,7 @@ def skill():
 
 @pytest.fixture(scope='module')
 def skill_file(skill, tmp_path_factory):
-    """The skill as a file; of a test file that has a skill of its own, that one."""
+    """The skill as a file. A test file that defines `skill` itself gets its own one."""
     path = tmp_path_factory.mktemp('skill') / 'skill.json'
     skill.save(path)
     return path

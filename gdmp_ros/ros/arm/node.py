@@ -19,7 +19,7 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.arm.parameters import controller_settings, payload, RETIRED, tool_transform
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode, publishers_of
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.sim.arm import Arm
@@ -158,7 +158,7 @@ class ArmNode(ManagedNode):
         refused, self._refused = self._refused, guard.refused
         if guard.refused > refused:
             level = DiagnosticStatus.WARN if level == DiagnosticStatus.OK else level
-            publishers = ', '.join(self.publishers(self.parameters.reference_topic))
+            publishers = ', '.join(publishers_of(self, self.parameters.reference_topic))
             self.get_logger().warning(f'reference refused: {guard.last_refusal} (published by '
                                       f'{publishers})', throttle_duration_sec=1.0)
         extra = {'references refused': guard.refused, 'last refusal': guard.last_refusal,

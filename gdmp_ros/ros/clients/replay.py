@@ -13,7 +13,7 @@ from gdmp_ros.data.references import RecordedReferences
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import RealtimeThread
 from gdmp_ros.ros.clients.client import Client, DISCOVERY_S
-from gdmp_ros.ros.lifecycle import DEEP, reliable
+from gdmp_ros.ros.lifecycle import ANOTHER_NODE, DEEP, publishers_of, reliable
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.server.reference_publisher import first_sequence
@@ -21,8 +21,6 @@ from gdmp_ros.util.terminal import progress, rising
 
 #: An arm that does not follow a motion for this time will not [s].
 FOLLOW_S = 0.5
-#: What the graph of nodes says of a node whose name it has not found yet, and what is said here.
-_NAMELESS, _ANOTHER = '_NODE_NAME_UNKNOWN_', 'another node'
 #: Time in which the name of a node is found that is known to publish [s].
 _NAMES_S = 2.0
 #: Time between two looks at the status of the arm [s].
@@ -94,17 +92,15 @@ class _Replayer:
                           lambda: (self._publisher.get_subscription_count() > 0
                                    and self._status is not None), request.wait)
         self._client.spend(DISCOVERY_S)
-        if _ANOTHER in self._others():
+        if ANOTHER_NODE in self._others():
             self._client.spend(_NAMES_S)
         self._check_alone()
 
     def _others(self) -> list[str]:
         """Other nodes that publish on the topic."""
         node = self._client.node
-        return sorted(_ANOTHER if one.node_name == _NAMELESS
-                      else f'{one.node_namespace.rstrip("/")}/{one.node_name}'
-                      for one in node.get_publishers_info_by_topic(self._request.topic)
-                      if one.node_name != node.get_name())
+        return [name for name in publishers_of(node, self._request.topic)
+                if name != node.get_fully_qualified_name()]
 
     def _check_alone(self) -> None:
         """:raises GdmpError: if another node publishes on the topic"""

@@ -19,7 +19,7 @@ from gdmp_ros.playback.prediction import prediction, Tube
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.statistics import Punctuality
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode, publishers_of
 from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose, tube_message
 from gdmp_ros.ros.polling import take_latest
 
@@ -189,7 +189,7 @@ class ServerReport:
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
         if self._reports % DIAGNOSTICS_EVERY == 0:
-            self._publishers = node.publishers('~/reference')
+            self._publishers = publishers_of(node, '~/reference')
         if len(self._publishers) > 1:
             level = max(level, DiagnosticStatus.WARN)
             text = (f'{text}; {len(self._publishers)} nodes publish references: '
