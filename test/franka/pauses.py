@@ -1,5 +1,6 @@
 """How long this machine stands still: a robot stops when it misses 20 commands, one each ms."""
 from contextlib import suppress
+import json
 import os
 import subprocess
 import sys
@@ -8,6 +9,8 @@ import time
 
 #: A pause after which the robot, with a few more late commands, may stop [s].
 LONG_S = 0.015
+#: Between the end of a pause and a motion that the robot ended for it [s].
+NEAR_S = 0.5
 _EACH_S = 0.002
 
 
@@ -22,16 +25,17 @@ class Pauses:
     def __exit__(self, *_):
         self._process.communicate()
 
-    def longest(self):
-        """Longest pause since the last call [s]."""
+    def at(self, when):
+        """Longest pause that ended within `NEAR_S` of a wall time [s]; 0 if none was long."""
         self._process.stdin.write('\n')
         self._process.stdin.flush()
-        return float(self._process.stdout.readline())
+        return max((length for ended, length in json.loads(self._process.stdout.readline())
+                    if abs(ended - when) < NEAR_S), default=0.0)
 
 
 def _measure():
     """One thread for each core; the parent asks by a line and ends by closing the pipe."""
-    longest = {}
+    long = []
 
     def watch(core):
         os.sched_setaffinity(0, {core})
@@ -41,13 +45,13 @@ def _measure():
         while True:
             time.sleep(_EACH_S)
             now = time.monotonic()
-            longest[core] = max(longest.get(core, 0.0), now - last - _EACH_S)
+            if now - last - _EACH_S > LONG_S:
+                long.append((time.time(), now - last - _EACH_S))
             last = now
     for core in os.sched_getaffinity(0):
         threading.Thread(target=watch, args=(core,), daemon=True).start()
     for _ in sys.stdin:
-        print(max(longest.values(), default=0.0), flush=True)
-        longest.clear()
+        print(json.dumps(long), flush=True)
 
 
 if __name__ == '__main__':

@@ -1,4 +1,5 @@
 """A server of the protocol as a process, on this machine or behind a cable that can be cut."""
+from datetime import datetime
 import os
 import subprocess
 
@@ -36,6 +37,12 @@ class Server:
         """Why it has ended motions, as the robot would."""
         return [line.split('ERROR')[-1] for line in self.log().splitlines()
                 if 'aborting the motion' in line]
+
+    def silent_at(self):
+        """When it has ended motions because commands did not arrive [s, wall time]."""
+        return [datetime.strptime(line[:23], '%Y-%m-%d %H:%M:%S,%f').timestamp()
+                for line in self.log().splitlines()
+                if 'communication_constraints_violation' in line and 'aborting the motion' in line]
 
 
 class Cable:
