@@ -47,16 +47,16 @@ lint: setup
 	@$(PY) -m mypy
 
 bench: setup
-	@$(VENV)/bin/gdmp bench all --out out/bench --jobs 2
+	@$(PY) -m experiments bench all --out out/bench --jobs 2
 
 paper: setup
-	@$(VENV)/bin/gdmp paper all --out out/paper
+	@$(PY) -m experiments paper all --out out/paper
 
 faults: setup
-	@$(VENV)/bin/gdmp faults --out out/faults
+	@$(PY) -m experiments faults --out out/faults
 
 soak: setup
-	@$(VENV)/bin/gdmp soak --minutes 30 --out out/soak
+	@$(PY) -m experiments soak --minutes 30 --out out/soak
 
 fuzz: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check 'atheris>=3'

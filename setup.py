@@ -15,8 +15,7 @@ setup(
     python_requires='>=3.11,<3.14',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={f'{NAME}.sim': ['models/*.xml'], f'{NAME}.util': ['*.xml'],
-                  f'{NAME}.view': ['improvement.html', 'page.html', 'report.html'],
-                  f'{NAME}.experiments.paper': ['page.html']},
+                  f'{NAME}.view': ['improvement.html', 'page.html', 'report.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

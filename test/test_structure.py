@@ -7,33 +7,22 @@ import sys
 
 import pytest
 
-from gdmp_ros.cli.bench import SUBJECTS
-from gdmp_ros.cli.main import VERBS
-from gdmp_ros.experiments.paper.experiment import IDS
-from gdmp_ros.experiments.paper.report import module as experiment_module
-from gdmp_ros.experiments.reliability.faults import FAULTS
+from gdmp_ros.cli.main import PROGRAM
 
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
 #: A room may import from itself and from rooms before it.
 ROOMS = ('errors', 'choices', 'kernels', 'util', 'manifolds', 'dmp', 'learning', 'control',
          'realtime', 'playback', 'data', 'sim', 'franka', 'improvement',
-         'view', 'ros', 'studio', 'experiments',
-         'cli')
+         'view', 'ros', 'studio', 'demo', 'cli')
 #: Facade methods: they import from a later room when they are called (docs/design.md).
 FACADES = {('gdmp_ros.dmp.skill', 'gdmp_ros.learning.fit')}
 #: Rooms that may import a library.
-ONLY_IN = {'rclpy': {'ros', 'experiments'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
-           'matplotlib': {'view', 'experiments'}, 'rosbags': {'data', 'ros'},
+ONLY_IN = {'rclpy': {'ros'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
+           'matplotlib': {'view', 'demo'}, 'rosbags': {'data', 'ros'},
            'numba': {'kernels'}, 'plotly': {'view'}, 'viser': {'studio'}}
 #: Files that import by a string: from a list of the package, or outside of it.
 LISTS = {
-    'gdmp_ros.cli.main': [f'gdmp_ros.cli.{name.replace("-", "_")}' for name in VERBS],
-    'gdmp_ros.cli.bench': [f'gdmp_ros.experiments.bench.{name.replace("-", "_")}'
-                           for name in SUBJECTS],
-    'gdmp_ros.experiments.paper.report': [experiment_module(name).__name__ for name in IDS],
-    'gdmp_ros.experiments.reliability.faults': [
-        f'gdmp_ros.experiments.reliability.faults.{path.partition(".")[0]}'
-        for path in FAULTS.values()],
+    'gdmp_ros.cli.program': [f'gdmp_ros.cli.{name.replace("-", "_")}' for name in PROGRAM.verbs],
     'gdmp_ros.ros.recorder.record': [], 'gdmp_ros.sim.model_sources': [],
 }
 
@@ -202,10 +191,10 @@ sys.meta_path.insert(0, Blocked())
 import importlib
 import numpy as np
 import gdmp_ros
-from gdmp_ros.cli.main import parse
+from gdmp_ros.cli.main import PROGRAM
 from gdmp_ros.control import controller
 from gdmp_ros.data import bags, lasa, recordings
-parse(['learn', 'bag', '-o', 'skill.json'])
+PROGRAM.parse(['learn', 'bag', '-o', 'skill.json'])
 t = np.linspace(0, 1, 50)
 skill = gdmp_ros.Skill.learn(gdmp_ros.Demonstration(t, t[:, None] ** 2, gdmp_ros.Euclidean(1)))
 assert abs(skill.reproduce(0.1).points[-1, 0] - 1) < 1e-2
@@ -214,6 +203,6 @@ assert abs(skill.reproduce(0.1).points[-1, 0] - 1) < 1e-2
 
 
 def test_every_verb_has_a_module_that_can_be_parsed_and_run():
-    for name in VERBS:
+    for name in PROGRAM.verbs:
         module = importlib.import_module(f'gdmp_ros.cli.{name.replace("-", "_")}')
         assert module.__doc__ and callable(module.add_arguments) and callable(module.run)

@@ -5,16 +5,16 @@ import os
 
 import argcomplete
 
-from gdmp_ros.cli.main import module_of, parser, VERBS
+from gdmp_ros.cli.main import PROGRAM
 
 
 def complete() -> None:
     """Answer a shell that completes a line, and end the process."""
     words = os.environ.get('COMP_LINE', '').split()
-    top = parser()
+    top = PROGRAM.parser()
     verbs = top.add_subparsers()
-    for name, text in VERBS.items():
+    for name, text in PROGRAM.verbs.items():
         verb = verbs.add_parser(name, help=text)
         if name in words[1:2]:  # only the module of this verb is imported
-            module_of(name).add_arguments(verb)
+            PROGRAM.module_of(name).add_arguments(verb)
     argcomplete.autocomplete(top)

@@ -45,12 +45,12 @@ def run(options: argparse.Namespace) -> int:
     """Run the demonstration; 0 if everything holds."""
     if options.task == 'tray':
         with optional_import(extra('sim')):
-            from gdmp_ros.experiments.demo.tray import run_tray
+            from gdmp_ros.demo.tray import run_tray
         return run_tray(options.out)
     with optional_import(ROS):
-        from gdmp_ros.experiments.demo.run import run_demo
-        from gdmp_ros.experiments.demo.tasks import run_task
-        from gdmp_ros.experiments.demo.wiping import run_wiping
+        from gdmp_ros.demo.run import run_demo
+        from gdmp_ros.demo.tasks import run_task
+        from gdmp_ros.demo.wiping import run_wiping
         arm = arm_choice(options)
     if options.task == 'wipe':
         return run_wiping(options.out, arm)

@@ -115,16 +115,22 @@ def _add_function(digest: Any, function: FunctionType, seen: set[int]) -> None:
     if id(function) in seen:
         return
     seen.add(id(function))
+    # Functions of a library do not change between two runs.
+    own = {_package(function), __name__.partition('.')[0]}
     _add_code(digest, function.__code__)
     cells = {name: cell.cell_contents for name, cell
              in zip(function.__code__.co_freevars, function.__closure__ or ())}
     for name in sorted(_global_names(function.__code__)):
         if name in function.__globals__:
             digest.update(name.encode())
-            _add_value(digest, function.__globals__[name], seen)
+            _add_value(digest, function.__globals__[name], seen, own)
     for name, value in cells.items():
         digest.update(name.encode())
-        _add_value(digest, value, seen)
+        _add_value(digest, value, seen, own)
+
+
+def _package(function: FunctionType) -> str:
+    return function.__module__.partition('.')[0]
 
 
 def _add_code(digest: Any, code: CodeType) -> None:
@@ -148,11 +154,11 @@ def _global_names(code: CodeType) -> set[str]:
     return names
 
 
-def _add_value(digest: Any, value: Any, seen: set[int]) -> None:
+def _add_value(digest: Any, value: Any, seen: set[int], own: set[str]) -> None:
     """Add the value of a global that a kernel uses: another kernel, a constant, a type."""
     if isinstance(value, Dispatcher):
         _add_function(digest, value.py_func, seen)
-    elif isinstance(value, FunctionType) and value.__module__.startswith('gdmp_ros.'):
+    elif isinstance(value, FunctionType) and _package(value) in own:
         _add_function(digest, value, seen)
     elif isinstance(value, np.ndarray):
         digest.update(str(value.dtype).encode() + value.tobytes())
@@ -177,7 +183,7 @@ class _Locator(_CacheLocator):
     """One folder per module, one file per kernel and hash."""
 
     def __init__(self, function: FunctionType):
-        self._module = function.__module__.removeprefix('gdmp_ros.')
+        self._module = function.__module__
         self._stamp = code_hash(function)
 
     @classmethod

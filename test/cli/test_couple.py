@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.demo.tray import taught_skills
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.experiments.demo.tray import taught_skills
 from test.commands import gdmp
 
 

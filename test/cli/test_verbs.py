@@ -10,9 +10,9 @@ import pytest
 
 import gdmp_ros
 from gdmp_ros import Skill
-from gdmp_ros.cli.main import parse, VERBS
+from gdmp_ros.cli.main import PROGRAM
 from gdmp_ros.data import recordings
-from test.commands import GDMP, gdmp
+from test.commands import GDMP, gdmp, gdmp_process
 from test.motions import circles
 
 
@@ -26,9 +26,9 @@ def folder(tmp_path_factory):
 
 
 def test_every_verb_has_help_with_an_example(capsys):
-    for verb in VERBS:
+    for verb in PROGRAM.verbs:
         with pytest.raises(SystemExit) as ended:
-            parse([verb, '--help'])
+            PROGRAM.parse([verb, '--help'])
         assert ended.value.code == 0
         assert re.search(rf'examples?:\n(  .*\n)*?  gdmp {verb}', capsys.readouterr().out), verb
 
@@ -36,10 +36,10 @@ def test_every_verb_has_help_with_an_example(capsys):
 def test_help_imports_neither_the_library_nor_ros():
     code = """
 import sys
-from gdmp_ros.cli.main import parse, VERBS
-for verb in VERBS:
+from gdmp_ros.cli.main import PROGRAM
+for verb in PROGRAM.verbs:
     try:
-        parse([verb, '--help'])
+        PROGRAM.parse([verb, '--help'])
     except SystemExit:
         pass
 heavy = {'numba', 'numpy', 'scipy', 'sklearn', 'plotly', 'matplotlib', 'rclpy', 'mujoco',
@@ -52,7 +52,7 @@ assert not heavy, heavy
 def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
     alone = gdmp()
     assert alone.returncode == 0 and 'gdmp learn demos/GShape_*' in alone.stdout
-    assert all(f'\n  {verb}' in alone.stdout for verb in VERBS)
+    assert all(f'\n  {verb}' in alone.stdout for verb in PROGRAM.verbs)
     assert gdmp('--help').stdout == alone.stdout
     assert gdmp('--version').stdout == f'gdmp {gdmp_ros.__version__}\n'
     misspelt = gdmp('lern')
@@ -66,8 +66,8 @@ def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
     ('gdmp check skill.json --goal', {'--goal-position'})])
 def test_the_shell_completes_verbs_options_and_choices(tmp_path, line, expected):
     answer = tmp_path / 'answer'
-    done = gdmp(_ARGCOMPLETE='1', _ARGCOMPLETE_STDOUT_FILENAME=str(answer), COMP_LINE=line,
-                COMP_POINT=str(len(line)), COMP_TYPE='9')
+    done = gdmp_process(_ARGCOMPLETE='1', _ARGCOMPLETE_STDOUT_FILENAME=str(answer), COMP_LINE=line,
+                        COMP_POINT=str(len(line)), COMP_TYPE='9')
     assert done.returncode == 0, done.stderr
     assert {word.strip() for word in answer.read_text().split('\v')} == expected
 

@@ -5,6 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.reliability.stability import growth_margin
 from gdmp_ros.control import limits
 from gdmp_ros.control.impedance import damping_design
 from gdmp_ros.control.settings import (
@@ -14,7 +15,6 @@ from gdmp_ros.control.settings import (
     LimitSettings,
     TankSettings,
 )
-from gdmp_ros.control.stability import growth_margin
 from gdmp_ros.control.stiffness import compose_modes, relative_modes
 from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite

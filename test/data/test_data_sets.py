@@ -7,6 +7,7 @@ from gdmp_ros.cli.main import main
 from gdmp_ros.data import lasa, letters
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
+from test.commands import experiments
 
 
 def letter(folder, name, shapes=((2, 200), (2, 200)), still=False):
@@ -92,4 +93,4 @@ def test_files_that_are_no_letters_are_refused(tmp_path):
         letters.strokes(tmp_path / 'E.mat')
     with pytest.raises(DataError, match='F.mat: demonstration 1.*never moves'):
         letters.strokes(letter(tmp_path, 'F', still=True))
-    assert main(['paper', 'letters', '--letters', str(tmp_path / 'nowhere')]) == 1
+    assert experiments('paper', 'letters', '--letters', tmp_path / 'nowhere').returncode == 1

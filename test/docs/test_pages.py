@@ -23,7 +23,8 @@ import mujoco
 import pytest
 import yaml
 
-from gdmp_ros.cli.main import parse
+from experiments.__main__ import PROGRAM as EXPERIMENTS
+from gdmp_ros.cli.main import PROGRAM as GDMP
 from gdmp_ros.ros import messages
 from gdmp_ros.util.dds_network import Domain
 
@@ -152,7 +153,9 @@ def test_long_commands_are_well_formed(page):
             continue
         for words in commands(block.text):
             if words[0] == 'gdmp':
-                parse(words[1:])
+                GDMP.parse(words[1:])
+            elif words[:3] == ['python', '-m', 'experiments']:
+                EXPERIMENTS.parse(words[3:])
             elif words[0] == 'make':
                 assert re.search(rf'^{words[1]}:', (ROOT / 'Makefile').read_text(), re.M)
             elif words[:2] == ['python', '-m']:

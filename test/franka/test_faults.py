@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
+from experiments.reliability.trial import FRAME, short_skill
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.experiments.reliability.trial import FRAME, short_skill
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints

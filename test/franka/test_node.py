@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
+from experiments import timing
+from experiments.bench import franka as bench
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data.tool import tool_manifold
-from gdmp_ros.experiments import timing
-from gdmp_ros.experiments.bench import franka as bench
-from gdmp_ros.experiments.demo.run import run_demo
-from gdmp_ros.experiments.demo.tasks import run_task
+from gdmp_ros.demo.run import run_demo
+from gdmp_ros.demo.tasks import run_task
 from gdmp_ros.improvement.one_by_one import OneByOne, RobotTask
 from gdmp_ros.improvement.session import Effort, improve
 from gdmp_ros.improvement.task import task_from_file

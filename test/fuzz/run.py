@@ -63,7 +63,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64MultiArray
 
-    from gdmp_ros.experiments.reliability.trial import short_skill, Trial
+    from experiments.reliability.trial import short_skill, Trial
     from gdmp_ros.ros.lifecycle import reliable
     from gdmp_ros.ros.testbed import ARM, SERVER
     from gdmp_ros.util.dds_network import Domain

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
+from experiments.bench.improve import ViaPoint
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.experiments.bench.improve import ViaPoint
 from gdmp_ros.improvement.session import Effort, improve, Job, roll_out, subject
 from gdmp_ros.improvement.task import Outcome
 from gdmp_ros.improvement.variables import Tempo, Variables

@@ -68,8 +68,9 @@ def test_an_edit_of_a_kernel_or_of_what_it_uses_changes_the_hash(old, new):
 def kernels():
     """Python functions of all kernels of the library."""
     found = {}
-    for folder in ('manifolds', 'dmp', 'control', 'experiments.baselines'):
-        package = importlib.import_module(f'gdmp_ros.{folder}')
+    for name in ('gdmp_ros.manifolds', 'gdmp_ros.dmp', 'gdmp_ros.control',
+                 'experiments.baselines'):
+        package = importlib.import_module(name)
         for one in pkgutil.iter_modules(package.__path__, f'{package.__name__}.'):
             found.update((id(value), value.py_func) for value
                          in vars(importlib.import_module(one.name)).values()
@@ -117,7 +118,7 @@ def test_kernels_are_compiled_once_and_again_after_an_edit(folder):
 def test_the_newest_versions_of_a_kernel_are_kept(folder):
     for number in range(cache._KEPT_VERSIONS + 2):
         compiled_by(SOURCE.replace('+ 1.0', f'+ {number}.5'), 6.5 + number)
-    versions = list((cache_folder() / 'example').glob('example.outer-*.nbi'))
+    versions = list((cache_folder() / 'gdmp_ros.example').glob('example.outer-*.nbi'))
     assert len(versions) == cache._KEPT_VERSIONS
     assert compiled_by(SOURCE.replace('+ 1.0', f'+ {number}.5'), 6.5 + number) == []
     assert compiled_by(SOURCE.replace('+ 1.0', '+ 0.5'), 6.5) == ['example.outer']

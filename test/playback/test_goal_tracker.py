@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
+from experiments.timing import demonstration
 from gdmp_ros import Skill
 from gdmp_ros.data.recordings import tool_manifold
-from gdmp_ros.experiments.timing import demonstration
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, TIME_OUT
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rclpy.action import ActionClient
 
+from gdmp_ros.demo.tasks import picking_motion
 from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.experiments.demo.tasks import picking_motion
 from gdmp_ros.ros.testbed import SERVER
 from test.ros.nodes import open_testbed
 

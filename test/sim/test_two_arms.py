@@ -2,9 +2,7 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError, ManifoldError
-from gdmp_ros.experiments.demo.tray import (
+from gdmp_ros.demo.tray import (
     carry,
     coupling_of,
     MEASURED_LIMITS,
@@ -13,6 +11,8 @@ from gdmp_ros.experiments.demo.tray import (
     STEP_TURN,
     taught_skills,
 )
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.playback.pair_skill import one_of_two, PairSkill
 from gdmp_ros.playback.player_settings import PlayerSettings

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
+from experiments.bench import accuracy
 from gdmp_ros.errors import DataError
-from gdmp_ros.experiments.bench import accuracy
 from gdmp_ros.util.parallel import Journal, map_tasks, scheduler_address
 
 

@@ -1,4 +1,4 @@
-"""The figures that ``gdmp bench`` writes; not the speed of this machine."""
+"""The figures that ``python -m experiments bench`` writes; not the speed of this machine."""
 from functools import partial
 import json
 import sys
@@ -6,17 +6,17 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros.cli.bench import SUBJECTS
+from experiments import timing
+from experiments.bench import accuracy, goal_switch, loop, peers, tempo
+from experiments.cli.bench import SUBJECTS
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.experiments import timing
-from gdmp_ros.experiments.bench import accuracy, goal_switch, loop, peers, tempo
-from test.commands import gdmp
+from test.commands import experiments
 
 SETTINGS = timing.Settings(repetitions=7, classes=('GShape', 'Sine'))
-bench = partial(gdmp, 'bench')
+bench = partial(experiments, 'bench')
 
 
 @pytest.fixture(scope='module')

@@ -2,20 +2,20 @@
 import numpy as np
 import pytest
 
+from experiments import timing
+from experiments.baselines.classical import Classical
+from experiments.baselines.literal import LiteralScheme
+from experiments.baselines.log_error import LogError, LogErrorShorter
+from experiments.baselines.methods import METHODS
+from experiments.baselines.ours import Ours
+from experiments.baselines.quaternion import AbuDakkaQuaternion, UdeQuaternion
+from experiments.baselines.rotation import UdeRotation
+from experiments.baselines.transported import TransportedAlong, TransportedToStart
+from experiments.paper.fig4 import shown as quaternion_example
+from experiments.paper.table1 import cell, COLUMNS, ROWS
+from experiments.paper.theorem1 import spring_skill
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.experiments import timing
-from gdmp_ros.experiments.baselines.classical import Classical
-from gdmp_ros.experiments.baselines.literal import LiteralScheme
-from gdmp_ros.experiments.baselines.log_error import LogError, LogErrorShorter
-from gdmp_ros.experiments.baselines.methods import METHODS
-from gdmp_ros.experiments.baselines.ours import Ours
-from gdmp_ros.experiments.baselines.quaternion import AbuDakkaQuaternion, UdeQuaternion
-from gdmp_ros.experiments.baselines.rotation import UdeRotation
-from gdmp_ros.experiments.baselines.transported import TransportedAlong, TransportedToStart
-from gdmp_ros.experiments.paper.fig4 import shown as quaternion_example
-from gdmp_ros.experiments.paper.table1 import cell, COLUMNS, ROWS
-from gdmp_ros.experiments.paper.theorem1 import spring_skill
 from gdmp_ros.manifolds import SpecialOrthogonal, Sphere, SymmetricPositiveDefinite, UnitQuaternion
 
 S3, SO3, SPD3 = UnitQuaternion(), SpecialOrthogonal(3), SymmetricPositiveDefinite(3)

@@ -1,4 +1,4 @@
-"""``gdmp paper``: what it writes, and that its verdicts can fail."""
+"""``python -m experiments paper``: what it writes, and that its verdicts can fail."""
 from functools import partial
 import json
 from pathlib import Path
@@ -8,10 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros.choices import LASA_CLASSES, LASA_MANIFOLDS
-from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.dmp.evaluation import reproduction_error
-from gdmp_ros.experiments.paper import (
+from experiments.paper import (
     fig2,
     fig3,
     fig4,
@@ -27,14 +24,17 @@ from gdmp_ros.experiments.paper import (
     table1,
     theorem1,
 )
-from gdmp_ros.experiments.paper.best_fit import best_error
-from gdmp_ros.experiments.paper.experiment import IDS, Settings
-from gdmp_ros.experiments.paper.theorem1 import energies, unforced
+from experiments.paper.best_fit import best_error
+from experiments.paper.experiment import IDS, Settings
+from experiments.paper.theorem1 import energies, unforced
+from gdmp_ros.choices import LASA_CLASSES, LASA_MANIFOLDS
+from gdmp_ros.dmp import Demonstration, Skill
+from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.manifolds import Euclidean, SymmetricPositiveDefinite
-from test.commands import gdmp
+from test.commands import experiments
 
 #: Without the 2D-Letters data, whatever the environment of the user.
-paper = partial(gdmp, 'paper', GDMP_LETTERS='')
+paper = partial(experiments, 'paper', GDMP_LETTERS='')
 
 
 def test_every_experiment_has_the_shared_shape():
@@ -90,8 +90,8 @@ class Blocked:
         if name.split('.')[0] == 'mujoco':
             raise ModuleNotFoundError(name, name=name)
 sys.meta_path.insert(0, Blocked())
-from gdmp_ros.cli.main import main
-sys.exit(main(['paper', 'fig9', '--out', sys.argv[1]]))
+from experiments.__main__ import PROGRAM
+sys.exit(PROGRAM.main(['paper', 'fig9', '--out', sys.argv[1]]))
 """
     done = subprocess.run([sys.executable, '-c', code, str(tmp_path)], capture_output=True,
                           text=True)

@@ -1,17 +1,17 @@
-"""`gdmp faults`: each fault once, quickly, with the requirements of the long run."""
+"""`experiments faults`: each fault once, quickly, with the requirements of the long run."""
 import json
 import os
 import subprocess
 
 import pytest
 
-from gdmp_ros.cli.main import main
+from experiments.__main__ import PROGRAM
+from experiments.reliability.faults import fault, FAULTS
+from experiments.reliability.network import Quality, TwoHosts
+from experiments.reliability.outcome import Outcome
+from experiments.reliability.report import attempt
+from experiments.reliability.trial import short_skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.experiments.reliability.faults import fault, FAULTS
-from gdmp_ros.experiments.reliability.network import Quality, TwoHosts
-from gdmp_ros.experiments.reliability.outcome import Outcome
-from gdmp_ros.experiments.reliability.report import attempt
-from gdmp_ros.experiments.reliability.trial import short_skill
 
 
 @pytest.fixture(scope='session')
@@ -48,15 +48,15 @@ def test_an_outcome_does_not_hold_with_a_value_that_is_nan():
 
 
 def test_the_command_names_faults_and_refuses_others(capsys, tmp_path):
-    assert main(['faults', '--list']) == 0
+    assert PROGRAM.main(['faults', '--list']) == 0
     listed = capsys.readouterr().out
     assert all(name in listed and fault(name).__doc__.strip() in listed for name in FAULTS)
-    assert main(['faults', 'earthquake', '--out', str(tmp_path)]) == 1
+    assert PROGRAM.main(['faults', 'earthquake', '--out', str(tmp_path)]) == 1
     assert "fault 'earthquake' is unknown" in capsys.readouterr().err
 
 
 def test_the_adversarial_stiffness_is_contained_and_reported(tmp_path):
-    assert main(['faults', 'adversarial-stiffness', '--out', str(tmp_path)]) == 0
+    assert PROGRAM.main(['faults', 'adversarial-stiffness', '--out', str(tmp_path)]) == 0
     document = json.loads((tmp_path / 'faults.json').read_text())['adversarial-stiffness']
     assert document['holds'] is True
     largest = [document['measured'][f'{which} the tank: largest energy of arm and spring [J]']

@@ -1,10 +1,10 @@
-"""`gdmp soak`: a short run, and verdicts on runs in which something went wrong."""
+"""`experiments soak`: a short run, and verdicts on runs in which something went wrong."""
 import json
 
 import pytest
 
-from gdmp_ros.cli.main import main
-from gdmp_ros.experiments.reliability import soak
+from experiments.__main__ import PROGRAM
+from experiments.reliability import soak
 
 
 def window(**changes):
@@ -74,13 +74,13 @@ def test_memory_that_grows_is_seen_in_a_run_long_enough():
 
 
 def test_minutes_are_checked(capsys, tmp_path):
-    assert main(['soak', '--minutes', '0', '--out', str(tmp_path)]) == 1
+    assert PROGRAM.main(['soak', '--minutes', '0', '--out', str(tmp_path)]) == 1
     assert '--minutes is 0, expected at least 0.2 and at most 10000' in capsys.readouterr().err
 
 
 @pytest.mark.long
 def test_a_short_soak_holds_and_leaves_report_and_picture(tmp_path):
-    code = main(['soak', '--minutes', '0.4', '--out', str(tmp_path)])
+    code = PROGRAM.main(['soak', '--minutes', '0.4', '--out', str(tmp_path)])
     found = json.loads((tmp_path / 'soak.json').read_text())
     assert found['failed'] == [] and code == 0
     assert found['measured']['ticks'] >= 23_000

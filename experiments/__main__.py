@@ -1,0 +1,13 @@
+"""``python -m experiments VERB``, in the folder of the project."""
+from gdmp_ros.cli.program import Program
+
+PROGRAM = Program('python -m experiments', 'experiments.cli', 'Measure what the project claims.', {
+    'experiments': {
+        'bench': 'measure speed, accuracy and smoothness, compared with other libraries',
+        'paper': 'reproduce the experiments of the paper',
+        'faults': 'try faults on the nodes',
+        'soak': 'operate the nodes for a long time and watch them',
+    }})
+
+if __name__ == '__main__':
+    raise SystemExit(PROGRAM.main())

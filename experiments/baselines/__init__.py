@@ -1,0 +1,5 @@
+"""
+The methods that [GDMP] compares with, from their published equations, and ours.
+
+One file each; all have the interface of `experiments.baselines.baseline.Baseline`.
+"""

@@ -1,0 +1,173 @@
+"""Processes that are killed, stopped, started late or started again."""
+from __future__ import annotations
+
+from dataclasses import replace
+import os
+import signal
+import time
+
+import numpy as np
+import psutil
+
+from experiments.reliability.outcome import Outcome
+from experiments.reliability.trial import judge_limits, short_skill, Trial
+from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.data import run_analysis
+from gdmp_ros.data.runs import ONE_STREAM, Run
+from gdmp_ros.ros.testbed import ARM, SERVER
+
+
+def server_killed(trial: Trial, quick: bool) -> Outcome:
+    """Server killed (SIGKILL) in mid-motion and started again"""
+    outcome = Outcome()
+    trial.start()
+    trial.client.execute()
+    trial.wait_progress(0.4)
+    killed = time.time_ns()
+    trial.children.kill(SERVER)
+    trial.spend(3.0)
+    trial.start_server()
+    trial.wait_holding()
+    trial.client.execute()
+    outcome.claim('the next motion reaches its goal', trial.succeeded())
+    run = trial.recorded()
+    before = run.reference_stamps < killed
+    outcome.need('references lost before the fault',
+                 float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
+                 lambda v: v == 0)
+    rest = run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed)
+    outcome.need('time to rest [s]', rest, lambda v: v < 2.5)
+    judge_limits(run, outcome)
+    return outcome
+
+
+def _until(run: Run, ns: int) -> Run:
+    """The states of a run before a stamp."""
+    kept = run.state_stamps < ns
+    return replace(run, state_stamps=run.state_stamps[kept], twists=run.twists[kept])
+
+
+def simulation_killed(trial: Trial, quick: bool) -> Outcome:
+    """Simulation killed (SIGKILL) under a moving server and started again"""
+    outcome = Outcome()
+    trial.start()
+    trial.client.execute()
+    trial.wait_progress(0.3)
+    ticks = trial.state.ticks
+    trial.children.kill(ARM)
+    trial.spend(1.0)
+    outcome.need('references a second without the arm', trial.state.ticks - ticks,
+                 lambda v: v > 900)
+    trial.start_arm()
+    trial.wait('the new arm', lambda: trial.log(ARM).count('the arm follows') == 2, 60.0)
+    trial.stays_and_begins_again(outcome)
+    run = trial.finish(outcome)
+    new = run.state_stamps > run.state_stamps[int(np.argmax(np.diff(run.state_stamps)))]
+    holds = new & (np.cumsum(new & (run.arm_modes == ArmMode.FOLLOW)) == 0)
+    path = run.poses[holds, :3] - run.poses[holds, :3][0]
+    outcome.need('the new arm moved before the next motion by [m]', float(abs(path).max()),
+                 lambda v: v < 1e-3)
+    return outcome
+
+
+def server_stopped(trial: Trial, quick: bool) -> Outcome:
+    """Server stopped (SIGSTOP) for 50 ms to 5 s in mid-motion"""
+    outcome, gap = Outcome(), GuardSettings().resume_time
+    trial.start(server={'speed_rate': 5.0})
+    for seconds in (0.05, 0.3) if quick else (0.05, 0.1, 0.2, 0.5, 1.5, 5.0):
+        trial.client.execute()
+        trial.wait_progress(0.4)
+        process = trial.children.processes[SERVER]
+        process.send_signal(signal.SIGSTOP)
+        try:
+            time.sleep(seconds)
+        finally:
+            process.send_signal(signal.SIGCONT)
+        if seconds < gap:
+            outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
+        else:
+            trial.stays_and_begins_again(outcome)
+    outcome.claim('the server reports the time jump',
+                  'the time jumped by' in trial.log(SERVER))
+    trial.finish(outcome, 0.01)
+    return outcome
+
+
+def late_discovery(trial: Trial, quick: bool) -> Outcome:
+    """The arm starts long after the server and the client that executes the skill"""
+    outcome = Outcome()
+    trial.start_server()
+    trial.wait('the server', lambda: trial.client.state is not None, 120.0)
+    trial.client.execute()
+    result = trial.client.result(10.0)
+    outcome.claim('a start without an arm is refused with the reason',
+                  result.error_code == result.INVALID_GOAL
+                  and 'no measured pose' in result.error_string)
+    trial.spend(1.0 if quick else 8.0)
+    trial.start_arm()
+    trial.wait_holding()
+    trial.record()
+    trial.client.execute()
+    outcome.claim('then the motion reaches its goal', trial.succeeded())
+    trial.finish(outcome, None)
+    return outcome
+
+
+def restarts(trial: Trial, quick: bool) -> Outcome:
+    """Server started and ended again and again under a running arm"""
+    outcome, count = Outcome(), 3 if quick else 50
+    trial.start()
+    trial.children.stop(SERVER)
+    shared, memory = _shared_files(), _memory(trial)
+    codes = []
+    for number in range(count):
+        trial.start_server()
+        trial.wait_holding()
+        if number % 2:
+            trial.children.kill(SERVER)
+        else:
+            codes.append(trial.children.stop(SERVER))
+    outcome.need('restarts', count, lambda v: v >= 3)
+    outcome.measured['exit codes'] = ' '.join(map(str, sorted(set(codes))))
+    outcome.claim('all exit codes are 0', not any(codes))
+    outcome.need('new shared-memory files per kill', (
+        _shared_files() - shared) / (count // 2), lambda v: v == 0)
+    outcome.need('growth of the memory of the simulation per restart [KiB]',
+                 (_memory(trial) - memory) / count / 1024, lambda v: v < 256)
+    run = trial.finish(outcome, None, follows=False)
+    path = run.poses[:, :3] - run.poses[0, :3]
+    outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
+    return outcome
+
+
+def _shared_files() -> int:
+    return sum(name.startswith('fastrtps') for name in os.listdir('/dev/shm'))
+
+
+def _memory(trial: Trial) -> int:
+    return int(psutil.Process(trial.children.processes[ARM].pid).memory_info().rss)
+
+
+def two_servers(trial: Trial, quick: bool) -> Outcome:
+    """A second server streams to the same arm"""
+    from gdmp_msgs.action import ExecuteSkill
+    outcome = Outcome()
+    trial.start()
+    other = short_skill(trial.folder, name='Angle')
+    trial.client.execute(ExecuteSkill.Goal(duration=20.0))
+    trial.start_server('second_server', skill=str(other), extra=[
+        '-r', '__node:=second_server', '-r', '~/reference:=/trajectory_server/reference'],
+                       start_from='skill', execute_on_activate=True)
+    trial.wait('the second server', lambda: 'does not follow' in trial.log(ARM), 60.0)
+    outcome.claim('the first reaches its goal', trial.succeeded())
+    trial.spend(3.0)
+    outcome.claim('the arm reports it', 'more than one publisher of references (published by '
+                  '/second_server, /trajectory_server)' in trial.log(ARM))
+    outcome.claim('the servers report it', '2 nodes publish references' in trial.log(SERVER))
+    run = trial.finish(outcome)
+    followed = run.applied[run.applied > 0].astype(np.int64)
+    foreign = np.abs(followed - int(run.sequences[0])) > ONE_STREAM
+    outcome.need('references of the second server that were followed', int(foreign.sum()),
+                 lambda v: v == 0)
+    return outcome

@@ -1,0 +1,100 @@
+"""A trial of a fault: a testbed with a skill, and what every recorded run has to fulfil."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.reliability.outcome import Outcome
+from gdmp_ros.control.settings import LimitSettings
+from gdmp_ros.data import lasa, run_analysis, runs
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.ros.testbed import NodeTestbed, SERVER
+from gdmp_ros.sim.arm import Arm
+
+FRAME = 'panda_link0'
+#: Largest measured speed relative to the speed limit of the reference: the arm oscillates.
+OSCILLATION = 1.1
+
+
+def short_skill(folder: Path, seconds: float = 3.0, name: str = 'GShape') -> Path:
+    """Learn a letter with a given duration, save it, and return its file."""
+    shown = lasa.robot_demonstrations(name)[0]
+    path = folder / f'{name}.json'
+    Skill.learn(Demonstration(shown.times * (seconds / shown.duration), shown.points,
+                              shown.manifold)).save(path)
+    return path
+
+
+def goal_of(skill: Path) -> np.ndarray:
+    """Goal pose of a saved skill (x, y, z, qw, qx, qy, qz)."""
+    return np.array(Skill.load(skill).goal[:7])
+
+
+def judge_limits(run: runs.Run, outcome: Outcome) -> None:
+    """Require that the arm stayed inside its limits."""
+    limits, figures = LimitSettings(), run_analysis.limit_figures(run, Arm().limits)
+    for name, value, smallest, largest in (
+            ('torque [fraction of the limit]', figures.torque, 0.0, 1.0),
+            ('torque rate [Nm per tick]', figures.torque_rate, 0.0,
+             1e-3 * limits.torque_slew + 1e-9),
+            ('distance to joint limits [rad]', figures.joint_distance, 0.0, np.inf),
+            ('joint speed [rad/s]', figures.joint_speed, 0.0, limits.joint_speed),
+            ('speed [m/s]', figures.speed, 0.0, OSCILLATION * limits.speed),
+            ('smallest energy in the tank [J]', figures.tank_energy, -0.05, np.inf)):
+        outcome.need(name, value, partial(_within, smallest, largest))
+
+
+def _within(smallest: float, largest: float, value: float) -> bool:
+    return smallest <= value <= largest
+
+
+class Trial(NodeTestbed):
+    """The nodes of one trial, with a skill for the server."""
+
+    def __init__(self, folder: Path, environment: Mapping[str, str], skill: Path):
+        super().__init__(folder, environment)
+        self.skill = skill
+
+    def start_server(self, name: str = SERVER, *arguments: object, **parameters: object) -> None:
+        """Start a trajectory server with the skill; see `NodeTestbed.start_server`."""
+        start: Any = super().start_server
+        start(name, *arguments, **{'skill': str(self.skill), **parameters})
+
+    def succeeded(self, timeout: float = 60.0) -> bool:
+        """Wait for the end of the motion; whether it reached its goal."""
+        result = self.client.result(timeout)
+        return bool(result.error_code == result.SUCCESSFUL)
+
+    def stays_and_begins_again(self, outcome: Outcome) -> None:
+        """Require that the motion that was lost is reported, and the next one reaches the goal."""
+        result = self.client.result(60.0)
+        outcome.measured['the motion ended with'] = result.error_string
+        outcome.claim('the lost motion is not called reached',
+                      result.error_code in (result.BLOCKED, result.GOAL_TOLERANCE_VIOLATED))
+        self.wait('the robot', lambda: 'no_robot' not in self.state.flags, 60.0)
+        self.client.execute()
+        outcome.claim('the next motion reaches its goal', self.succeeded())
+
+    def finish(self, outcome: Outcome, distance: float | None = 0.002,
+               follows: bool = True) -> runs.Run:
+        """
+        End the recording, and require what every trial has to fulfil.
+
+        :param distance: largest final distance from the goal of the skill [m]; None for any
+        :param follows: False if the arm must not follow anything
+        """
+        run = self.recorded()
+        if follows:
+            outcome.need('final distance from the last reference [m]',
+                         run_analysis.final_distance(run), lambda v: v < 0.01)
+        if distance is not None:
+            final = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
+            outcome.need('final distance from the goal [m]', final, lambda v: v < distance)
+        outcome.need('references lost', runs.lost(run), lambda v: v == 0)
+        judge_limits(run, outcome)
+        return run

@@ -1,1 +1,0 @@
-"""Benchmarks, experiments of the paper, the demonstration, reliability."""

@@ -1,5 +1,0 @@
-"""
-The methods that [GDMP] compares with, from their published equations, and ours.
-
-One file each; all have the interface of `gdmp_ros.experiments.baselines.baseline.Baseline`.
-"""
