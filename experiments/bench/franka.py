@@ -17,7 +17,7 @@ from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.protocol_server import await_server, HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
-from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.realtime.loop import Loop, LoopThread, SystemClock
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.util.terminal import progress
 
@@ -52,9 +52,13 @@ def run(settings: timing.Settings) -> dict[str, Any]:
 def _in_loop_thread(measure: Any) -> Any:
     """Result of a function that runs like the loop of a node."""
     result: list[Any] = []
-    thread = RealtimeThread(lambda: result.append(measure()))
+
+    def loop() -> Loop:
+        result.append(measure())
+        yield 0
+    thread = LoopThread(loop(), SystemClock(), -1)
     thread.start()
-    thread.join()
+    thread.end()
     if thread.failure is not None:
         raise thread.failure
     return result[0]

@@ -8,12 +8,10 @@ from typing import Any
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-import rclpy
-from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.util.signals import stop_event
 
 FRAME = 'panda_link0'
@@ -52,14 +50,12 @@ def invalid(rng: np.random.Generator) -> tuple[Any, Any, Any]:
 
 def main(what: str) -> int:
     """Publish; print the number of rounds at the end."""
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended = stop_event()
-    node = Node('flood')
-    publishers = [node.create_publisher(kind, f'trajectory_server/{name}', reliable(1))
+    client, ended = Client('flood'), stop_event()
+    publishers = [client.publisher(kind, f'trajectory_server/{name}', 1)
                   for kind, name in ((PoseStamped, 'goal_pose'),
                                      (Float64MultiArray, 'goal_stiffness'),
                                      (Reference, 'reference'))]
-    while not ended.is_set() and not all(p.get_subscription_count() for p in publishers):
+    while not ended.is_set() and not all(p.subscribers() for p in publishers):
         time.sleep(0.05)
     print('flooding', flush=True)
     rng, sent, deadline = np.random.default_rng(0), 0, time.monotonic()
@@ -71,7 +67,7 @@ def main(what: str) -> int:
         deadline = max(deadline + 1e-3, time.monotonic() - 0.1)
         time.sleep(max(deadline - time.monotonic(), 0.0))
     print(sent, flush=True)
-    rclpy.shutdown()
+    client.close()
     return 0
 
 

@@ -8,15 +8,13 @@ from typing import Any
 
 from gdmp_msgs.msg import Reference, RobotState
 import numpy as np
-import rclpy
-from rclpy.node import Node
 
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.run_analysis import STATE_GAP_NS
 from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import DEEP, reliable
-from gdmp_ros.ros.polling import PolledGroup, take
+from gdmp_ros.ros.clients.client import Client
+from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.recorder.record import DRAIN_S
 from gdmp_ros.ros.serialized import SerializedTemplate, stamp_ns_of
 from gdmp_ros.util.atomic_write import write_json
@@ -44,7 +42,7 @@ class Extremes:
                 'lower': self.lower.tolist(), 'upper': self.upper.tolist()}
 
 
-class Monitor(Node):
+class Monitor(Client):
     """Receives serialised messages and reads only the numbers that it needs."""
 
     def __init__(self, frame: str):
@@ -58,16 +56,15 @@ class Monitor(Node):
         self._state = SerializedTemplate(state, messages.ROBOT_STATE_FIXED + 3 * JOINTS,
                                          messages.fill_robot_state)
         self._sequence, self._torque, self._stamp = 0, np.zeros(JOINTS), 0
-        self._inputs = [(self.create_subscription(
-            kind, topic, lambda _: None, reliable(DEEP), raw=True, callback_group=PolledGroup()),
-            use) for kind, topic, use in ((Reference, REFERENCE_TOPIC, self._on_reference),
-                                          (RobotState, STATE_TOPIC, self._on_state))]
+        self._inputs = [(self.subscribe(kind, topic, depth=DEEP), use) for kind, topic, use in (
+            (Reference, REFERENCE_TOPIC, self._on_reference),
+            (RobotState, STATE_TOPIC, self._on_state))]
 
     def drain(self) -> None:
         """Process the messages that have arrived."""
         for subscription, use in self._inputs:
-            while (data := take(subscription)) is not None:
-                use(data)
+            while (received := subscription.take()) is not None:
+                use(received.data)
         if time.monotonic() - self._opened > WINDOW_S:
             self.close_window()
 
@@ -102,7 +99,6 @@ class Monitor(Node):
 
 def main(path: str, frame: str) -> int:
     """Monitor until SIGTERM or SIGINT, then write the result to ``path``."""
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     ended = stop_event()
     monitor, announced = Monitor(frame), False
     while not ended.is_set():
@@ -115,7 +111,7 @@ def main(path: str, frame: str) -> int:
     monitor.close_window()
     write_json(Path(path), {'received': monitor.received, 'lost': monitor.lost,
                             'states': monitor.states, 'windows': monitor.windows})
-    rclpy.shutdown()
+    monitor.close()
     return 0
 
 

@@ -136,7 +136,7 @@ def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
 
 def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     diagnosed: list[dict[str, str]] = []
-    bed.client.node.create_subscription(DiagnosticArray, '/diagnostics', lambda message: (
+    bed.client.subscribe(DiagnosticArray, '/diagnostics', lambda message: (
         diagnosed.extend({one.key: one.value for one in status.values}
                          for status in message.status if bed.arm.node in status.name)), 50)
     begun, used = time.monotonic_ns(), _cpu_seconds(bed)

@@ -21,7 +21,6 @@ from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.clients.teacher import Teacher
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import MODULES, NodeTestbed, TAKE_RECORDER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import CUBE_EDGE, PICK, PLACE
@@ -121,11 +120,10 @@ def _start(bed: NodeTestbed, arm: dict[str, Any]) -> None:
 def _pick(bed: NodeTestbed) -> dict[str, Any]:
     grippers: list[GripperState] = []
     cubes: list[np.ndarray] = []
-    node = bed.client.node
-    node.create_subscription(GripperState, 'gripper/state', grippers.append, reliable(100))
-    node.create_subscription(TFMessage, '/tf', lambda message: cubes.extend(
+    bed.client.subscribe(GripperState, 'gripper/state', grippers.append, 100)
+    bed.client.subscribe(TFMessage, '/tf', lambda message: cubes.extend(
         messages.transform_numbers(one.transform) for one in message.transforms
-        if one.child_frame_id == 'cube'), reliable(100))
+        if one.child_frame_id == 'cube'), 100)
     if bed.arm.kind == 'franka':
         bed.children.start_node('franka_gripper', 'gdmp_ros.ros.arm.franka_gripper',
                                 {'host': bed.arm.parameters()['host']})

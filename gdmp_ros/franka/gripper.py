@@ -6,12 +6,13 @@ its own, apart from that of the arm.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import threading
-import time
 from typing import Any
 
 from gdmp_ros.control.gripper import check_command, GripperCommand, GripperState, HELD_M
 from gdmp_ros.franka.robot import FAILURES, RobotStopped
+from gdmp_ros.realtime.loop import Clock, Loop, SystemClock
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 with optional_import(extra('franka')):
@@ -19,27 +20,36 @@ with optional_import(extra('franka')):
 
 #: Largest force of the hand [N].
 STRONGEST = 70.0
-#: Time between two readings of the state [s].
-READ_S = 0.05
-#: Time between two attempts to connect [s].
-AGAIN_S = 1.0
+#: Time between two readings of the state [ns].
+READ_NS = 50_000_000
+#: Time between two attempts to connect [ns].
+AGAIN_NS = 1_000_000_000
+
+
+def opened(host: str) -> Any:
+    """Connect to a hand."""
+    return libfranka.Gripper(host)
 
 
 class FrankaGripper:
     """
-    One hand; a thread of its own talks to it. Any thread may use it.
+    One hand; a loop of its own talks to it. Any thread may use it.
 
     A hand that does not answer is reported in the state, and looked for until it does.
     """
 
-    def __init__(self, host: str, homing: bool = False):
+    def __init__(self, host: str, homing: bool = False, clock: Clock | None = None,
+                 opened: Callable[[str], Any] = opened):
         """
         Connect.
 
         :param homing: find the ends of the travel first: the fingers move
+        :param clock: by default that of the system
+        :param opened: connects to a hand
         :raises RobotStopped: if the hand does not answer
         """
-        self._host, self._homing = host, homing
+        self._host, self._homing, self._opened = host, homing, opened
+        self._clock = clock or SystemClock()
         self._next: tuple[GripperCommand, int] | None = None
         self._lock = threading.Lock()
         self._commands = 0
@@ -51,9 +61,7 @@ class FrankaGripper:
             self._connect()
         except FAILURES as error:
             raise RobotStopped(f'{host}: the hand does not answer: {error}', False) from None
-        self._open = True
-        self._thread = threading.Thread(target=self._run, name='gripper', daemon=True)
-        self._thread.start()
+        self._running = self._clock.start(self._talk())
 
     @property
     def state(self) -> GripperState:
@@ -73,30 +81,30 @@ class FrankaGripper:
 
     def close(self) -> None:
         """Disconnect; the hand stays as it is."""
-        self._open = False
-        self._thread.join()
+        self._running.end()
         self._hand = None
 
     def _connect(self) -> None:
-        self._hand = libfranka.Gripper(self._host)
+        self._hand = self._opened(self._host)
         if self._homing:
             self._hand.homing()
             self._homing = False
         self._read()
 
-    def _run(self) -> None:
-        while self._open:
+    def _talk(self) -> Loop:
+        while True:
+            pause = READ_NS
             try:
                 if self._hand is None:
                     self._connect()
                 self._work()
-                time.sleep(READ_S)
             except FAILURES as error:
                 self._hand, self._problem = None, f'the hand does not answer: {error}'
                 with self._lock:
                     self._next = None
                     self._state = self._state._replace(moving=False, problem=self._problem)
-                time.sleep(AGAIN_S)
+                pause = AGAIN_NS
+            yield self._clock.now() + pause
 
     def _work(self) -> None:
         """Carry out the next command, or read the state."""

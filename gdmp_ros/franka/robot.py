@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
+from gdmp_ros.realtime.loop import Clock, SystemClock
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import pose_of, ToolTransform
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -35,6 +36,22 @@ class RobotStopped(GdmpError):
     def __init__(self, message: str, connected: bool):
         super().__init__(message)
         self.connected = connected
+
+
+def opened(host: str, config: Any) -> Any:
+    """
+    Connect to a robot; libfranka alone would wait for minutes, and keep the interpreter.
+
+    :param config: whether real-time priority is required
+    :raises RobotStopped: if nobody answers
+    """
+    try:
+        socket.create_connection((host, PORT), timeout=ANSWER_S).close()
+    except OSError as error:
+        raise RobotStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
+                           ) from None
+    time.sleep(BETWEEN_CLIENTS_S)
+    return libfranka.Robot(host, config)
 
 
 class Reading(NamedTuple):
@@ -68,13 +85,17 @@ class FrankaRobot:
     :ivar arrived: when the last state arrived, steady time [ns]
     """
 
-    def __init__(self, settings: FrankaSettings):
+    def __init__(self, settings: FrankaSettings, clock: Clock | None = None,
+                 opened: Callable[[str, Any], Any] = opened):
         """
         Connect, and tell the robot its thresholds.
 
+        :param clock: of `arrived`; by default that of the system
+        :param opened: connects to a robot
         :raises RobotStopped: if the robot does not answer
         """
         self._settings, self._explained = settings, _Explained(settings.host, self._end)
+        self._clock, self._opened = clock or SystemClock(), opened
         self.arrived = 0
         self._robot: Any = None
         self._control: Any = None
@@ -121,9 +142,8 @@ class FrankaRobot:
         realtime = libfranka.RealtimeConfig
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
         self._robot = self._control = None
-        _find(settings.host)
         with self._explained:
-            self._robot = libfranka.Robot(settings.host, config)
+            self._robot = self._opened(settings.host, config)
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
             self._robot.set_collision_behavior(torques, torques, wrench, wrench)
             self._model = self._robot.load_model()
@@ -162,7 +182,7 @@ class FrankaRobot:
             else:
                 self._state, duration = self._control.readOnce()
                 elapsed = duration.to_sec()
-        self.arrived = time.monotonic_ns()
+        self.arrived = self._clock.now()
         state, model = self._state, self._model
         # libfranka stores matrices column by column.
         return Reading(
@@ -208,20 +228,6 @@ class FrankaRobot:
         self._control = None
         if not connected:
             self._robot = None
-
-
-def _find(host: str) -> None:
-    """
-    Look whether there is a robot; libfranka would wait for minutes, and keep the interpreter.
-
-    :raises RobotStopped: if nobody answers
-    """
-    try:
-        socket.create_connection((host, PORT), timeout=ANSWER_S).close()
-    except OSError as error:
-        raise RobotStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
-                           ) from None
-    time.sleep(BETWEEN_CLIENTS_S)
 
 
 class _Explained:

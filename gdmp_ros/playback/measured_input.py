@@ -3,13 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import threading
-import time
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.streamed_skill import Kind
+from gdmp_ros.realtime.loop import Clock, NS
 
 #: Reads a measurement: the place and its age [s]; None if there is no new one.
 PlaceSource: TypeAlias = Callable[[], tuple[np.ndarray, float] | None]
@@ -20,26 +20,23 @@ class Measured(NamedTuple):
     A measurement.
 
     :ivar place: pose (x, y, z, qw, qx, qy, qz), positions of the joints, or poses of two tools
-    :ivar arrived: when it arrived (`time.monotonic`) [s]
+    :ivar arrived: when it arrived, steady time [s]
     """
 
     place: np.ndarray
     arrived: float
-
-    @property
-    def age(self) -> float:
-        """Time since it arrived [s]."""
-        return time.monotonic() - self.arrived
 
 
 class MeasuredInput:
     """
     The newest measurement of one kind; any thread may read it.
 
+    :ivar clock: of its age
     :ivar source: where it comes from, for messages
     """
 
-    def __init__(self, read: PlaceSource, source: str, what: str = 'measured pose'):
+    def __init__(self, clock: Clock, read: PlaceSource, source: str,
+                 what: str = 'measured pose'):
         """
         Prepare.
 
@@ -47,7 +44,8 @@ class MeasuredInput:
         :param source: where it comes from, for messages
         :param what: it is, for messages
         """
-        self._read, self.source, self._what = read, source, what
+        self.clock, self.source = clock, source
+        self._read, self._what = read, what
         self._lock = threading.Lock()
         self._newest: Measured | None = None
 
@@ -60,8 +58,12 @@ class MeasuredInput:
         with self._lock:
             read = self._read()
             if read is not None:
-                self._newest = Measured(read[0], time.monotonic() - read[1])
+                self._newest = Measured(read[0], self.clock.now() / NS - read[1])
             return self._newest
+
+    def age(self, measured: Measured) -> float:
+        """Time since a measurement arrived [s]."""
+        return self.clock.now() / NS - measured.arrived
 
     def recent(self, oldest: float) -> np.ndarray:
         """
@@ -74,9 +76,10 @@ class MeasuredInput:
         if measured is None:
             raise ParameterError(f'no {self._what} has arrived on {self.source} (with '
                                  'start_from: skill none is needed)')
-        if measured.age > oldest:
-            raise ParameterError(f'the last {self._what} on {self.source} is {measured.age:.2f} '
-                                 f's old, expected at most {oldest:g} s')
+        age = self.age(measured)
+        if age > oldest:
+            raise ParameterError(f'the last {self._what} on {self.source} is {age:.2f} s old, '
+                                 f'expected at most {oldest:g} s')
         return measured.place
 
 
@@ -92,12 +95,17 @@ def pair_of(first: MeasuredInput, second: MeasuredInput) -> MeasuredInput:
             return None
         used = newest
         return (np.concatenate([newest[0].place, newest[1].place]),
-                max(newest[0].age, newest[1].age))
-    return MeasuredInput(read, f'{first.source} and {second.source}', 'measured pose of both arms')
+                max(first.age(newest[0]), second.age(newest[1])))
+    return MeasuredInput(first.clock, read, f'{first.source} and {second.source}',
+                         'measured pose of both arms')
 
 
 class MeasuredInputs:
-    """Where the robot is, for every kind of skill."""
+    """
+    Where the robot is, for every kind of skill.
+
+    :ivar clock: of all of them
+    """
 
     def __init__(self, tool: MeasuredInput, joints: MeasuredInput | None = None,
                  second_tool: MeasuredInput | None = None):
@@ -107,8 +115,9 @@ class MeasuredInputs:
         :param joints: for skills of the joints
         :param second_tool: for skills of two arms
         """
+        self.clock = tool.clock
         self._inputs = {Kind.TOOL: tool, Kind.JOINTS: joints or MeasuredInput(
-            lambda: None, 'no topic', 'positions of the joints')}
+            tool.clock, lambda: None, 'no topic', 'positions of the joints')}
         if second_tool is not None:
             self._inputs[Kind.TWO_TOOLS] = pair_of(tool, second_tool)
         self._second = second_tool

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-import time
 from typing import Any
 
 import numpy as np
@@ -29,12 +28,13 @@ from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed import streamed
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
-from gdmp_ros.realtime.loop import RunningLoop
+from gdmp_ros.realtime.loop import NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 
-NS = 1_000_000_000
 #: Ticks between two readings of where the robot is.
 READ_EVERY = 50
+#: Time between two looks at a motion that is to stop [ns].
+LOOK_NS = 5_000_000
 
 
 class Streamer:
@@ -65,7 +65,7 @@ class Streamer:
         """
         Prepare to stream.
 
-        :param inputs: where the robot is
+        :param inputs: where the robot is; their clock is that of the streamer
         :param gripper: for skills with commands for a gripper
         :param second_base: see `GoalCheck`
         """
@@ -241,9 +241,10 @@ class Streamer:
         if player is None or player.status in (Status.IDLE, Status.HOLDING):
             return
         player.stop()
-        latest = time.monotonic() + 2.0 / player.speed_rate + 1.0
-        while player.status is Status.STOPPING and time.monotonic() < latest:
-            time.sleep(0.005)
+        clock = self._inputs.clock
+        latest = clock.now() + round((2.0 / player.speed_rate + 1.0) * NS)
+        while player.status is Status.STOPPING and clock.now() < latest:
+            clock.sleep_until(clock.now() + LOOK_NS)
 
     def tick(self, now_ns: int, longest_s: float) -> np.ndarray | None:
         """
@@ -277,8 +278,10 @@ class Streamer:
         idle = player.status is Status.IDLE
         skill = player.tool if idle else player.playing
         self.robot.measure_by(skill.kind, skill.distance)
-        measured = self._inputs.of(skill.kind).newest()
-        known = measured is not None and measured.age <= self.settings.measured_pose_age
+        source = self._inputs.of(skill.kind)
+        measured = source.newest()
+        known = (measured is not None
+                 and source.age(measured) <= self.settings.measured_pose_age)
         reference = player.place
         if reference is not None:
             self.robot.update(self.time, measured.place if measured is not None and known else

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import sys
 
-from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.realtime.loop import periodic, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.util.signals import stop_event
 
@@ -12,8 +12,8 @@ PERIOD_NS = 1_000_000
 
 def main(path: str, capacity: str = '131072') -> int:
     """Run until SIGTERM or SIGINT, then write deadline and lateness of the ticks to ``path``."""
-    recorder = LatenessRecorder(PERIOD_NS, int(capacity))
-    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), stop_event().is_set)
+    recorder, clock = LatenessRecorder(PERIOD_NS, int(capacity)), SystemClock()
+    run(periodic(recorder.add, PERIOD_NS, clock), clock, stop_event().is_set)
     recorder.save(path)
     return 0
 

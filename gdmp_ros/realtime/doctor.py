@@ -11,11 +11,10 @@ import resource
 import shutil
 import sys
 import threading
-import time
 from typing import NamedTuple
 
 from gdmp_ros.kernels import is_warm
-from gdmp_ros.realtime.loop import MonotonicClock, run_periodic
+from gdmp_ros.realtime.loop import NS, periodic, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.util.dds_network import default_environment, RANGE, REACH, TRANSPORT
 
@@ -189,9 +188,9 @@ def _kernels() -> Finding:
 
 
 def _lateness(seconds: float) -> Finding:
-    recorder = LatenessRecorder(PERIOD_NS)
-    ends = time.monotonic() + seconds
-    run_periodic(recorder.add, PERIOD_NS, MonotonicClock(), lambda: time.monotonic() > ends)
+    recorder, clock = LatenessRecorder(PERIOD_NS), SystemClock()
+    ends = clock.now() + round(seconds * NS)
+    run(periodic(recorder.add, PERIOD_NS, clock), clock, lambda: clock.now() > ends)
     figures = recorder.punctuality(round(1000 * seconds))
     found = (f'{figures.rate_hz:.1f} Hz, lateness p50 {figures.p50_us:.0f}, p99 '
              f'{figures.p99_us:.0f}, largest {figures.max_us:.0f} µs, {figures.missed} missed')

@@ -1,15 +1,16 @@
-"""A periodic loop on absolute deadlines, and the thread it runs in."""
+"""Clocks, periodic loops on absolute deadlines, and the thread that a loop runs in."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 import gc
 import os
 import sys
 import threading
 import time
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
+NS = 1_000_000_000
 #: How often Python may switch threads while a loop runs [s]; the default of 5 ms is five ticks.
 SWITCH_INTERVAL_S = 1e-4
 #: Default SCHED_FIFO priority (1 … 99; threaded interrupts run at 50).
@@ -17,19 +18,13 @@ DEFAULT_PRIORITY = 40
 #: Priority of `raised_priority`: above all normal threads, not above any loop.
 RAISED_PRIORITY = 1
 
-
-class Clock(Protocol):
-    """Source of time of a loop."""
-
-    def now(self) -> int:
-        """Present time [ns]."""
-
-    def sleep_until(self, deadline_ns: int) -> None:
-        """Return at ``deadline_ns`` or a little later."""
+#: Yields the time at which it is to be resumed [ns], again and again; a time that has passed means
+#: as soon as possible.
+Loop: TypeAlias = Generator[int, None, None]
 
 
 class RunningLoop(Protocol):
-    """A loop that runs in a thread of its own."""
+    """A loop that a clock runs."""
 
     @property
     def failure(self) -> BaseException | None:
@@ -39,16 +34,45 @@ class RunningLoop(Protocol):
     def scheduler(self) -> str:
         """``fifo`` or ``other``."""
 
-    def leave(self) -> None:
-        """End it; no step is made after the return."""
+    def end(self) -> None:
+        """End it where it yields; nothing of it runs after the return."""
 
 
-class MonotonicClock:
-    """The machine's monotonic clock."""
+class Clock(Protocol):
+    """
+    Source of time, and what waits for it.
+
+    Nodes have one clock: that of the system, or one that a test steps.
+    """
 
     def now(self) -> int:
-        """Present time [ns]."""
+        """Steady time, for intervals and deadlines [ns]."""
+
+    def wall(self) -> int:
+        """Time of day, for stamps [ns since 1970]."""
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        """Return at the steady time ``deadline_ns`` or a little later."""
+
+    def start(self, loop: Loop, priority: int | None = None) -> RunningLoop:
+        """
+        Run a loop beside the caller.
+
+        :param priority: SCHED_FIFO priority 1 … 99; 0: normal; -1: `DEFAULT_PRIORITY` if granted;
+            None: the loop has no deadlines that matter
+        """
+
+
+class SystemClock:
+    """The machine's clocks; a loop runs in a thread of its own."""
+
+    def now(self) -> int:
+        """Steady time [ns]."""
         return time.monotonic_ns()
+
+    def wall(self) -> int:
+        """Time of day [ns since 1970]."""
+        return time.time_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Sleep until the deadline; return at once if it has passed."""
@@ -56,30 +80,43 @@ class MonotonicClock:
         if left > 0:
             time.sleep(left * 1e-9)
 
+    def start(self, loop: Loop, priority: int | None = None) -> LoopThread:
+        """Run a loop in a thread of its own; see `Clock.start`."""
+        thread = LoopThread(loop, self, priority)
+        thread.start()
+        return thread
 
-def run_periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock,
-                 stop: Callable[[], bool]) -> int:
+
+def thread_cpu_ns() -> int:
+    """CPU time of the calling thread [ns]."""
+    return time.thread_time_ns()
+
+
+def periodic(step: Callable[[int, int], None], period_ns: int, clock: Clock) -> Loop:
     """
-    Call ``step(deadline_ns, now_ns)`` on a fixed time grid until ``stop()``.
+    Call ``step(deadline_ns, now_ns)`` on a fixed time grid.
 
     The grid is absolute, so delays do not accumulate. After an overrun the missed ticks are
     skipped: ``step`` integrates over the time between the deadlines it is given.
-
-    :returns: number of missed deadlines
     """
-    missed = 0
     deadline = clock.now() + period_ns
-    while not stop():
-        clock.sleep_until(deadline)
+    while True:
+        yield deadline
         step(deadline, clock.now())
         late = (clock.now() - deadline) // period_ns
-        if late > 0:
-            missed += late
         deadline += (max(late, 0) + 1) * period_ns
-    return missed
 
 
-_real_time_threads: set[RealtimeThread] = set()
+def run(loop: Loop, clock: Clock, stop: Callable[[], bool]) -> None:
+    """Run a loop in the calling thread until ``stop()``."""
+    for deadline in loop:
+        if stop():
+            loop.close()
+            return
+        clock.sleep_until(deadline)
+
+
+_real_time_threads: set[LoopThread] = set()
 
 
 @contextmanager
@@ -102,43 +139,49 @@ def raised_priority() -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-class RealtimeThread:
+class LoopThread:
     """
-    A thread for a periodic loop: real-time priority if granted, no garbage collection.
+    A thread for a loop.
+
+    Where deadlines matter it has real-time priority if granted, and no garbage collection.
 
     :ivar scheduler: ``fifo`` or ``other``, as soon as the thread runs
-    :ivar failure: exception that ended the thread
+    :ivar failure: exception that ended the loop
     """
 
-    def __init__(self, target: Callable[[], None], priority: int = -1):
-        """
-        Prepare the thread.
-
-        :param priority: SCHED_FIFO priority 1 … 99; 0: normal; -1: `DEFAULT_PRIORITY` if granted
-        """
+    def __init__(self, loop: Loop, clock: Clock, priority: int | None = None):
+        """Prepare the thread; see `Clock.start`."""
         self.scheduler = 'other'
         self.failure: BaseException | None = None
-        self._target = target
-        self._priority = DEFAULT_PRIORITY if priority < 0 else priority
-        self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='realtime', daemon=True)
+        self._loop, self._clock = loop, clock
+        self._in_time = priority is not None
+        self._priority = DEFAULT_PRIORITY if priority == -1 else priority or 0
+        self._ready, self._ending = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name='loop', daemon=True)
 
     def start(self) -> None:
         """Start the thread and wait until its priority is known."""
-        self._switch_interval = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+        if self._in_time:
+            self._switch_interval = sys.getswitchinterval()
+            sys.setswitchinterval(SWITCH_INTERVAL_S)
+            gc.collect()
+            gc.freeze()
+            gc.disable()
         self._thread.start()
         self._ready.wait()
 
+    def end(self) -> None:
+        """End the loop where it yields, then enable the garbage collector again."""
+        self._ending.set()
+        self.join()
+
     def join(self) -> None:
-        """Wait for the end of the loop, then enable the garbage collector again."""
+        """Wait until the loop ends by itself, then enable the garbage collector again."""
         self._thread.join()
-        sys.setswitchinterval(self._switch_interval)
-        gc.enable()
-        gc.unfreeze()
+        if self._in_time:
+            sys.setswitchinterval(self._switch_interval)
+            gc.enable()
+            gc.unfreeze()
 
     def _run(self) -> None:
         if self._priority > 0:
@@ -151,7 +194,7 @@ class RealtimeThread:
                 self.scheduler = 'other'
         self._ready.set()
         try:
-            self._target()
+            run(self._loop, self._clock, self._ending.is_set)
         except BaseException as error:
             self.failure = error
         finally:

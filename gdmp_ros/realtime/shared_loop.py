@@ -1,23 +1,23 @@
-"""One real-time thread for several periodic tasks: one process for several robots."""
+"""One real-time loop for several periodic tasks: one process for several robots."""
 from __future__ import annotations
 
 from collections.abc import Callable
 import threading
 
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.loop import Clock, periodic
 
 Step = Callable[[int, int], None]
 
 
 class Member:
     """
-    A task in a shared loop.
+    A task in a shared loop; see `gdmp_ros.realtime.loop.RunningLoop`.
 
     :ivar step: called periodically
     :ivar failure: exception that ended the task, None while it runs; other tasks continue
     """
 
-    def __init__(self, loop: _Loop, step: Step):
+    def __init__(self, loop: _SharedLoop, step: Step):
         self.failure: BaseException | None = None
         self.step = step
         self._loop = loop
@@ -25,20 +25,18 @@ class Member:
     @property
     def scheduler(self) -> str:
         """``fifo`` or ``other``."""
-        return self._loop.thread.scheduler
+        return self._loop.running.scheduler
 
-    def leave(self) -> None:
+    def end(self) -> None:
         """End the task; it does not run any more after the return."""
         _leave(self._loop, self)
 
 
-class _Loop:
-    def __init__(self, period_ns: int, priority: int):
+class _SharedLoop:
+    def __init__(self, clock: Clock, period_ns: int, priority: int):
         self.members: tuple[Member, ...] = ()
         self.stepping = threading.Lock()
-        self.thread = RealtimeThread(
-            lambda: _ignore(run_periodic(self._step, period_ns, MonotonicClock(),
-                                         lambda: not self.members)), priority)
+        self.running = clock.start(periodic(self._step, period_ns, clock), priority)
 
     def _step(self, deadline_ns: int, now_ns: int) -> None:
         with self.stepping:
@@ -50,29 +48,27 @@ class _Loop:
                         member.failure = error
 
 
-_loops: dict[tuple[int, int], _Loop] = {}
+_loops: dict[tuple[Clock, int, int], _SharedLoop] = {}
 _changing = threading.Lock()
 
 
-def join(period_ns: int, priority: int, step: Step) -> Member:
+def join(clock: Clock, period_ns: int, priority: int, step: Step) -> Member:
     """
-    Call ``step(deadline_ns, now_ns)`` periodically; equal period and priority share a thread.
+    Call ``step(deadline_ns, now_ns)`` periodically; equal period and priority share a loop.
 
-    :param priority: see `RealtimeThread`
+    :param priority: see `Clock.start`
     """
+    key = clock, period_ns, priority
     with _changing:
-        loop = _loops.get((period_ns, priority))
-        new = loop is None
+        loop = _loops.get(key)
         if loop is None:
-            loop = _loops[period_ns, priority] = _Loop(period_ns, priority)
+            loop = _loops[key] = _SharedLoop(*key)
         member = Member(loop, step)
         loop.members = (*loop.members, member)
-        if new:
-            loop.thread.start()
         return member
 
 
-def _leave(loop: _Loop, member: Member) -> None:
+def _leave(loop: _SharedLoop, member: Member) -> None:
     with _changing:
         with loop.stepping:
             loop.members = tuple(one for one in loop.members if one is not member)
@@ -80,8 +76,4 @@ def _leave(loop: _Loop, member: Member) -> None:
             return
         for key in [key for key, one in _loops.items() if one is loop]:
             del _loops[key]
-        loop.thread.join()
-
-
-def _ignore(missed: int) -> None:
-    """Drop the result: each task counts its missed deadlines itself."""
+        loop.running.end()

@@ -16,8 +16,7 @@ from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.ros.frame_tree import FrameError, Frames, FrameTree, NS, Transform
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import checked_numbers, set_transform, transform_numbers
-from gdmp_ros.ros.polling import take
-from gdmp_ros.ros.serialized import deserialized
+from gdmp_ros.ros.middleware import deserialized
 
 try:
     import tf2_py
@@ -73,8 +72,7 @@ class BaseFrame:
         self.name = name
         self._frames, self._wanted = new_frames(), False
         self._lock = threading.Lock()
-        self._inputs = [(node.add_subscription(TFMessage, topic, None, DEPTH, raw=True,
-                                               latched=fixed), fixed)
+        self._inputs = [(node.add_subscription(TFMessage, topic, None, DEPTH, late=fixed), fixed)
                         for topic, fixed in (('/tf', False), ('/tf_static', True))]
         self._unread: deque[tuple[bytes, bool]] = deque()
         node.add_report(self._listen)
@@ -141,8 +139,8 @@ class BaseFrame:
     def _collect(self) -> None:
         """Take the messages that have come, without reading them."""
         for subscription, fixed in self._inputs:
-            while (data := take(subscription)) is not None:
-                self._unread.append((data, fixed))
+            while (received := subscription.take()) is not None:
+                self._unread.append((received.data, fixed))
         while not self._wanted and len(self._unread) > DEPTH:
             self._drop_oldest()
 

@@ -1,16 +1,15 @@
 """Topics and action of a gripper, whatever it is: ``gripper/command``, ``/state``, ``/move``."""
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from gdmp_msgs.action import MoveGripper
 from gdmp_msgs.msg import GripperCommand as CommandMessage
 from gdmp_msgs.msg import GripperState as StateMessage
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED, Gripper, GripperCommand, GripperState
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode
 
 COMMAND, STATE, MOVE = 'gripper/command', 'gripper/state', 'gripper/move'
@@ -44,13 +43,7 @@ class GripperInterface:
         self._state_out = node.add_publisher(StateMessage, STATE, 10)
         node.add_subscription(CommandMessage, COMMAND, self._on_command, 10)
         node.add_report(self._report)
-        self._action = ActionServer(node, MoveGripper, MOVE, self._execute,
-                                    goal_callback=lambda _: GoalResponse.ACCEPT,
-                                    cancel_callback=lambda _: CancelResponse.REJECT)
-
-    def destroy(self) -> None:
-        """Destroy the action server; the rest belongs to the node."""
-        self._action.destroy()
+        node.add_action(MoveGripper, MOVE, self._execute, accept=lambda _: True, cancel=False)
 
     def _on_command(self, message: CommandMessage) -> None:
         try:
@@ -64,7 +57,7 @@ class GripperInterface:
         message = StateMessage(width=state.width, widest=state.widest, moving=state.moving,
                                holding=state.holding, commands=state.commands,
                                problem=state.problem)
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self._node.stamp()
         self._state_out.publish(message)
 
     async def _execute(self, handle: Any) -> MoveGripper.Result:
@@ -75,7 +68,8 @@ class GripperInterface:
             handle.abort()
             result.message = str(error)
             return result
-        ends = time.monotonic() + LONGEST_S
+        clock = self._node.clock
+        ends = clock.now() / NS + LONGEST_S
 
         def done() -> bool:
             state = self._gripper.state
@@ -86,7 +80,7 @@ class GripperInterface:
         result.width, result.holding = state.width, state.holding
         if state.commands > number:
             result.message = 'a newer command replaced it'
-        elif state.moving or time.monotonic() > ends:
+        elif state.moving or clock.now() / NS > ends:
             result.message = f'not done within {LONGEST_S:g} s'
         elif command.force and not state.holding:
             result.message = state.problem or 'there is nothing between the fingers'

@@ -1,49 +1,31 @@
-"""Base of all nodes: lifecycle with logged failures, autostart, QoS."""
+"""Base of all nodes: lifecycle with logged failures, autostart, what a node offers and uses."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 import math
-import time
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock, ClockType
+from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.polling import PolledGroup
+from gdmp_ros.realtime.loop import NS
+from gdmp_ros.ros.dds import answered_transitions, current
+from gdmp_ros.ros.messages import stamp_of
+from gdmp_ros.ros.middleware import (
+    latched,
+    Participant,
+    Publisher,
+    reliable,
+    ServiceClient,
+    Subscription,
+)
 from gdmp_ros.util.compile_progress import compilation_reported
 
-#: History for topics of which every message must arrive. Under load a history of 10 loses 14 %.
-DEEP = 2000
-#: History of /clock: each message is a tick.
-CLOCK_DEPTH = 200
-#: A node that publishes, and whose name is not discovered yet.
-ANOTHER_NODE, _NAMELESS = 'another node', '_NODE_NAME_UNKNOWN_'
 #: Time between two reports of a node, and without one the node counts as silent [s].
 REPORT_S, SILENT_S = 0.1, 1.0
-
-
-def reliable(depth: int) -> QoSProfile:
-    """Reliable, volatile, keep last ``depth``."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth,
-                      reliability=ReliabilityPolicy.RELIABLE,
-                      durability=DurabilityPolicy.VOLATILE)
-
-
-OVERRIDABLE = QoSOverridingOptions.with_default_policies
-
-
-def publishers_of(node: Node, topic: str) -> list[str]:
-    """Names of the discovered nodes that publish a topic, or `ANOTHER_NODE`."""
-    return sorted(ANOTHER_NODE if one.node_name == _NAMELESS
-                  else f'{one.node_namespace.rstrip("/")}/{one.node_name}'
-                  for one in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)))
 
 
 class ManagedNode(LifecycleNode):
@@ -52,24 +34,19 @@ class ManagedNode(LifecycleNode):
 
     Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise an
     exception on failure.
+
+    :ivar participant: what the node offers and uses goes through it
+    :ivar clock: of the node, and of everything that it uses
     """
 
     def __init__(self, name: str, namespace: str = ''):
-        self._owned: list[tuple[Callable[[Any], Any], Any]] = []
+        self._made: list[object] = []
         self._reports: list[Callable[[], None]] = []
-        super().__init__(name, namespace=namespace or None)
-        change = self._service_change_state
-        change.callback = partial(self._change_state, change.callback)
-
-    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, reply: Any) -> Any:
-        """Change the state; rclpy does not answer a transition that is not possible now."""
-        try:
-            return change(request, reply)
-        except RuntimeError as error:  # of rcl
-            known = request.transition.label or request.transition.id
-            self.get_logger().warning(f'transition {known}: not possible in this state: {error}')
-            reply.success = False
-            return reply
+        middleware = current()
+        self.participant: Participant = middleware.join(self)
+        self.clock = self.participant.clock
+        super().__init__(name, namespace=namespace or None, **middleware.options())
+        answered_transitions(self)
 
     def configure(self) -> None:
         """Create everything; after an exception the node stays unconfigured."""
@@ -83,52 +60,58 @@ class ManagedNode(LifecycleNode):
     def cleanup(self) -> None:
         """Destroy everything."""
 
-    def add_publisher(self, kind: Any, topic: str, depth: int, latched: bool = False) -> Any:
+    def add_publisher(self, kind: Any, topic: str, depth: int, late: bool = False) -> Publisher:
         """
         Reliable publisher; `release` destroys it. Its QoS can be overridden.
 
-        :param latched: late subscribers get the last messages too (transient local)
+        :param late: late subscribers get the last messages too (transient local)
         """
-        quality = reliable(depth)
-        if latched:
-            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        made = self.create_publisher(kind, topic, quality, qos_overriding_options=OVERRIDABLE())
-        self._owned.append((self.destroy_publisher, made))
-        return made
+        return self._own(self.participant.publisher(
+            kind, topic, latched(depth) if late else reliable(depth)))
 
     def add_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None] | None,
-                         depth: int = 1, raw: bool = False, latched: bool = False) -> Any:
+                         depth: int = 1, late: bool = False) -> Subscription:
         """
-        Reliable subscription; without a callback it is polled (`gdmp_ros.ros.polling`).
+        Reliable subscription; without a callback, messages are taken from it.
 
-        :param raw: receive serialised messages
-        :param latched: receive the last messages from before too (transient local)
+        :param late: receive the last messages from before too (transient local)
         """
-        quality = reliable(depth)
-        if latched:
-            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        made = self.create_subscription(
-            kind, topic, callback or (lambda _: None), quality,
-            callback_group=None if callback else PolledGroup(),
-            qos_overriding_options=OVERRIDABLE(), raw=raw)
-        self._owned.append((self.destroy_subscription, made))
-        return made
+        return self._own(self.participant.subscription(
+            kind, topic, latched(depth) if late else reliable(depth), callback))
 
     def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
-                    group: CallbackGroup | None = None) -> None:
-        """Service ``~/name``."""
-        made = self.create_service(kind, f'~/{name}', callback, callback_group=group)
-        self._owned.append((self.destroy_service, made))
+                    concurrent: bool = False) -> None:
+        """
+        Service ``~/name``.
 
-    def add_client(self, kind: Any, name: str) -> Any:
+        :param concurrent: others are called while it awaits something
+        """
+        self._own(self.participant.service(kind, f'~/{name}', callback, concurrent))
+
+    def add_client(self, kind: Any, name: str) -> ServiceClient:
         """Client of a service; `release` destroys it."""
-        made = self.create_client(kind, name)
-        self._owned.append((self.destroy_client, made))
-        return made
+        return self._own(self.participant.client(kind, name))
+
+    def add_action(self, kind: Any, name: str, execute: Callable[[Any], Any],
+                   accept: Callable[[Any], bool], cancel: bool) -> None:
+        """
+        Action; see `Participant.action`.
+
+        :param cancel: whether its goals may be cancelled
+        """
+        self._own(self.participant.action(kind, name, execute, accept, lambda: cancel))
+
+    def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call ``callback`` periodically, until `release`."""
+        self._own(self.participant.timer(period_s, callback))
 
     def add_report(self, callback: Callable[[], None]) -> None:
         """Call ``callback`` ten times a second (by `gdmp_ros.ros.running`), until `release`."""
         self._reports.append(callback)
+
+    def _own(self, made: Any) -> Any:
+        self._made.append(made)
+        return made
 
     def report(self) -> None:
         """Call what `add_report` added."""
@@ -138,9 +121,45 @@ class ManagedNode(LifecycleNode):
     def release(self) -> None:
         """Destroy everything that was added."""
         self._reports.clear()
-        for destroy, entity in self._owned:
-            destroy(entity)
-        self._owned.clear()
+        for made in self._made:
+            self.participant.destroy(made)
+        self._made.clear()
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], None],
+                            qos_profile: Any, **options: Any) -> Any:
+        """Create a subscription; that of rclpy itself to /clock goes through `participant`."""
+        if msg_type is ClockMessage and 'raw' not in options:
+            return self.subscribe_clock(topic, callback, qos_profile)
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+
+    def subscribe_clock(self, topic: str, callback: Callable[[Any], None], quality: Any
+                        ) -> Subscription:
+        """
+        Subscribe to simulated time.
+
+        :param callback: sets the time of the node
+        """
+        return self.participant.subscription(ClockMessage, topic, quality, callback)
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """Destroy a subscription; rclpy ends that to /clock."""
+        if isinstance(subscription, Subscription):
+            self.participant.destroy(subscription)
+            return True
+        return bool(super().destroy_subscription(subscription))
+
+    def get_logger(self) -> Any:
+        """Where the node logs."""
+        return self.participant.logger or super().get_logger()
+
+    def time_ns(self) -> int:
+        """Time of stamps: simulated time if it is used, otherwise wall time [ns]."""
+        ros: Any = self.get_clock()
+        return int(ros.now().nanoseconds) if ros.ros_time_is_active else self.clock.wall()
+
+    def stamp(self) -> Time:
+        """`time_ns` as a message."""
+        return stamp_of(self.time_ns())
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         with compilation_reported(self.get_logger().info):
@@ -191,31 +210,23 @@ class ManagedNode(LifecycleNode):
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
-    def wall_timer(self, period_s: float, callback: Callable[[], None]) -> Any:
-        """Timer on the steady clock: simulated time may stand still."""
-        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
     def future(self) -> Future:
         """A future that a callback may await."""
-        made: Future = Future(executor=self.executor)
-        # The executor resumes coroutines when it wakes up; only a future with a callback wakes it.
-        made.add_done_callback(lambda _: None)
-        return made
+        return self.participant.future()
 
     async def wait_until(self, condition: Callable[[], bool], period_s: float = 0.1,
                          timeout_s: float = math.inf) -> None:
-        """Let the executor work until a condition holds, or the time is over."""
-        done = self.future()
-        latest = time.monotonic() + timeout_s
+        """Let other callbacks run until a condition holds, or the time is over."""
+        done, clock = self.future(), self.clock
+        latest = clock.now() / NS + timeout_s
 
         def check() -> None:
-            if condition() or time.monotonic() > latest:
-                timer.cancel()
+            if not done.done() and (condition() or clock.now() / NS > latest):
                 done.set_result(True)
 
-        timer = self.wall_timer(period_s, check)
+        timer = self.participant.timer(period_s, check)
         await done
-        self.destroy_timer(timer)
+        self.participant.destroy(timer)
 
     def log_scheduler(self, scheduler: str) -> None:
         """Log whether the loop has real-time priority."""

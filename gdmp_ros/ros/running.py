@@ -2,23 +2,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import math
 import os
 import signal
 import sys
 import threading
-import time
 
 import rclpy
-from rclpy.executors import (
-    ConditionReachedException,
-    ExternalShutdownException,
-    SingleThreadedExecutor,
-)
 from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import raised_priority
+from gdmp_ros.realtime.loop import NS, periodic, raised_priority
+from gdmp_ros.realtime.loop import run as run_loop
+from gdmp_ros.ros.dds import CallbackExecutor, current
 from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.signals import stop_event
@@ -38,11 +33,9 @@ class _Spinner:
     """
 
     def __init__(self, nodes: Sequence[ManagedNode]):
-        self._nodes = nodes
+        self._nodes, self._clock = nodes, current().clock
         self._busy = threading.Lock()
-        self._executor = SingleThreadedExecutor()
-        for node in nodes:
-            self._executor.add_node(node)
+        self._executor = CallbackExecutor(nodes)
         # The first node has been configured; the thread is to end.
         self._configured, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name='callbacks', daemon=True)
@@ -51,7 +44,9 @@ class _Spinner:
         """Start the nodes, execute callbacks and reports until ``stop``, and take them down."""
         self._thread.start()
         try:
-            self._make_reports(stop)
+            # The thread ends if the context is shut down.
+            run_loop(periodic(lambda *_: self._report(), round(REPORT_S * NS), self._clock),
+                     self._clock, lambda: stop.is_set() or not self._thread.is_alive())
         finally:
             # The thread ends first: the executor cannot be shut down while it waits.
             self._ending.set()
@@ -61,25 +56,17 @@ class _Spinner:
                 print('ended while it was being configured', file=sys.stderr, flush=True)
                 os._exit(0)
             self._thread.join()
-            self._executor.shutdown()
+            self._executor.close()
 
-    def _make_reports(self, stop: threading.Event) -> None:
-        due = time.monotonic()
-        # The thread ends if the context is shut down.
-        while self._thread.is_alive() and not stop.is_set():
-            left = due - time.monotonic()
-            if left > 0.0:
-                time.sleep(left)
-                continue
-            due += max(1, math.ceil(-left / REPORT_S)) * REPORT_S
-            for node in self._nodes:
-                # Not for ever: while nodes are configured, Ctrl-C must be seen.
-                if self._busy.acquire(timeout=REPORT_S):
-                    try:
-                        with raised_priority():
-                            _attempt(node, node.report)
-                    finally:
-                        self._busy.release()
+    def _report(self) -> None:
+        for node in self._nodes:
+            # Not for ever: while nodes are configured, Ctrl-C must be seen.
+            if self._busy.acquire(timeout=REPORT_S):
+                try:
+                    with raised_priority():
+                        _attempt(node, node.report)
+                finally:
+                    self._busy.release()
 
     def _run(self) -> None:
         try:
@@ -90,7 +77,7 @@ class _Spinner:
                     self._configured.set()
             while True:
                 _attempt(self._nodes[0], self._execute_next)
-        except (ConditionReachedException, ExternalShutdownException):
+        except CallbackExecutor.ENDED:
             pass
         finally:
             self._configured.set()
@@ -99,19 +86,16 @@ class _Spinner:
                     node.take_down()
 
     def _execute_next(self) -> None:
-        task, _, _ = self._executor.wait_for_ready_callbacks(None, None, self._ending.is_set)
+        call = self._executor.next(self._ending.is_set)
         with self._busy, raised_priority():
-            task()
-        error = task.exception()
-        if error is not None:
-            raise error
+            call()
 
 
 def _attempt(node: ManagedNode, action: Callable[[], None]) -> None:
     """Run callbacks; an exception does not end the node."""
     try:
         action()
-    except (ConditionReachedException, ExternalShutdownException):
+    except CallbackExecutor.ENDED:
         raise
     except Exception as error:  # rclpy itself fails too, for example on a negative /clock
         node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple, TypeAlias
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.message_numbers import joint_target, reference_target
-from gdmp_ros.errors import DataError
 from gdmp_ros.ros.messages import checked_pose, fill_reference, NS
+from gdmp_ros.ros.middleware import deserialized
 
 #: Serialised data; the name ``bytes`` is a method below.
 Buffer: TypeAlias = bytes
@@ -28,18 +28,6 @@ _HEADER = 4  # bytes of CDR encapsulation; alignment is relative to its end
 _MARK = 1e-200
 _BYTES = (0, 165, 90, 255, 15, 240, 1)  # that an integer is set to, to find it
 _SECONDS, _NANOSECONDS = 0x5AA50F00, 0x3C3CC3C3  # that a stamp is set to, to find it
-
-
-def deserialized(data: Buffer, kind: Any) -> Any:
-    """
-    Read a serialised message.
-
-    :raises DataError: if it is not one of this type
-    """
-    try:
-        return deserialize_message(data, kind)
-    except RuntimeError as error:
-        raise DataError(f'not a {kind.__name__}: {error}') from None
 
 
 class _FrameCheck:

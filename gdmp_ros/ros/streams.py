@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -11,6 +10,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import fill_matrix, fill_pose_stamped, matrix_message
+from gdmp_ros.ros.middleware import Publisher
 from gdmp_ros.ros.serialized import SerializedTemplate
 
 #: Ticks between two checks for subscribers.
@@ -25,18 +25,17 @@ class Stream:
         published, because the topics are volatile
     """
 
-    def __init__(self, publisher: Any, template: SerializedTemplate):
+    def __init__(self, publisher: Publisher, template: SerializedTemplate):
         self._publisher, self._template = publisher, template
         self.has_subscribers = False
 
     def check(self) -> None:
         """Find out whether there are subscribers."""
-        self.has_subscribers = self._publisher.get_subscription_count() > 0
+        self.has_subscribers = self._publisher.subscribers() > 0
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, *integers: int) -> None:
         """Publish; only useful if it `has_subscribers`."""
-        # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
-        self._publisher.handle.publish_raw(self._template.bytes(numbers, stamp_ns, *integers))
+        self._publisher.send(self._template.bytes(numbers, stamp_ns, *integers))
 
 
 def check_subscribers(*streams: Stream) -> None:

@@ -2,21 +2,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures import Future
 from contextlib import suppress
 import queue
 from typing import Any, TypeVar
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.loop import Clock, NS
 
 T = TypeVar('T')
+#: Time between two looks for a result [ns].
+LOOK_NS = 2_000_000
 
 
 class Commands:
     """A queue of commands; nobody or one waits for each."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Future[Any] | None]] = (
             queue.SimpleQueue())
 
@@ -39,11 +42,13 @@ class Commands:
             except GdmpError as error:
                 future.set_exception(error)
         self._waiting.put((carry_out, future))
-        try:
-            return future.result(longest)
-        except (FutureTimeoutError, CancelledError):
-            future.cancel()
-            raise GdmpError(f'waited {longest:g} s for the nodes, without success') from None
+        clock = self._clock
+        ends = clock.now() + round(longest * NS)
+        while not future.done() and clock.now() < ends:
+            clock.sleep_until(clock.now() + LOOK_NS)
+        if future.cancel() or not future.done():
+            raise GdmpError(f'waited {longest:g} s for the nodes, without success')
+        return future.result()
 
     def drop(self) -> None:
         """Forget what has not been carried out."""

@@ -3,10 +3,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import threading
-import time
 from typing import Any
 
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
@@ -23,10 +22,10 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.quaternion import pose_distance
+from gdmp_ros.realtime.loop import Loop
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import followed_motion, problem_of, ServerClient
-from gdmp_ros.ros.lifecycle import reliable, SILENT_S
-from gdmp_ros.ros.polling import PolledGroup, take_latest
+from gdmp_ros.ros.lifecycle import SILENT_S
 from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.robot import RobotView
 
@@ -53,15 +52,13 @@ class NodesRobot:
         """
         self.name = f'{arm}, {server}'
         self._server, self._arm = server, arm
-        self._client = ServerClient(server)
-        node = self._client.node
-        self._robots = node.create_subscription(RobotState, f'{arm}/state', lambda _: None,
-                                                reliable(1), callback_group=PolledGroup())
-        self._hand = node.create_publisher(PoseStamped, f'{arm}/hand_pose', reliable(1))
-        node.create_subscription(RecorderState, f'{RECORDER}/state', self._on_recorder,
-                                 reliable(1))
+        self._closing = False
+        client = self._client = ServerClient(server, self._check_open)
+        self._robots = client.subscribe(RobotState, f'{arm}/state', depth=1)
+        self._hand = client.publisher(PoseStamped, f'{arm}/hand_pose', 1)
+        client.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder, 1)
         # From the beginning, so that the nodes know them when they are called.
-        self._services: dict[str, Any] = {name: node.create_client(kind, name) for name, kind in (
+        self._services = {name: client.participant.client(kind, name) for name, kind in (
             *((f'{server}/{name}', kind) for name, kind in (
                 ('load_skill', LoadSkill), ('set_speed', SetSpeed), ('stop', Trigger),
                 ('pause', SetBool), ('refine_skill', RefineSkill))),
@@ -71,17 +68,15 @@ class NodesRobot:
         self._robot: RobotState | None = None
         self._recorder: RecorderState | None = None
         self._state: ServerState | None = None
-        self._received = {'server': 0.0, 'arm': 0.0}
+        self._received = {'server': -math.inf, 'arm': -math.inf}
         self._problem, self._tempo = '', 1.0
         self._skill: tuple[Skill, str] | None = None
         self._pulled: np.ndarray | None = None
         self._executing = self._guided = self._records = False
         self._homing: Any = None
         self._folder = TemporaryDirectory(prefix='gdmp-studio-')
-        self._commands = Commands()
-        self._ends = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='nodes', daemon=True)
-        self._thread.start()
+        self._commands = Commands(client.clock)
+        self._running = client.clock.start(self._work())
 
     def close(self) -> None:
         """Stop what this studio has begun: a motion, hand guiding, a take."""
@@ -89,14 +84,19 @@ class NodesRobot:
         self._commands.drop()
         with suppress(GdmpError):
             self._commands.ask(self._finish, CLOSING_S)
-        self._ends.set()
-        self._thread.join(CLOSING_S)
+        self._closing = True
+        self._running.end()
         self._client.close()
         self._folder.cleanup()
 
+    def _check_open(self) -> None:
+        """:raises GdmpError: if nothing is to be waited for any more"""
+        if self._closing:
+            raise GdmpError('the connection to the nodes is being closed')
+
     def view(self) -> RobotView | None:
         robot, state = self._robot, self._state
-        now = time.monotonic()
+        now = self._client.now()
         if robot is None or now - self._received['arm'] > SILENT_S:
             return None
         if now - self._received['server'] > SILENT_S:
@@ -198,19 +198,20 @@ class NodesRobot:
             raise ParameterError('no take is being recorded')
         return recorder
 
-    # The thread
+    # The loop
 
-    def _run(self) -> None:
-        while not self._ends.is_set():
+    def _work(self) -> Loop:
+        while True:
             try:
                 self._commands.carry_out()
                 self._client.spend(PERIOD_S)
                 self._read()
             except GdmpError as error:
                 self._problem = str(error)
+            yield 0
 
     def _read(self) -> None:
-        message, now = take_latest(self._robots), time.monotonic()
+        message, now = self._robots.newest_message(), self._client.now()
         if message is not None:
             self._robot, self._received['arm'] = message, now
         if self._client.state is not self._state:

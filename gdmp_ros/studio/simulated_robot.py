@@ -1,10 +1,9 @@
-"""A simulated arm in a thread of this process, with the server's streamer. No ROS."""
+"""A simulated arm in a loop of this process, with the server's streamer. No ROS."""
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-import threading
-import time
+import traceback
 
 import numpy as np
 
@@ -22,7 +21,8 @@ from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamer import NS, Streamer
+from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.hand import Hand
@@ -31,7 +31,7 @@ from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.recorded_take import RecordedTake
 from gdmp_ros.studio.robot import RobotView
 
-#: Ticks are computed in batches, so that the thread wakes 100 times a second [s].
+#: Ticks are computed in batches, so that the loop wakes 100 times a second [s].
 BATCH_S = 0.01
 #: A pause of the computer is not made up for [s].
 LONGEST_S = 0.1
@@ -48,16 +48,22 @@ _RATE_S = 1.0
 class SimulatedRobot:
     """A `gdmp_ros.studio.robot.Robot`: an arm in MuJoCo with its controller, in real time."""
 
-    def __init__(self, model: str = ''):
-        """:raises DataError: if the model cannot be loaded"""
+    def __init__(self, model: str = '', clock: Clock | None = None):
+        """
+        Start the simulation.
+
+        :param clock: by default that of the system
+        :raises DataError: if the model cannot be loaded
+        """
+        self._clock = clock or SystemClock()
         arm = Arm(model)
         self.name = f'simulated {model or "Panda"}'
         self._loop = ClosedLoop(arm)
         self._loop.warm_up(arm.measure(), arm.period)
-        pose = MeasuredInput(lambda: (self._pose.copy(), 0.0), 'the simulation')
-        joints = MeasuredInput(lambda: (self._joints.copy(), 0.0), 'the simulation',
-                               'positions of the joints')
         self._pose, self._joints = arm.measure().pose.copy(), arm.data.qpos.copy()
+        pose = MeasuredInput(self._clock, lambda: (self._pose.copy(), 0.0), 'the simulation')
+        joints = MeasuredInput(self._clock, lambda: (self._joints.copy(), 0.0), 'the simulation',
+                               'positions of the joints')
         self._streamer = Streamer(round(arm.period * NS), MeasuredInputs(pose, joints),
                                   StreamSettings(), PlayerSettings(),
                                   kinematics=Reach(Arm(model)))
@@ -67,14 +73,12 @@ class SimulatedRobot:
         self._problem, self._refused, self._guard_refused, self._tempo = '', 0, 0, 1.0
         self._in_sequence = False
         self._view: RobotView | None = None
-        self._commands = Commands()
-        self._rate, self._ends = 1.0, threading.Event()
-        self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
-        self._thread.start()
+        self._commands = Commands(self._clock)
+        self._rate = 1.0
+        self._running = self._clock.start(self._simulate())
 
     def close(self) -> None:
-        self._ends.set()
-        self._thread.join(5.0)
+        self._running.end()
 
     def view(self) -> RobotView | None:
         view = self._view
@@ -159,15 +163,16 @@ class SimulatedRobot:
     def discard(self) -> None:
         self._take = None
 
-    # The thread
+    # The loop
 
-    def _run(self) -> None:
-        period, due = self._loop.arm.period, time.monotonic()
+    def _simulate(self) -> Loop:
+        period, due = self._loop.arm.period, self._now()
         begun, ticks = due, 0
-        while not self._ends.wait(max(due - time.monotonic(), 0.0)):
+        while True:
+            yield round(due * NS)
             due += BATCH_S
-            if time.monotonic() - due > LONGEST_S:
-                due = time.monotonic()
+            if self._now() - due > LONGEST_S:
+                due = self._now()
             try:
                 self._commands.carry_out()
                 for _ in range(round(BATCH_S / period)):
@@ -177,12 +182,16 @@ class SimulatedRobot:
                 continue
             except Exception:
                 self._view = None  # the page says that the robot is silent
+                traceback.print_exc()
                 raise
             ticks += round(BATCH_S / period)
-            now = time.monotonic()
+            now = self._now()
             if now - begun > _RATE_S:
                 self._rate, begun, ticks = ticks * period / (now - begun), now, 0
             self._view = self._viewed(tick)
+
+    def _now(self) -> float:
+        return self._clock.now() / NS
 
     def _tick(self) -> Tick:
         loop, arm = self._loop, self._loop.arm

@@ -9,7 +9,6 @@ from rosgraph_msgs.msg import Clock
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import Trial
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.util.atomic_write import write_text
 
@@ -18,10 +17,8 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     """/clock jumps forwards and backwards in mid-motion"""
     outcome = Outcome()
     trial.start(arm={'pace': 'fast'}, server={'use_sim_time': True})
-    node = trial.client.node
-    publisher = node.create_publisher(Clock, '/clock', reliable(10))
-    trial.wait('the server to subscribe', lambda: publisher.get_subscription_count() > 0,
-               10.0)
+    publisher = trial.client.publisher(Clock, '/clock')
+    trial.wait('the server to subscribe', lambda: publisher.subscribers() > 0, 10.0)
     trial.client.execute()
     trial.wait_progress(0.2)
     stamp = trial.state.header.stamp

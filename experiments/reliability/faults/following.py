@@ -13,7 +13,6 @@ from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.data.runs import Run
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import ARM, SERVER
 
 #: Largest step of the reference from tick to tick [m].
@@ -80,9 +79,8 @@ def moved_while_inactive(trial: Trial, quick: bool) -> Outcome:
         request = ChangeState.Request()
         request.transition.id = number
         trial.call(ChangeState, f'{SERVER}/change_state', transition=request.transition)
-    node = trial.client.node
-    node.create_subscription(PoseStamped, f'{ARM}/measured_pose', poses.append, reliable(1))
-    hand = node.create_publisher(PoseStamped, f'{ARM}/hand_pose', reliable(1))
+    trial.client.subscribe(PoseStamped, f'{ARM}/measured_pose', poses.append, 1)
+    hand = trial.client.publisher(PoseStamped, f'{ARM}/hand_pose', 1)
     change(Transition.TRANSITION_DEACTIVATE)
     _teach(trial, True)
     trial.wait('the arm', lambda: bool(poses))
@@ -119,10 +117,9 @@ def reference_jumps(trial: Trial, quick: bool) -> Outcome:
     outcome = Outcome()
     states: list[RobotState] = []
     trial.start_arm()
-    node = trial.client.node
-    node.create_subscription(RobotState, f'{ARM}/state', states.append, reliable(1))
-    out = node.create_publisher(Reference, f'/{SERVER}/reference', reliable(10))
-    trial.wait('the arm', lambda: bool(states) and out.get_subscription_count() > 0, 60.0)
+    trial.client.subscribe(RobotState, f'{ARM}/state', states.append, 1)
+    out = trial.client.publisher(Reference, f'/{SERVER}/reference')
+    trial.wait('the arm', lambda: bool(states) and out.subscribers() > 0, 60.0)
     start, message = messages.pose_numbers(states[-1].pose), Reference()
     message.header.frame_id = FRAME
 

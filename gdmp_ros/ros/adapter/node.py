@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import time
 from typing import Any
 
 from gdmp_msgs.msg import Reference
@@ -21,15 +20,15 @@ from gdmp_ros.control.reference_kinds import Whereabouts
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
 from gdmp_ros.data.message_numbers import joint_positions, joint_target, reference_target
-from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.adapter.joint_output import JointTrajectoryOutput
 from gdmp_ros.ros.adapter.output import along_axes, Command, Output
 from gdmp_ros.ros.adapter.parameters import SPECS
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.middleware import deserialized
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.polling import take_latest
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.serialized import PoseReader
 
@@ -50,15 +49,14 @@ class Adapter(ManagedNode):
     def __init__(self) -> None:
         super().__init__('adapter')
         self.parameters = Parameters(self, SPECS)
-        self._thread: RealtimeThread | None = None
-        self._active = False
+        self._loop: RunningLoop | None = None
 
     def configure(self) -> None:
         p = self.parameters
         p.check = self._check
         self._check(p)
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
-        self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None, raw=True)
+        self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None)
         self._poses, self._robot = PoseReader(p.reference_frame), False
         self._ticks, self._streamed = 0, False
         self._names = [name for name in p.joint_names if name]
@@ -87,17 +85,15 @@ class Adapter(ManagedNode):
         p.locked = True
 
     def activate(self) -> None:
-        self._active = True
-        self._thread = RealtimeThread(self._loop, self.parameters.realtime_priority)
-        self._thread.start()
+        self._loop = self.clock.start(periodic(self._tick, PERIOD_NS, self.clock),
+                                      self.parameters.realtime_priority)
         self.get_logger().info(f'converting {self.parameters.reference_topic} to '
                                f'{self.parameters.pose_topic or self.parameters.stiffness}')
 
     def deactivate(self) -> None:
-        self._active = False
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        if self._loop is not None:
+            self._loop.end()
+            self._loop = None
 
     def cleanup(self) -> None:
         self.release()
@@ -115,36 +111,33 @@ class Adapter(ManagedNode):
                                  f'stiffness_parameters, got node {p.stiffness_node!r} and '
                                  f'{len(p.stiffness_parameters)} names')
 
-    def _loop(self) -> None:
-        run_periodic(self._tick, PERIOD_NS, MonotonicClock(), lambda: not self._active)
-
     def _tick(self, deadline_ns: int, now_ns: int) -> None:
         self._ticks += 1
         if self._ticks % READ_EVERY == 0:
             self._read_pose()
         self.guard.target(1e-9 * PERIOD_NS)
-        message = take_latest(self._reference)
-        if message is not None:
+        received = self._reference.newest()
+        if received is not None:
             if not self._streamed:
                 self._streamed = True
                 self.get_logger().info('references arrive')
-            self.convert(message)
+            self.convert(received.data)
 
     def _read_pose(self) -> None:
         try:
-            data = take_latest(self._measured)
-            if data is not None:
-                self._pose_of_robot = self._poses.read(data)
+            received = self._measured.newest()
+            if received is not None:
+                self._pose_of_robot = self._poses.read(received.data)
                 if not self._robot:
                     self.get_logger().info('the pose of the robot is known')
                 self._robot = True
-            state = take_latest(self._joint_states) if self._names else None
+            state = self._joint_states.newest_message() if self._names else None
             if state is not None:
                 known = len(self._posture) > 0
                 self._posture = joint_positions(state, self._names)
                 if not known:
                     self.get_logger().info('the joints of the robot are known')
-            if data is not None or state is not None:
+            if received is not None or state is not None:
                 self.guard.measure(0.0, Whereabouts(self._pose_of_robot, np.zeros(6),
                                                     self._posture, np.zeros(len(self._posture))))
         except GdmpError as error:
@@ -157,9 +150,23 @@ class Adapter(ManagedNode):
                          'converted from wherever it is')
         return reply
 
-    def convert(self, message: Reference) -> None:
-        """Send a reference to the outputs, or refuse it: other controllers do not check it."""
+    def convert(self, data: bytes) -> None:
+        """
+        Send a serialised reference to the outputs, or refuse it.
+
+        Other controllers do not check it.
+        """
         guard, count = self.guard, self.guard.refused
+        try:
+            self._convert(deserialized(data, Reference))
+        except DataError as error:
+            guard.refuse(str(error))
+        if guard.refused > count:
+            self.get_logger().warning(f'reference refused: {guard.last_refusal}',
+                                      throttle_duration_sec=1.0)
+
+    def _convert(self, message: Reference) -> None:
+        guard = self.guard
         if message.joints:
             self._convert_joints(message)
         elif not (self._robot or guard.armed):
@@ -168,9 +175,6 @@ class Adapter(ManagedNode):
                          'measured_pose_topic, or call ~/arm')
         elif guard.offer(reference_target(message), messages.origin_of(message, 0.0)):
             self._send(message)
-        if guard.refused > count:
-            self.get_logger().warning(f'reference refused: {guard.last_refusal}',
-                                      throttle_duration_sec=1.0)
 
     def _convert_joints(self, message: Reference) -> None:
         guard = self.guard
@@ -181,11 +185,11 @@ class Adapter(ManagedNode):
                          f'{self.parameters.measured_joints_topic}: see the parameter '
                          'measured_joints_topic, or call ~/arm')
         elif (guard.offer(joint_target(message), messages.origin_of(message, 0.0))
-              and self._joint_output.due(time.monotonic())):
+              and self._joint_output.due(self.clock.now() / NS)):
             self._joint_output.send(message.joints[0])
 
     def _send(self, message: Reference) -> None:
-        now = time.monotonic()
+        now = self.clock.now() / NS
         due = [output for output in self._outputs if output.due(now)]
         if not due:
             return
@@ -196,8 +200,8 @@ class Adapter(ManagedNode):
             output.send(command)
 
     def _report(self) -> None:
-        if self._thread is not None and self._thread.failure is not None:
-            self.get_logger().error(f'converting failed: {self._thread.failure!r}',
+        if self._loop is not None and self._loop.failure is not None:
+            self.get_logger().error(f'converting failed: {self._loop.failure!r}',
                                     throttle_duration_sec=5.0)
 
     # Outputs
@@ -247,7 +251,7 @@ class Adapter(ManagedNode):
         """Set a stiffness that has changed, one request at a time."""
         if self._pending is not None:
             future, since = self._pending
-            if not future.done() and time.monotonic() - since < REPLY_TIMEOUT_S:
+            if not future.done() and self.clock.now() / NS - since < REPLY_TIMEOUT_S:
                 return
             if not future.done():
                 self._client.remove_pending_request(future)
@@ -267,7 +271,7 @@ class Adapter(ManagedNode):
                    for name, number in zip(self.parameters.stiffness_parameters, numbers)]
         self._last = numbers
         future = self._client.call_async(SetParametersAtomically.Request(parameters=changes))
-        self._pending = (future, time.monotonic())
+        self._pending = (future, self.clock.now() / NS)
         future.add_done_callback(self._on_set)
 
     def _on_set(self, future: Any) -> None:

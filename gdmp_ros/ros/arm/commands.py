@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.ros.messages import NS
-from gdmp_ros.ros.polling import take
+from gdmp_ros.ros.middleware import Subscription
 from gdmp_ros.ros.serialized import ReferenceReader
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.tool import ToolTransform
@@ -34,12 +33,12 @@ class ArmCommands:
     :ivar sequence: number of the reference that is followed, 0 before the first
     """
 
-    def __init__(self, control: ArmControl, frame: str, references: Any):
+    def __init__(self, control: ArmControl, frame: str, references: Subscription):
         """
         Prepare.
 
         :param frame: ``frame_id`` of the references
-        :param references: polled subscription of serialised references (`gdmp_ros.ros.polling`)
+        :param references: without a callback
         """
         self.control = control
         self.sequence = 0
@@ -56,10 +55,10 @@ class ArmCommands:
         """Follow the references that have arrived until now."""
         # All in order: another publisher must not hide the one that is followed.
         for _ in range(MAX_REFERENCES):
-            data = take(self._references)
-            if data is None:
+            received = self._references.take()
+            if received is None:
                 break
-            self.take_reference(data, now_ns)
+            self.take_reference(received.data, now_ns)
 
     def take_reference(self, data: bytes, now_ns: int) -> None:
         """Follow a serialised reference, or refuse it."""

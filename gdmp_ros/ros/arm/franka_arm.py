@@ -1,8 +1,8 @@
 """A Franka Research 3 that follows references under 1 kHz impedance control."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-import time
 from typing import Any
 
 from gdmp_msgs.msg import Reference
@@ -11,16 +11,16 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.loop import CYCLE_S, FrankaLoop
-from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
+from gdmp_ros.franka.robot import FrankaRobot, opened, RobotStopped
 from gdmp_ros.franka.settings import FrankaSettings
-from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import ArmCommands, MAX_REFERENCES
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import FRANKA
 from gdmp_ros.ros.arm.services import ArmServices
-from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
-from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, NS, stamp_of
+from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, stamp_of
+from gdmp_ros.ros.middleware import CLOCK_DEPTH, Subscription
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
@@ -34,26 +34,28 @@ YIELD_SHARE = 0.7
 LONGEST_CYCLE_NS = 3_000_000
 #: Distance between the tool of the model and that of the robot that is worth a warning [m].
 MISPLACED_M = 0.002
-#: Time between two looks at a robot that does not answer [s].
-SILENT_S = 0.05
+#: Time between two looks at a robot that does not answer [ns].
+SILENT_NS = 50_000_000
 
 
 class FrankaArm(ArmNode):
     """The managed node ``franka_arm``."""
 
-    _loop: FrankaLoop | None = None
+    _control: FrankaLoop | None = None
 
-    def __init__(self) -> None:
+    def __init__(self, opened: Callable[[str, Any], Any] = opened) -> None:
+        """:param opened: connects to a robot"""
         super().__init__('franka_arm', FRANKA)
+        self._opened = opened
 
     def configure(self) -> None:
         p = self.parameters
-        robot = FrankaRobot(settings_from(p, FrankaSettings))
+        robot = FrankaRobot(settings_from(p, FrankaSettings), self.clock, self._opened)
         self._model = Arm('fr3')
         settings = self.settings()
         if self.given_payload is not None:
             robot.carry(self.given_payload)
-        loop = self._loop = FrankaLoop(robot, p.rotor_inertia, settings, p.wall_time)
+        loop = self._control = FrankaLoop(robot, p.rotor_inertia, settings, p.wall_time)
         if loop.misplaced > MISPLACED_M:
             self.get_logger().warning(
                 f'the tool of the model is {loop.misplaced:.3f} m from where the robot says: is '
@@ -62,7 +64,7 @@ class FrankaArm(ArmNode):
             loop.put_tool(self.given_tool)
         self.commands = FrankaCommands(
             loop, p.frame_id,
-            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES, raw=True))
+            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES))
         self._clock_out = None
         if p.publish_clock:
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
@@ -78,54 +80,54 @@ class FrankaArm(ArmNode):
         self.lateness, self._work = LatenessRecorder(round(CYCLE_S * NS)), LatenessRecorder(NS)
         self._stamp_ns = self._last_state_ns = self._arrived = 0
         self._cycle_ns = CYCLE_S * NS
-        self.start(RealtimeThread(self._control, self.parameters.realtime_priority))
+        if self._control is not None:
+            self.start(self._cycles(self._control))
 
     def cleanup(self) -> None:
         super().cleanup()
-        if self._loop is not None:
-            self._loop.robot.close()
-            self._loop = None
+        if self._control is not None:
+            self._control.robot.close()
+            self._control = None
 
-    def _control(self) -> None:
-        loop, commands = self._loop, self.commands
-        if loop is None:
-            return
+    def _cycles(self, loop: FrankaLoop) -> Loop:
+        commands, clock = self.commands, self.clock
         commands.requests.append(partial(_begin, loop))
-        worked = time.thread_time_ns()
-        while self.active:
-            commands.carry_out()
-            measured = loop.wait()
-            if measured is None:
-                time.sleep(SILENT_S)
-                continue
-            arrived = loop.robot.arrived
-            stamp = self._stamp(loop)
-            commands.take_references(stamp)
-            tick = loop.answer(measured)
-            self.state_out.publish(tick, stamp, commands.sequence)
-            if self._clock_out is not None:
-                self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
-            robot_ns = round(loop.robot.seconds * NS)
-            self.lateness.add(robot_ns, robot_ns + time.monotonic_ns() - arrived)
-            self._yield(arrived)
-            # All that this thread has computed since the last cycle: reading, too.
-            worked, last = time.thread_time_ns(), worked
-            self._work.add(last, worked)
-        loop.end()
+        worked = thread_cpu_ns()
+        try:
+            while True:
+                commands.carry_out()
+                measured = loop.wait()
+                if measured is None:
+                    yield clock.now() + SILENT_NS
+                    continue
+                arrived = loop.robot.arrived
+                stamp = self._stamp(loop)
+                commands.take_references(stamp)
+                tick = loop.answer(measured)
+                self.state_out.publish(tick, stamp, commands.sequence)
+                if self._clock_out is not None:
+                    self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
+                robot_ns = round(loop.robot.seconds * NS)
+                self.lateness.add(robot_ns, robot_ns + clock.now() - arrived)
+                # Other threads run until shortly before the next state.
+                yield self._next_state(arrived)
+                # All that this thread has computed since the last cycle: reading, too.
+                worked, last = thread_cpu_ns(), worked
+                self._work.add(last, worked)
+        finally:
+            loop.end()
 
-    def _yield(self, arrived: int) -> None:
-        """Let other threads run until shortly before the next state."""
+    def _next_state(self, arrived: int) -> int:
+        """Steady time shortly before the next state is expected [ns]."""
         cycle = min(arrived - self._arrived, LONGEST_CYCLE_NS)
         self._arrived = arrived
         self._cycle_ns += 0.05 * (cycle - self._cycle_ns)
-        rest = arrived + YIELD_SHARE * self._cycle_ns - time.monotonic_ns()
-        if rest > 0.0:
-            time.sleep(1e-9 * rest)
+        return arrived + round(YIELD_SHARE * self._cycle_ns)
 
     def _stamp(self, loop: FrankaLoop) -> int:
         """Time of the present state [ns]: of the robot if it makes the clock, else wall time."""
         if self._clock_out is None:
-            return time.time_ns()
+            return self.clock.wall()
         state_ns = round(loop.robot.seconds * NS)
         passed = state_ns - self._last_state_ns
         self._last_state_ns = state_ns
@@ -136,7 +138,7 @@ class FrankaArm(ArmNode):
     # Reports
 
     def diagnosed(self) -> dict[str, Any]:
-        loop = self._loop
+        loop = self._control
         if loop is None:
             return {}
         work = self._work.punctuality(1000)
@@ -157,7 +159,7 @@ def _begin(loop: FrankaLoop) -> None:
 class FrankaCommands(ArmCommands):
     """What other nodes want of a Franka."""
 
-    def __init__(self, loop: FrankaLoop, frame: str, references: Any):
+    def __init__(self, loop: FrankaLoop, frame: str, references: Subscription):
         super().__init__(loop, frame, references)
         self._loop = loop
 

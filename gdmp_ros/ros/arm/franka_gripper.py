@@ -1,8 +1,11 @@
 """The hand of a Franka: topics and action of a gripper."""
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.franka.gripper import FrankaGripper
+from gdmp_ros.franka.gripper import FrankaGripper, opened
 from gdmp_ros.ros.arm.parameters import GRIPPER
 from gdmp_ros.ros.gripper import GripperInterface
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -14,24 +17,23 @@ class FrankaGripperNode(ManagedNode):
     """The managed node ``franka_gripper``; a process of its own (`gdmp_ros.franka.gripper`)."""
 
     _gripper: FrankaGripper | None = None
-    _interface: GripperInterface | None = None
 
-    def __init__(self) -> None:
+    def __init__(self, opened: Callable[[str], Any] = opened) -> None:
+        """:param opened: connects to a hand"""
         super().__init__('franka_gripper')
+        self._opened = opened
         self.parameters = Parameters(self, GRIPPER)
 
     def configure(self) -> None:
         if not self.parameters.host:
             raise ParameterError('host is empty, expected the address of the robot')
-        self._gripper = FrankaGripper(self.parameters.host, self.parameters.homing)
-        self._interface = GripperInterface(self, self._gripper)
+        self._gripper = FrankaGripper(self.parameters.host, self.parameters.homing, self.clock,
+                                      self._opened)
+        GripperInterface(self, self._gripper)
         self.parameters.locked = True
 
     def cleanup(self) -> None:
         self.release()
-        if self._interface is not None:
-            self._interface.destroy()
-            self._interface = None
         if self._gripper is not None:
             self._gripper.close()
             self._gripper = None

@@ -14,12 +14,12 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.realtime.loop import Loop, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.arm.parameters import controller_settings, payload, RETIRED, tool_transform
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
-from gdmp_ros.ros.lifecycle import ManagedNode, publishers_of
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.sim.arm import Arm
@@ -36,14 +36,14 @@ STATUS = {ArmMode.UNKNOWN: 'starting', ArmMode.HOLD: 'holding', ArmMode.FOLLOW: 
 
 class ArmNode(ManagedNode):
     """
-    A managed node that controls an arm in a thread of its own.
+    A managed node that controls an arm in a loop of its own.
 
-    A subclass sets ``commands`` before it calls `prepare`, starts ``_thread``, and publishes each
-    tick with ``state_out``.
+    A subclass sets ``commands`` before it calls `prepare`, hands its loop to `start`, and
+    publishes each tick with ``state_out``.
     """
 
     commands: ArmCommands
-    _thread: RealtimeThread | None = None
+    _loop: RunningLoop | None = None
 
     def __init__(self, name: str, specs: Sequence[Spec]) -> None:
         super().__init__(name)
@@ -71,7 +71,7 @@ class ArmNode(ManagedNode):
         self.add_subscription(JointState, '~/posture', self._on_posture)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
-        self._description = self.add_publisher(String, 'robot_description', 1, latched=True)
+        self._description = self.add_publisher(String, 'robot_description', 1, late=True)
         self.state_out = StatePublisher(self, p.frame_id, joints,
                                         max(1, round(1.0 / (p.viewer_rate_hz * period))))
         self.describe()
@@ -80,23 +80,22 @@ class ArmNode(ManagedNode):
         p.changed = self.use_parameters
         p.locked = True
 
-    def start(self, thread: RealtimeThread) -> None:
+    def start(self, loop: Loop) -> None:
         """Begin to control."""
         self.active = True
-        self._thread = thread
-        thread.start()
+        running = self._loop = self.clock.start(loop, self.parameters.realtime_priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
         if self.parameters.realtime_priority != 0:
-            self.log_scheduler(thread.scheduler)
+            self.log_scheduler(running.scheduler)
 
     def deactivate(self) -> None:
         if not self.active:
             return
         self.active = False
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        if self._loop is not None:
+            self._loop.end()
+            self._loop = None
         if self.parameters.lateness_file:
             self.lateness.save(self.parameters.lateness_file)
 
@@ -158,7 +157,8 @@ class ArmNode(ManagedNode):
         refused, self._refused = self._refused, guard.refused
         if guard.refused > refused:
             level = DiagnosticStatus.WARN if level == DiagnosticStatus.OK else level
-            publishers = ', '.join(publishers_of(self, self.parameters.reference_topic))
+            publishers = ', '.join(self.participant.publishers(
+                self.parameters.reference_topic))
             self.get_logger().warning(f'reference refused: {guard.last_refusal} (published by '
                                       f'{publishers})', throttle_duration_sec=1.0)
         extra = {'references refused': guard.refused, 'last refusal': guard.last_refusal,
@@ -170,7 +170,7 @@ class ArmNode(ManagedNode):
         self._diagnostics.publish(lateness_diagnostics(
             self.get_name(), level, text, self.lateness.punctuality(1000),
             {**extra, **self.diagnosed()},
-            self.get_clock().now().to_msg()))
+            self.stamp()))
 
     def _publish_status(self) -> None:
         controller = self.commands.control.controller
@@ -178,7 +178,7 @@ class ArmNode(ManagedNode):
         message = ArmStatus(mode=guard.mode, reason=guard.reason, refused=guard.refused,
                             last_refusal=guard.last_refusal, tank_low=controller.tank.is_low,
                             tank_energy=controller.tank.energy)
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = self.stamp()
         message.header.frame_id = self.parameters.frame_id
         self._status_out.publish(message)
 
@@ -202,8 +202,8 @@ class ArmNode(ManagedNode):
         if limited:
             level, text = DiagnosticStatus.WARN, f'{text}, limited: {limited}'
             logger.warning(f'limited: {limited}', throttle_duration_sec=5.0)
-        if self._thread is not None and self._thread.failure is not None:
-            level, text = DiagnosticStatus.ERROR, f'the loop failed: {self._thread.failure!r}'
+        if self._loop is not None and self._loop.failure is not None:
+            level, text = DiagnosticStatus.ERROR, f'the loop failed: {self._loop.failure!r}'
             logger.error(text, throttle_duration_sec=5.0)
         return level, text
 

@@ -1,13 +1,11 @@
 """A Panda in MuJoCo instead of the robot: follows references under 1 kHz impedance control."""
 from __future__ import annotations
 
-import time
-
 from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from gdmp_ros.realtime.loop import MonotonicClock, RealtimeThread, run_periodic
+from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import MAX_REFERENCES
 from gdmp_ros.ros.arm.node import ArmNode
@@ -15,8 +13,8 @@ from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
 from gdmp_ros.ros.arm.simulation import Simulation
 from gdmp_ros.ros.arm.simulation_services import SimulationServices
 from gdmp_ros.ros.gripper import GripperInterface
-from gdmp_ros.ros.lifecycle import CLOCK_DEPTH
-from gdmp_ros.ros.messages import NS, stamp_of
+from gdmp_ros.ros.messages import stamp_of
+from gdmp_ros.ros.middleware import CLOCK_DEPTH
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -24,6 +22,8 @@ from gdmp_ros.sim.viewer import Viewer
 
 #: Largest number of missed periods that are made up in one tick.
 MAX_CATCH_UP = 10
+#: Time between two looks whether a simulation is still paused [ns].
+PAUSED_NS = 1_000_000
 #: The viewer is updated once in this many ticks.
 VIEWER_EVERY = 16
 
@@ -33,7 +33,6 @@ class PandaSim(ArmNode):
 
     simulation: Simulation
     _viewer: Viewer | None = None
-    _gripper: GripperInterface | None = None
 
     def __init__(self) -> None:
         super().__init__('panda_sim', SIMULATION)
@@ -51,7 +50,7 @@ class PandaSim(ArmNode):
         loop.warm_up(loop.arm.measure(), loop.arm.period)
         self.commands = self.simulation = Simulation(
             loop, p.frame_id,
-            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES, raw=True),
+            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
             self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
         if p.pace == 'fast':
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
@@ -59,7 +58,7 @@ class PandaSim(ArmNode):
                                                self.describe)
         self.prepare(loop.arm.names, loop.arm.period)
         if gripper is not None:
-            self._gripper = GripperInterface(self, gripper)
+            GripperInterface(self, gripper)
 
     def activate(self) -> None:
         arm = self.simulation.loop.arm
@@ -68,8 +67,8 @@ class PandaSim(ArmNode):
         self._period_ns = round(arm.period * NS)
         self.lateness = LatenessRecorder(self._period_ns)
         self._last = 0
-        loop = self._wall_loop if self.parameters.pace == 'wall' else self._fast_loop
-        self.start(RealtimeThread(loop, self.parameters.realtime_priority))
+        self.start(self._fast_loop() if self.parameters.pace == 'fast' else
+                   periodic(self._wall_tick, self._period_ns, self.clock))
 
     def deactivate(self) -> None:
         super().deactivate()
@@ -77,43 +76,35 @@ class PandaSim(ArmNode):
             self._viewer.close()
             self._viewer = None
 
-    def cleanup(self) -> None:
-        super().cleanup()
-        if self._gripper is not None:
-            self._gripper.destroy()
-            self._gripper = None
-
     def use_parameters(self) -> None:
         super().use_parameters()
         self.simulation.hand_settings = hand_settings(self.parameters)
 
     # The loop
 
-    def _wall_loop(self) -> None:
-        run_periodic(self._wall_tick, self._period_ns, MonotonicClock(), lambda: not self.active)
-
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.lateness.add(deadline_ns, now_ns)
         # After an overrun, make up the missed periods: simulated time must keep up with wall time.
         periods = (deadline_ns - self._last) // self._period_ns if self._last else 1
         self._last = deadline_ns
-        stamp = time.time_ns() - (time.monotonic_ns() - deadline_ns)
+        stamp = self.clock.wall() - (self.clock.now() - deadline_ns)
         for late in range(min(periods, MAX_CATCH_UP) - 1, -1, -1):
             # Not the time of the tick: a simulation that lags would call new references early.
-            self._advance(stamp - late * self._period_ns, time.time_ns())
+            self._advance(stamp - late * self._period_ns, self.clock.wall())
         self._sync_viewer()
 
-    def _fast_loop(self) -> None:
-        arm = self.simulation.loop.arm
-        while self.active:
-            now = round(arm.time * NS)
-            if not self._advance(now, now):
-                time.sleep(0.001)
+    def _fast_loop(self) -> Loop:
+        arm, clock = self.simulation.loop.arm, self.clock
+        while True:
+            simulated = round(arm.time * NS)
+            if not self._advance(simulated, simulated):
+                yield clock.now() + PAUSED_NS
                 continue
             self._clock_out.publish(ClockMessage(clock=stamp_of(round(arm.time * NS))))
-            now = time.monotonic_ns()
+            now = clock.now()
             self.lateness.add(now, now)
             self._sync_viewer()
+            yield now
 
     def _sync_viewer(self) -> None:
         if self._viewer is not None and self._ticks % VIEWER_EVERY == 0:

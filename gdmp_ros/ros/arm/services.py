@@ -7,7 +7,6 @@ import json
 
 from gdmp_msgs.srv import MoveJoints, SetPayload, SetTool
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
@@ -53,12 +52,12 @@ class ArmServices:
         node.add_service(SetBool, 'teach', self.on_teach)
         node.add_service(Trigger, 'refill_tank', self.on_refill)
         node.add_service(SetPayload, 'set_payload', self.on_payload)
-        # They await: in the default group they would block the other services.
-        node.add_service(Trigger, 'recover', self.on_recover, ReentrantCallbackGroup())
-        node.add_service(SetTool, 'set_tool', self.on_tool, ReentrantCallbackGroup())
-        node.add_service(MoveJoints, 'move_joints', self.on_move, ReentrantCallbackGroup())
-        node.add_service(SetBool, 'identify_friction', self.on_identify,
-                         ReentrantCallbackGroup())
+        # They await something.
+        for kind, name, answer in (
+                (Trigger, 'recover', self.on_recover), (SetTool, 'set_tool', self.on_tool),
+                (MoveJoints, 'move_joints', self.on_move),
+                (SetBool, 'identify_friction', self.on_identify)):
+            node.add_service(kind, name, answer, concurrent=True)
 
     def on_command(self, action: Callable[[ReferenceGuard], str], request: Trigger.Request,
                    reply: Trigger.Response) -> Trigger.Response:

@@ -1,8 +1,6 @@
 """One tick of the simulated arm: requests, references, the guiding hand, physics."""
 from __future__ import annotations
 
-from typing import Any
-
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 
@@ -10,7 +8,7 @@ from gdmp_ros.control.tick import Tick
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.messages import checked_pose
-from gdmp_ros.ros.polling import take_latest
+from gdmp_ros.ros.middleware import deserialized, Subscription
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.hand import Hand, HandSettings
 from gdmp_ros.sim.payload import Payload
@@ -33,14 +31,14 @@ class Simulation(ArmCommands):
     :ivar hand_problem: why a pose of the hand was refused; empty if it was not
     """
 
-    def __init__(self, loop: ClosedLoop, frame: str, references: Any, hand_poses: Any,
-                 hand_settings: HandSettings):
+    def __init__(self, loop: ClosedLoop, frame: str, references: Subscription,
+                 hand_poses: Subscription, hand_settings: HandSettings):
         """
         Prepare.
 
         :param frame: ``frame_id`` of references and hand poses
-        :param references: polled subscription of serialised references (`gdmp_ros.ros.polling`)
-        :param hand_poses: polled subscription
+        :param references: without a callback
+        :param hand_poses: without a callback
         """
         super().__init__(loop, frame, references)
         self.loop = loop
@@ -111,10 +109,10 @@ class Simulation(ArmCommands):
         self._ticks += 1
         return tick
 
-    def take_hand(self, message: PoseStamped) -> None:
-        """Hold the tool with a hand at a pose, or refuse the pose."""
+    def take_hand(self, data: bytes) -> None:
+        """Hold the tool with a hand at the pose of a serialised message, or refuse the pose."""
         try:
-            pose = checked_pose(message, self._frame)
+            pose = checked_pose(deserialized(data, PoseStamped), self._frame)
         except GdmpError as error:
             self.hand_problem = f'hand_pose refused: {error}'
             return
@@ -123,7 +121,7 @@ class Simulation(ArmCommands):
 
     def switch_hand_guiding(self, wanted: bool) -> None:
         super().switch_hand_guiding(wanted)
-        take_latest(self._hand_poses)  # discard poses received before
+        self._hand_poses.discard()
         self._hand_ticks = 0
         self._release()
 
@@ -131,9 +129,9 @@ class Simulation(ArmCommands):
         self._hand_ticks += 1
         if self._hand_ticks % HAND_EVERY:
             return
-        message = take_latest(self._hand_poses)
-        if message is not None:
-            self.take_hand(message)
+        received = self._hand_poses.newest()
+        if received is not None:
+            self.take_hand(received.data)
         elif (self.loop.hand is not None
               and self._hand_ticks * self.loop.arm.period > HAND_TIMEOUT_S):
             # Without a hand, the mouse in the viewer may apply a force: do not reset it here.

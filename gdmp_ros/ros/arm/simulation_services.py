@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gdmp_msgs.srv import StepSimulation
-from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.errors import ParameterError
@@ -28,9 +27,7 @@ class SimulationServices(ArmServices):
         self.simulation = simulation
         node.add_service(SetBool, 'set_pause', self.on_pause)
         node.add_service(Trigger, 'reset_world', self.on_reset)
-        # It awaits: in the default group it would block the other services.
-        node.add_service(StepSimulation, 'step_simulation', self.on_step,
-                         ReentrantCallbackGroup())
+        node.add_service(StepSimulation, 'step_simulation', self.on_step, concurrent=True)
 
     def on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
         self.simulation.pause(request.data)

@@ -9,12 +9,13 @@ import numpy as np
 
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
-from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import (
     fill_robot_state,
     ROBOT_STATE_FIXED,
     robot_state_numbers,
 )
+from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.streams import (
     CHECK_EVERY,

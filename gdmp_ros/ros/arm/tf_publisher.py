@@ -20,13 +20,13 @@ class TfPublisher:
     def __init__(self, node: ManagedNode):
         self._node = node
         self._moving_out = node.add_publisher(TFMessage, '/tf', 100)
-        self._fixed_out = node.add_publisher(TFMessage, '/tf_static', 1, latched=True)
+        self._fixed_out = node.add_publisher(TFMessage, '/tf_static', 1, late=True)
         # One attribute, because one thread describes the links and another publishes them.
         self._moving: tuple[LinkFrames, Stream] | None = None
 
     def describe(self, links: LinkFrames) -> None:
         """Use these links from now on, and publish those that are fixed."""
-        now = self._node.get_clock().now().nanoseconds
+        now = self._node.time_ns()
         self._fixed_out.publish(_message([(parent, child) for parent, child, _ in links.fixed],
                                          [pose for _, _, pose in links.fixed], now))
         message = _message(links.moving, [], now)

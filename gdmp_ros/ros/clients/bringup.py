@@ -53,7 +53,7 @@ def up(wanted: Bringup) -> None:
         client = ServerClient()
         stack.callback(client.close)
         client.spend(1.0)  # other nodes are discovered
-        running = {name for name, _ in client.node.get_node_names_and_namespaces()}
+        running = {name.rpartition('/')[2] for name in client.participant.nodes()}
         taken = running & {ARM, SERVER, TAKE_RECORDER}
         if taken:
             raise GdmpError(f'{", ".join(sorted(taken))} run already in this DDS domain '

@@ -1,8 +1,8 @@
 """A live view of server and arm in the terminal."""
 from __future__ import annotations
 
+import math
 import sys
-import time
 
 from gdmp_msgs.msg import RobotState, ServerState
 import numpy as np
@@ -14,8 +14,7 @@ from rich.text import Text
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.ros.clients.client import Client
-from gdmp_ros.ros.lifecycle import reliable, SILENT_S
-from gdmp_ros.ros.polling import PolledGroup, take_latest
+from gdmp_ros.ros.lifecycle import SILENT_S
 
 #: Interval of the view on a terminal, and of the lines in a pipe or file [s].
 REFRESH_S, LINE_S = 0.2, 1.0
@@ -29,26 +28,24 @@ class Dashboard(Client):
         self.server, self.arm = server, arm
         self.state: ServerState | None = None
         self.robot: RobotState | None = None
-        self._received = {'server': 0.0, 'arm': 0.0}
-        self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
-                                      reliable(10))
+        self._received = {'server': -math.inf, 'arm': -math.inf}
+        self.subscribe(ServerState, f'{server}/state', self._on_state)
         # At 1 kHz only the newest is used.
-        self._robot = self.node.create_subscription(RobotState, f'{arm}/state', lambda _: None,
-                                                    reliable(1), callback_group=PolledGroup())
+        self._robot = self.subscribe(RobotState, f'{arm}/state', depth=1)
 
     def _on_state(self, message: ServerState) -> None:
-        self.state, self._received['server'] = message, time.monotonic()
+        self.state, self._received['server'] = message, self.now()
 
     def update(self, seconds: float) -> None:
         """Receive messages for a time, then take the newest state of the arm."""
         self.spend(seconds)
-        message = take_latest(self._robot)
+        message = self._robot.newest_message()
         if message is not None:
-            self.robot, self._received['arm'] = message, time.monotonic()
+            self.robot, self._received['arm'] = message, self.now()
 
     def silent(self, which: str) -> bool:
         """Whether the ``server`` or the ``arm`` is silent."""
-        return time.monotonic() - self._received[which] > SILENT_S
+        return self.now() - self._received[which] > SILENT_S
 
     def rows(self) -> list[tuple[str, str]]:
         """Rows of the view: name and text."""
@@ -94,15 +91,15 @@ def show(server: str, arm: str, seconds: float | None) -> None:
     :param seconds: duration; None for no end
     """
     dashboard = Dashboard(server, arm)
-    ends = np.inf if seconds is None else time.monotonic() + seconds
+    ends = np.inf if seconds is None else dashboard.now() + seconds
     try:
         if sys.stdout.isatty():
             with Live(console=Console(), refresh_per_second=1.0 / REFRESH_S) as live:
-                while time.monotonic() < ends:
+                while dashboard.now() < ends:
                     dashboard.update(REFRESH_S)
                     live.update(_view(dashboard))
         else:
-            while time.monotonic() < ends:
+            while dashboard.now() < ends:
                 dashboard.update(LINE_S)
                 print('; '.join(f'{name}: {text}' for name, text in dashboard.rows()), flush=True)
     finally:

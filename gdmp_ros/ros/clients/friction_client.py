@@ -4,7 +4,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import time
 from typing import Any
 
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -15,7 +14,7 @@ from std_srvs.srv import SetBool
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice
-from gdmp_ros.ros.clients.client import Client, DISCOVERY_S, START_UP_S
+from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.testbed import NodeTestbed
 from gdmp_ros.sim.arm import Arm
@@ -70,21 +69,19 @@ def _write(output: Path, arm: str, found: dict[str, list[float]]) -> None:
 
 
 def _measure(client: Client, arm: str) -> dict[str, list[float]]:
-    service = client.node.create_client(SetBool, f'{arm}/identify_friction')
-    client.wait(f'the service {arm}/identify_friction', service.service_is_ready, START_UP_S)
-    client.spend(DISCOVERY_S)
+    service = client.service(SetBool, f'{arm}/identify_friction')
     reply = service.call_async(SetBool.Request(data=True))
     model = Arm()
     expected = round(FrictionIdentification(model.limits, model.measure().position).seconds)
-    begun = shown = time.monotonic()
+    begun = shown = client.now()
     try:
         with progress('moving each joint slowly', expected) as step:
             while not reply.done():
                 client.spend(0.2)
-                if time.monotonic() - shown >= 1.0 and shown - begun < expected:
+                if client.now() - shown >= 1.0 and shown - begun < expected:
                     shown += 1.0
                     step()
-                if time.monotonic() - begun > LONGEST_S:
+                if client.now() - begun > LONGEST_S:
                     raise GdmpError(f'waited {LONGEST_S:g} s for the motions, without success')
     except BaseException:
         service.call_async(SetBool.Request(data=False))

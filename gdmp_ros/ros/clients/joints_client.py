@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 import sys
-import time
 from typing import Any
 
 from gdmp_msgs.srv import MoveJoints
@@ -12,7 +11,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.clients.client import Client, DISCOVERY_S, START_UP_S
+from gdmp_ros.ros.clients.client import Client
 
 #: Longest time for a motion; a simulation may run slower than real time [s].
 LONGEST_S = 300.0
@@ -31,10 +30,7 @@ def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed:
     :param via: postures on the way [rad], shape ``(T, n)``; by default straight
     :raises GdmpError: if the arm refuses, or does not arrive
     """
-    name = f'{arm}/move_joints'
-    service: Any = client.node.create_client(MoveJoints, name)
-    client.wait(f'the service {name}', service.service_is_ready, START_UP_S)
-    client.spend(DISCOVERY_S)
+    service = client.service(MoveJoints, f'{arm}/move_joints')
     reply = service.call_async(MoveJoints.Request(
         position=[*map(float, position)], speed=speed,
         via=[] if via is None else via.reshape(-1).tolist()))
@@ -51,10 +47,10 @@ def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed:
 
 def _wait(client: Client, arm: str, service: Any, reply: Any) -> None:
     """:raises GdmpError: if the arm is gone, or takes too long"""
-    begun = shown = time.monotonic()
+    begun = shown = client.now()
     while not reply.done():
         client.spend(0.1)
-        now = time.monotonic()
+        now = client.now()
         if now - begun > LONGEST_S:
             raise GdmpError(f'waited {LONGEST_S:g} s for the motion, without success')
         if now - shown > SHOW_S:

@@ -1,7 +1,6 @@
 """Sends recorded references again, with new stamps."""
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 from gdmp_msgs.msg import ArmStatus, Reference
@@ -11,10 +10,10 @@ from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.references import RecordedReferences
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import RealtimeThread
+from gdmp_ros.realtime.loop import Loop, NS
 from gdmp_ros.ros.clients.client import Client, DISCOVERY_S
-from gdmp_ros.ros.lifecycle import ANOTHER_NODE, DEEP, publishers_of, reliable
 from gdmp_ros.ros.messages import fill_reference
+from gdmp_ros.ros.middleware import ANOTHER_NODE, DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.server.reference_publisher import first_sequence
 from gdmp_ros.util.terminal import progress, rising
@@ -64,14 +63,13 @@ class _Replayer:
         self._references, self._request = references, request
         self._client = Client('replay')
         self._status: ArmStatus | None = None
-        self._not_followed_since, self._ends = 0.0, False
+        self._not_followed_since = 0.0
         message = Reference()
         message.header.frame_id = references.frame
         self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
         self._sequence, self._sent = first_sequence(), 0
-        node = self._client.node
-        self._publisher = node.create_publisher(Reference, request.topic, reliable(DEEP))
-        node.create_subscription(ArmStatus, f'{request.arm}/status', self._on_status, reliable(10))
+        self._publisher = self._client.publisher(Reference, request.topic, DEEP)
+        self._client.subscribe(ArmStatus, f'{request.arm}/status', self._on_status)
 
     def close(self) -> None:
         """Say that the stream has ended, and disconnect."""
@@ -89,7 +87,7 @@ class _Replayer:
         """
         request = self._request
         self._client.wait(f'an arm that follows {request.topic}, and the status of {request.arm}',
-                          lambda: (self._publisher.get_subscription_count() > 0
+                          lambda: (self._publisher.subscribers() > 0
                                    and self._status is not None), request.wait)
         self._client.spend(DISCOVERY_S)
         if ANOTHER_NODE in self._others():
@@ -98,9 +96,9 @@ class _Replayer:
 
     def _others(self) -> list[str]:
         """Other nodes that publish on the topic."""
-        node = self._client.node
-        return [name for name in publishers_of(node, self._request.topic)
-                if name != node.get_fully_qualified_name()]
+        participant = self._client.participant
+        return [name for name in participant.publishers(self._request.topic)
+                if name != participant.name]
 
     def _check_alone(self) -> None:
         """:raises GdmpError: if another node publishes on the topic"""
@@ -111,42 +109,37 @@ class _Replayer:
 
     def send(self) -> None:
         """:raises GdmpError: if the arm does not follow"""
-        thread, seconds = RealtimeThread(self._stream, -1), self._references.times[-1]
-        self._not_followed_since = time.monotonic()
-        thread.start()
+        client, seconds = self._client, self._references.times[-1]
+        self._not_followed_since = client.now()
+        stream = client.clock.start(self._stream(), -1)
         try:
             with progress('replaying, seconds', round(float(seconds))) as step:
                 show = rising(step)
-                while self._sent < len(self._references.times) and thread.failure is None:
-                    self._client.spend(LOOK_S)
+                while self._sent < len(self._references.times) and stream.failure is None:
+                    client.spend(LOOK_S)
                     last = max(self._sent - 1, 0)
                     show(self._references.times[last])
-                    self._check(self._references.modes[last], time.monotonic())
+                    self._check(self._references.modes[last], client.now())
                     # On a busy machine others are discovered late.
                     self._check_alone()
         finally:
-            self._ends = True
-            thread.join()
-        if thread.failure is not None:
-            raise GdmpError(f'replaying failed: {thread.failure!r}')
+            stream.end()
+        if stream.failure is not None:
+            raise GdmpError(f'replaying failed: {stream.failure!r}')
 
-    def _stream(self) -> None:
+    def _stream(self) -> Loop:
         """Send until the end."""
-        begun = time.monotonic()
+        begun = self._client.clock.now()
         for k, seconds in enumerate(self._references.times):
-            left = begun + seconds - time.monotonic()
-            if left > 0.0:
-                time.sleep(left)
-            if self._ends:
-                return
+            yield begun + round(seconds * NS)
             self._publish(k, int(self._references.steps[k]), self._references.modes[k])
             self._sent = k + 1
 
     def _publish(self, k: int, step: int, mode: StreamMode) -> None:
         self._sequence += step
-        self._publisher.publish(self._template.bytes(
-            np.ascontiguousarray(self._references.targets[k]), time.time_ns(), self._sequence,
-            mode))
+        self._publisher.send(self._template.bytes(
+            np.ascontiguousarray(self._references.targets[k]), self._client.clock.wall(),
+            self._sequence, mode))
 
     def _check(self, mode: StreamMode, now: float) -> None:
         status = self._status

@@ -10,14 +10,13 @@ from gdmp_msgs.msg import Context, ServerState
 from gdmp_msgs.srv import RefineSkill
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-from rclpy.action import ActionClient
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import Client
-from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.middleware import ActionClient
 
 
 class ServerClient(Client):
@@ -31,15 +30,15 @@ class ServerClient(Client):
         """:param check: called while waiting; may raise an exception"""
         super().__init__('server_client', check)
         self.state: ServerState | None = None
-        self.node.create_subscription(ServerState, f'{server}/state', self._on_state,
-                                      reliable(10))
+        self.subscribe(ServerState, f'{server}/state', self._on_state)
         self._publishers = {
-            topic: self.node.create_publisher(kind, f'{server}/{topic}', reliable(10))
+            topic: self.publisher(kind, f'{server}/{topic}')
             for topic, kind in (('goal_pose', PoseStamped), ('goal_stiffness', Float64MultiArray),
                                 ('amplitude', Float64), ('frequency', Float64),
                                 ('signal', String), ('context', Context))}
-        self._action = ActionClient(self.node, ExecuteSkill, f'{server}/execute')
-        self._sequences = ActionClient(self.node, ExecuteSequence, f'{server}/execute_sequence')
+        self._action, self._sequences = (
+            self.participant.action_client(kind, f'{server}/{name}') for kind, name in (
+                (ExecuteSkill, 'execute'), (ExecuteSequence, 'execute_sequence')))
         self._result: Any = None
         self._handle: Any = None
 
@@ -138,7 +137,7 @@ class ServerClient(Client):
     def _publish(self, topic: str, message: Any) -> None:
         publisher = self._publishers[topic]
         self.wait(f'the server to subscribe to {topic}',
-                  lambda: publisher.get_subscription_count() > 0, 5.0)
+                  lambda: publisher.subscribers() > 0, 5.0)
         publisher.publish(message)
 
 

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-import time
 
 from gdmp_msgs.msg import GripperCommand as CommandMessage
 from gdmp_msgs.msg import RecorderState
@@ -18,7 +17,6 @@ from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.ros.gripper import COMMAND, command_message
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.util.profiles import smoothstep
 
 SIM, RECORDER = 'panda_sim', 'take_recorder'
@@ -39,12 +37,10 @@ class Teacher(Client):
         self.frame = frame
         self.pose: np.ndarray | None = None
         self._states: deque[RecorderState] = deque(maxlen=2)
-        self._hand = self.node.create_publisher(PoseStamped, f'{SIM}/hand_pose', reliable(1))
-        self._gripper = self.node.create_publisher(CommandMessage, COMMAND, reliable(10))
-        self.node.create_subscription(PoseStamped, f'{SIM}/measured_pose', self._on_pose,
-                                      reliable(1))
-        self.node.create_subscription(RecorderState, f'{RECORDER}/state', self._on_recorder,
-                                      reliable(10))
+        self._hand = self.publisher(PoseStamped, f'{SIM}/hand_pose', 1)
+        self._gripper = self.publisher(CommandMessage, COMMAND)
+        self.subscribe(PoseStamped, f'{SIM}/measured_pose', self._on_pose, 1)
+        self.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder)
 
     def _on_pose(self, message: PoseStamped) -> None:
         self.pose = messages.pose_numbers(message.pose)
@@ -60,7 +56,7 @@ class Teacher(Client):
                   lambda: bool(self._states) and self._states[-1].status == 'ready',
                   timeout)
         self.wait('the arm to subscribe to the hand',
-                  lambda: self._hand.get_subscription_count() > 0, 30.0)
+                  lambda: self._hand.subscribers() > 0, 30.0)
 
     def recording(self) -> bool:
         """Whether a take is being recorded now."""
@@ -88,10 +84,10 @@ class Teacher(Client):
         :raises GdmpError: if there is no gripper
         """
         # The recorder listens too.
-        if self._gripper.get_subscription_count() < 2:
+        if self._gripper.subscribers() < 2:
             raise GdmpError('the arm has no gripper: gdmp teach --gripper')
         message = command_message(command)
-        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.header.stamp = messages.stamp_of(self.clock.wall())
         self._gripper.publish(message)
         return 'the gripper closes' if command.force else 'the gripper opens'
 
@@ -139,13 +135,13 @@ class Teacher(Client):
         self._guide(lambda _: pose, seconds)
 
     def _guide(self, at: Callable[[float], np.ndarray], seconds: float) -> None:
-        """Move the hand along ``at(t)`` with wall time."""
+        """Move the hand along ``at(t)`` in steady time."""
         message = PoseStamped()
         message.header.frame_id = self.frame
-        begun = time.monotonic()
+        begun = self.now()
         due = begun
         while due - begun <= seconds:
             messages.set_pose(message.pose, at(due - begun))
             self._hand.publish(message)
-            due = max(due + HAND_PERIOD_S, time.monotonic())
-            self.spend(due - time.monotonic())
+            due = max(due + HAND_PERIOD_S, self.now())
+            self.spend(due - self.now())

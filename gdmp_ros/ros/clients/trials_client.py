@@ -19,9 +19,8 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.improvement.trial import BACK_SPEED, problem, refused, REMEMBER_EVERY, Trial
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.clients.server_client import ServerClient
-from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import NS, pose_numbers
-from gdmp_ros.ros.polling import PolledGroup, take
+from gdmp_ros.ros.middleware import DEEP, Subscription
 from gdmp_ros.util.terminal import progress, rising
 
 #: Time in which an arm comes to rest [s].
@@ -64,7 +63,7 @@ class TrialsClient(ServerClient):
         :param folder: where skills are put for the server, which must see it
         :param largest_force: at which a roll-out is ended [N]
         """
-        self._polled: list[tuple[Any, Callable[[Any], None]]] = []
+        self._polled: list[tuple[Subscription, Callable[[Any], None]]] = []
         super().__init__(server, self._read)
         self._server, self._arm, self._folder = server, arm, folder
         self._largest_force = largest_force
@@ -78,10 +77,8 @@ class TrialsClient(ServerClient):
         for kind, topic, callback in ((Reference, f'{server}/reference', self._on_reference),
                                       (RobotState, f'{arm}/state', self._on_robot)):
             # An executor is too slow for 1 kHz.
-            self._polled.append((self.node.create_subscription(
-                kind, topic, lambda _: None, reliable(DEEP), callback_group=PolledGroup()),
-                callback))
-        self.node.create_subscription(ArmStatus, f'{arm}/status', self._on_status, reliable(10))
+            self._polled.append((self.subscribe(kind, topic, depth=DEEP), callback))
+        self.subscribe(ArmStatus, f'{arm}/status', self._on_status)
 
     def begin_at(self, posture_at: Callable[[np.ndarray], np.ndarray], timeout: float) -> None:
         """
@@ -181,7 +178,7 @@ class TrialsClient(ServerClient):
 
     def _read(self) -> None:
         for subscription, callback in self._polled:
-            while (message := take(subscription)) is not None:
+            while (message := subscription.take_message()) is not None:
                 callback(message)
 
     def _on_reference(self, message: Reference) -> None:

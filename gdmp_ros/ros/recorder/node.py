@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 import shutil
-import time
 from typing import Any
 
 from gdmp_msgs.msg import RecorderState
@@ -14,6 +13,7 @@ from gdmp_ros.choices import STORAGES
 from gdmp_ros.data import takes
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap
@@ -59,11 +59,12 @@ class TakeRecorder(ManagedNode):
         for name, action in (('start', self.start), ('stop', self.stop),
                              ('discard', self.discard)):
             self.add_service(Trigger, name, self._answering(action))
+        self.add_report(self._report)
         self.parameters.locked = True
 
     def activate(self) -> None:
-        self._tap = Tap(self, self._topics, rare=self._rare)
-        self._timers = [self.wall_timer(DRAIN_S, self._drain), self.wall_timer(0.1, self._report)]
+        self._tap = Tap(self.participant, self._topics, rare=self._rare)
+        self._timer = self.participant.timer(DRAIN_S, self._drain)
         self.get_logger().info(
             f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
 
@@ -76,9 +77,8 @@ class TakeRecorder(ManagedNode):
         except (GdmpError, OSError) as error:
             self.get_logger().error(str(error))
         finally:
-            for timer in self._timers:
-                self.destroy_timer(timer)
-            self._tap.release(self)
+            self.participant.destroy(self._timer)
+            self._tap.release()
             self._tap = None
 
     def cleanup(self) -> None:
@@ -111,7 +111,7 @@ class TakeRecorder(ManagedNode):
         name = takes.next_name(self._folder, self.parameters.prefix)
         self._tap.begin()
         self._writer = BagWriter(self._folder / name, self.parameters.storage).open()
-        self._begun = time.monotonic()
+        self._begun = self.clock.now()
         self._state.take, self._state.messages, self._state.problem = name, 0, ''
         return f'recording {name}'
 
@@ -159,7 +159,7 @@ class TakeRecorder(ManagedNode):
         writer, tap = self._writer, self._tap
         if tap is None or writer is None:
             return
-        self._state.duration = time.monotonic() - self._begun
+        self._state.duration = (self.clock.now() - self._begun) / NS
         try:
             self._state.messages += tap.drain(writer)
             free = shutil.disk_usage(self._folder).free
@@ -172,14 +172,15 @@ class TakeRecorder(ManagedNode):
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
 
     def _report(self) -> None:
-        if self._writer is None and self._tap is not None:
+        if self._tap is None:
+            return
+        if self._writer is None:
             self._tap.drain(None)
         state = self._state
-        state.header.stamp = self.get_clock().now().to_msg()
+        state.header.stamp = self.stamp()
         state.folder, state.takes = str(self._folder), self.takes()
-        waiting = self._tap is not None and self._tap.waiting
         state.status = ('recording' if self._writer is not None
-                        else 'waiting' if waiting else 'ready')
+                        else 'waiting' if self._tap.waiting else 'ready')
         self._publisher.publish(state)
 
     def _answering(self, action: Callable[[], str]) -> Callable[[Any, Any], Any]:

@@ -8,18 +8,15 @@ import os
 from pathlib import Path
 import shutil
 import sys
-import time
 from typing import Any
 
-import rclpy
-from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.ros.lifecycle import DEEP, reliable
-from gdmp_ros.ros.polling import PolledGroup
+from gdmp_ros.realtime.loop import NS
+from gdmp_ros.ros.dds import current
+from gdmp_ros.ros.middleware import DEEP, Participant, reliable
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.signals import stop_event
 
@@ -61,13 +58,13 @@ def _share(package: str) -> Path:
 
 class Tap:
     """
-    Raw subscriptions; every message goes to a bag with the time of its publication.
+    Subscriptions; every message goes to a bag with the time of its publication.
 
     :ivar waiting: topics without a message since the last `begin`
     """
 
-    def __init__(self, node: Node, topics: Mapping[str, str], best_effort: Collection[str] = (),
-                 rare: Collection[str] = ()):
+    def __init__(self, participant: Participant, topics: Mapping[str, str],
+                 best_effort: Collection[str] = (), rare: Collection[str] = ()):
         """
         Subscribe.
 
@@ -75,6 +72,7 @@ class Tap:
         :param best_effort: topics whose publishers are not reliable
         :param rare: topics with a message now and then: nothing waits for them
         """
+        self._participant = participant
         self._inputs = []
         self._expected = frozenset(topics) - frozenset(rare)
         self.waiting = set(self._expected)
@@ -82,9 +80,7 @@ class Tap:
             quality = reliable(DEEP)
             if topic in best_effort:
                 quality.reliability = ReliabilityPolicy.BEST_EFFORT
-            subscription = node.create_subscription(
-                message_class(kind), topic, lambda _: None, quality, raw=True,
-                callback_group=PolledGroup())
+            subscription = participant.subscription(message_class(kind), topic, quality)
             extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
             self._inputs.append((topic, kind, subscription, *extra))
 
@@ -97,22 +93,17 @@ class Tap:
         """Write the messages that have arrived, or discard them; returns their number."""
         count = 0
         for topic, kind, subscription, text, digest in self._inputs:
-            with subscription.handle:
-                while True:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                    if taken is None:
-                        break
-                    count += 1
-                    self.waiting.discard(topic)
-                    if writer is not None:
-                        writer.raw(topic, kind, taken[1]['source_timestamp'], taken[0], text,
-                                   digest)
+            while (received := subscription.take()) is not None:
+                count += 1
+                self.waiting.discard(topic)
+                if writer is not None:
+                    writer.raw(topic, kind, received.published, received.data, text, digest)
         return count
 
-    def release(self, node: Node) -> None:
+    def release(self) -> None:
         """Unsubscribe."""
         for _, _, subscription, *_ in self._inputs:
-            node.destroy_subscription(subscription)
+            self._participant.destroy(subscription)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -128,11 +119,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     topics = dict(pair.split('=', 1) for pair in options.topics)
     os.environ.update(default_environment())
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    ended = stop_event()
+    participant, ended = current().client('recorder'), stop_event()
+    clock = participant.clock
     try:
         with BagWriter(options.bag) as writer:
-            tap = Tap(Node('recorder'), topics, options.best_effort)
+            tap = Tap(participant, topics, options.best_effort)
             print(f'waiting for {", ".join(topics)}', flush=True)
             announced, full = False, False
             while not ended.is_set() and not full:
@@ -141,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
                 if not tap.waiting and not announced:
                     print('recording', flush=True)
                     announced = True
-                time.sleep(DRAIN_S)
+                clock.sleep_until(clock.now() + round(DRAIN_S * NS))
             tap.drain(writer)
         if full:
             raise DataError(f'{options.bag}: the disk is nearly full (less than '
@@ -151,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'error: {error}', file=sys.stderr)
         return 1
     finally:
-        rclpy.shutdown()
+        participant.close()
     return 0
 
 

@@ -2,12 +2,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import time
-from typing import Any
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.realtime.loop import Clock, NS
 from gdmp_ros.ros.frame_tree import FrameError
-from gdmp_ros.ros.polling import take_latest, take_latest_with_age
+from gdmp_ros.ros.middleware import Subscription
 
 
 class GoalInput:
@@ -17,24 +16,25 @@ class GoalInput:
     :ivar topic: its name, for messages
     """
 
-    def __init__(self, subscription: Any, topic: str, use: Callable[[bytes, float], None],
-                 refuse: Callable[[str], None]):
+    def __init__(self, clock: Clock, subscription: Subscription, topic: str,
+                 use: Callable[[bytes, float], None], refuse: Callable[[str], None]):
         """
         Prepare.
 
-        :param subscription: polled, of serialised messages
+        :param subscription: without a callback
         :param use: called with a message and the time since it arrived [s]; raises a `GdmpError`
             to refuse it
         :param refuse: called with the reason
         """
         self.topic = topic
-        self._subscription, self._use, self._refuse = subscription, use, refuse
+        self._clock, self._subscription = clock, subscription
+        self._use, self._refuse = use, refuse
         self._waiting: tuple[bytes, float] | None = None
 
     def discard(self) -> None:
         """Discard the goals that have come."""
         self._waiting = None
-        take_latest(self._subscription)
+        self._subscription.discard()
 
     def poll(self, timeout: float) -> None:
         """
@@ -42,10 +42,9 @@ class GoalInput:
 
         :param timeout: for its frame [s]
         """
-        taken = take_latest_with_age(self._subscription)
-        now = time.monotonic()
-        if taken is not None:
-            self._waiting = taken[0], now - taken[1]
+        received, now = self._subscription.newest(), self._clock.now() / NS
+        if received is not None:
+            self._waiting = received.data, now - self._subscription.age(received)
         if self._waiting is None:
             return
         data, arrived = self._waiting

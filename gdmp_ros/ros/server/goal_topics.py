@@ -9,10 +9,12 @@ import numpy as np
 from std_msgs.msg import Float64, Float64MultiArray
 
 from gdmp_ros.data.message_numbers import vector_numbers
-from gdmp_ros.playback.streamer import NS, Streamer
+from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.serialized import deserialized, PoseReader, stamp_ns_of
+from gdmp_ros.ros.middleware import deserialized
+from gdmp_ros.ros.serialized import PoseReader, stamp_ns_of
 from gdmp_ros.ros.server.goal_input import GoalInput
 
 #: Oldest stamp of a goal that is believed, before its arrival [s].
@@ -36,7 +38,7 @@ class GoalTopics:
         self._poses = PoseReader(frame_id, base.pose)
         second = [(PoseStamped, 'second/goal_pose', partial(self._use_pose, side=1))]
         self._inputs = [
-            GoalInput(node.add_subscription(kind, f'~/{topic}', None, raw=True), topic, use,
+            GoalInput(node.clock, node.add_subscription(kind, f'~/{topic}', None), topic, use,
                       streamer.refusals.add)
             for kind, topic, use in ((PoseStamped, 'goal_pose', self._use_pose),
                                      *(second if second_arm else ()),
@@ -89,5 +91,5 @@ class GoalTopics:
 
         A stamp is believed if it lies up to `STAMP_S` before the arrival.
         """
-        stamped = (self._node.get_clock().now().nanoseconds - stamp_ns_of(data)) / NS
+        stamped = (self._node.time_ns() - stamp_ns_of(data)) / NS
         return stamped if arrived - 1e-3 <= stamped <= arrived + STAMP_S else arrived

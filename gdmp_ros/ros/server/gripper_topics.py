@@ -1,15 +1,13 @@
 """The gripper of the robot, by its topics."""
 from __future__ import annotations
 
-import time
-
 from gdmp_msgs.msg import GripperCommand as CommandMessage
 from gdmp_msgs.msg import GripperState as StateMessage
 
 from gdmp_ros.control.gripper import GripperCommand, GripperState
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.gripper import command_message, state_of
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.polling import take_latest
 
 #: Oldest state that counts [s].
 STATE_S = 1.0
@@ -24,19 +22,19 @@ class GripperTopics:
         self._commands = node.add_publisher(CommandMessage, f'{prefix}/command', 10)
         # Polled: read while a skill with commands is played.
         self._states = node.add_subscription(StateMessage, f'{prefix}/state', None)
-        self._state: tuple[GripperState, float] | None = None
+        self._state: tuple[GripperState, int] | None = None
 
     def send(self, command: GripperCommand) -> None:
         """Let the gripper begin a command."""
         message = command_message(command)
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self._node.stamp()
         self._commands.publish(message)
 
     def state(self) -> GripperState | None:
         """The newest state; None if nothing is known of the gripper."""
-        message = take_latest(self._states)
+        message, now = self._states.newest_message(), self._node.clock.now()
         if message is not None:
-            self._state = state_of(message), time.monotonic()
-        if self._state is None or time.monotonic() - self._state[1] > STATE_S:
+            self._state = state_of(message), now
+        if self._state is None or now - self._state[1] > STATE_S * NS:
             return None
         return self._state[0]

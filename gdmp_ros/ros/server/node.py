@@ -6,12 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 import shutil
-import time
 from typing import Any
 
 from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill, SetSpeed
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
@@ -20,13 +18,13 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
 from gdmp_ros.playback.streamed_skill import Kind
-from gdmp_ros.playback.streamer import NS, Streamer
+from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime import shared_loop
-from gdmp_ros.ros.clock_loop import ClockLoop
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import BaseFrame
-from gdmp_ros.ros.lifecycle import CLOCK_DEPTH, ManagedNode, reliable
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.polling import PolledGroup, take_latest
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.execute_action import ExecuteAction
 from gdmp_ros.ros.server.goal_topics import GoalTopics
@@ -67,7 +65,7 @@ class TrajectoryServer(ManagedNode):
     _references: ReferencePublisher
     _second: SecondArm | None
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
-    _clock_input: tuple[Any, Callable[[ClockMessage], None]]
+    _clock_input: tuple[Subscription, Callable[[ClockMessage], None]]
 
     def __init__(self, namespace: str = '') -> None:
         super().__init__('trajectory_server', namespace)
@@ -115,11 +113,11 @@ class TrajectoryServer(ManagedNode):
         self.streamer.activate(self._period_ns())
         if self.get_parameter('use_sim_time').value:
             self.get_logger().info('simulated time: one reference for each message on /clock')
-            self.streamer.member = ClockLoop(self.context, self._clock_input[0], self._clock_tick,
-                                             self.parameters.realtime_priority)
+            self.streamer.member = self.participant.follow(
+                self._clock_input[0], self._clock_tick, self.parameters.realtime_priority)
         else:
-            member = shared_loop.join(self._period_ns(), self.parameters.realtime_priority,
-                                      self._wall_tick)
+            member = shared_loop.join(self.clock, self._period_ns(),
+                                      self.parameters.realtime_priority, self._wall_tick)
             self.streamer.member = member
             self.log_scheduler(member.scheduler)
         if self.parameters.execute_on_activate:
@@ -131,7 +129,7 @@ class TrajectoryServer(ManagedNode):
         self.streamer.stop()
         self.streamer.active = False
         if self.streamer.member is not None:
-            self.streamer.member.leave()
+            self.streamer.member.end()
             self.streamer.member = None
         self._references.end()
         if self._second is not None:
@@ -144,8 +142,6 @@ class TrajectoryServer(ManagedNode):
     def cleanup(self) -> None:
         self.release()
         if self._configured:
-            self._action.destroy()
-            self._sequences.destroy()
             self._learning.cancel()
         self._configured = False
         self.parameters.locked = False
@@ -157,21 +153,13 @@ class TrajectoryServer(ManagedNode):
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.streamer.lateness.add(deadline_ns, now_ns)
-        self._tick(deadline_ns, STALL_S, time.time_ns() - (time.monotonic_ns() - deadline_ns))
+        self._tick(deadline_ns, STALL_S, self.clock.wall() - (self.clock.now() - deadline_ns))
 
-    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], None],
-                            qos_profile: Any, **options: Any) -> Any:
-        """
-        Create a subscription; the one of rclpy itself to /clock is polled by our loop.
-
-        An executor would take half a millisecond for each of its messages.
-        """
-        own = msg_type is ClockMessage
-        if own:
-            qos_profile, options = reliable(CLOCK_DEPTH), {'callback_group': PolledGroup()}
-        made = super().create_subscription(msg_type, topic, callback, qos_profile, **options)
-        if own:
-            self._clock_input = made, callback
+    def subscribe_clock(self, topic: str, callback: Callable[[Any], None], quality: Any
+                        ) -> Subscription:
+        """Subscribe to simulated time; an executor would take half a millisecond a message."""
+        made = self.participant.subscription(ClockMessage, topic, reliable(CLOCK_DEPTH))
+        self._clock_input = made, callback
         return made
 
     def _clock_tick(self, message: ClockMessage) -> None:
@@ -212,8 +200,7 @@ class TrajectoryServer(ManagedNode):
         service(SetSpeed, 'set_speed', lambda request: self._set_speed(request.scale))
         self.add_service(LoadSkill, 'load_skill', self._skills.answer)
         self.add_service(RefineSkill, 'refine_skill', self._refinement.answer)
-        # It awaits: in the default group it would block the other services.
-        self.add_service(LearnSkill, 'learn_skill', self._on_learn, ReentrantCallbackGroup())
+        self.add_service(LearnSkill, 'learn_skill', self._on_learn, concurrent=True)
 
     def _answer(self, reply: Any, action: Callable[[], object]) -> Any:
         try:
@@ -247,7 +234,7 @@ class TrajectoryServer(ManagedNode):
     def _publish_report(self) -> None:
         player = self.streamer.player
         if not self.streamer.active and self.get_parameter('use_sim_time').value:
-            message = take_latest(self._clock_input[0])
+            message = self._clock_input[0].newest_message()
             if message is not None:
                 self._clock_input[1](message)
         if self.streamer.joints:

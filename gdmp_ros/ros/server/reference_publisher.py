@@ -10,8 +10,9 @@ import numpy as np
 from gdmp_ros.control.joint_target import joint_target_size
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import POSE, STIFFNESS, TARGET_SIZE
-from gdmp_ros.ros.lifecycle import DEEP, ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import fill_joint_reference, fill_reference
+from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.streams import (
     CHECK_EVERY,

@@ -1,8 +1,6 @@
 """What a trajectory server reports: state, predicted path, diagnostics, log messages."""
 from __future__ import annotations
 
-import time
-
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ArmStatus, Context, ServerState
@@ -18,10 +16,10 @@ from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction, Tube
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import Punctuality
-from gdmp_ros.ros.lifecycle import ManagedNode, publishers_of
+from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose, tube_message
-from gdmp_ros.ros.polling import take_latest
 
 #: Poses of a predicted path in one duration of the motion.
 PLAN_POSES = 40
@@ -47,7 +45,7 @@ class ServerReport:
         :param frame: ``frame_id`` of state and path
         :param arm_topic: topic of the status of the arm
         """
-        self._arm: tuple[ArmStatus, float] | None = None
+        self._arm: tuple[ArmStatus, int] | None = None
         # Polled: for each message an executor takes half a millisecond.
         self._arm_in = node.add_subscription(ArmStatus, arm_topic, None)
         self._node, self._streamer, self._frame = node, streamer, frame
@@ -72,7 +70,7 @@ class ServerReport:
             lateness_p99_us=figures.p99_us, lateness_max_us=figures.max_us,
             scheduler=member.scheduler if member is not None else 'other',
             refused=streamer.refusals.count, last_refusal=streamer.refusals.last)
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self._node.stamp()
         message.header.frame_id = self._frame
         message.context = Context(names=list(streamer.context),
                                   values=list(streamer.context.values()))
@@ -95,7 +93,7 @@ class ServerReport:
     @property
     def arm(self) -> ArmStatus | None:
         """What the arm said last; None if that is too old."""
-        if self._arm is None or time.monotonic() - self._arm[1] > ARM_S:
+        if self._arm is None or self._node.clock.now() - self._arm[1] > ARM_S * NS:
             return None
         return self._arm[0]
 
@@ -111,9 +109,9 @@ class ServerReport:
     def publish(self) -> ServerState:
         """Publish everything, and return the state that was published."""
         self._reports += 1
-        status = take_latest(self._arm_in)
+        status = self._arm_in.newest_message()
         if status is not None:
-            self._arm = status, time.monotonic()
+            self._arm = status, self._node.clock.now()
         self._log()
         self._publish_plan()
         if self._reports % FIGURES_EVERY == 1:
@@ -140,10 +138,10 @@ class ServerReport:
     def _publish_plan(self) -> None:
         """Publish path and tube if there are subscribers, and empty ones at the end."""
         player = self._streamer.player
-        if player is None or not (self._plan.get_subscription_count()
-                                  or self._tube_out.get_subscription_count()):
+        if player is None or not (self._plan.subscribers()
+                                  or self._tube_out.subscribers()):
             return
-        rollout, stamp = player.taken_copy(), self._node.get_clock().now().to_msg()
+        rollout, stamp = player.taken_copy(), self._node.stamp()
         if rollout is not None:
             points, progress = prediction(rollout, PLAN_POSES)
             # Of two arms the path of the first one is shown.
@@ -172,7 +170,7 @@ class ServerReport:
 
     def _publish_tube(self, skill: Primitive, poses: np.ndarray, progress: np.ndarray, stamp: Time
                       ) -> None:
-        if (skill.variation is None or self._tube_out.get_subscription_count() == 0
+        if (skill.variation is None or self._tube_out.subscribers() == 0
                 or self._streamer.joints):
             return
         if self._tube is None or self._tube[0] is not skill:
@@ -189,7 +187,7 @@ class ServerReport:
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
         if self._reports % DIAGNOSTICS_EVERY == 0:
-            self._publishers = publishers_of(node, '~/reference')
+            self._publishers = node.participant.publishers('~/reference')
         if len(self._publishers) > 1:
             level = max(level, DiagnosticStatus.WARN)
             text = (f'{text}; {len(self._publishers)} nodes publish references: '

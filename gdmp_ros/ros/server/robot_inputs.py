@@ -14,7 +14,7 @@ from gdmp_ros.playback.measured_input import MeasuredInput
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.polling import take_latest_with_age
+from gdmp_ros.ros.middleware import deserialized
 from gdmp_ros.ros.serialized import PoseReader
 
 T = TypeVar('T')
@@ -36,8 +36,8 @@ class RobotInputs:
         self._reader = PoseReader(base.name, base.pose)
         self._states = node.add_subscription(JointState, joints, None)
         self.pose = self.pose_of(node, parameters.measured_pose_topic)
-        self.joints = MeasuredInput(self._newest_joints, node.resolve_topic_name(joints),
-                                    'positions of the joints')
+        self.joints = MeasuredInput(node.clock, self._newest_joints,
+                                    node.resolve_topic_name(joints), 'positions of the joints')
 
     def connect(self, streamer: Streamer) -> None:
         """Count refusals there, and ask it for the names of the joints."""
@@ -49,21 +49,22 @@ class RobotInputs:
 
     def pose_of(self, node: ManagedNode, topic: str) -> MeasuredInput:
         """Subscribe to the measured pose of a tool."""
-        poses = node.add_subscription(PoseStamped, topic, None, raw=True)
+        poses = node.add_subscription(PoseStamped, topic, None)
 
         def newest() -> tuple[np.ndarray, float] | None:
-            taken = take_latest_with_age(poses)
-            pose = None if taken is None else self.read_pose(taken[0])
-            return None if taken is None or pose is None else (pose, taken[1])
-        return MeasuredInput(newest, node.resolve_topic_name(topic))
+            received = poses.newest()
+            pose = None if received is None else self.read_pose(received.data)
+            return (None if received is None or pose is None else
+                    (pose, poses.age(received)))
+        return MeasuredInput(node.clock, newest, node.resolve_topic_name(topic))
 
     def _newest_joints(self) -> tuple[np.ndarray, float] | None:
-        taken, player = take_latest_with_age(self._states), self._streamer.player
-        if taken is None or player is None:
+        received, player = self._states.newest(), self._streamer.player
+        if received is None or player is None:
             return None
-        position = self._guarded('joint_states', lambda: joint_positions(taken[0],
-                                                                         player.joint_names))
-        return None if position is None else (position, taken[1])
+        position = self._guarded('joint_states', lambda: joint_positions(
+            deserialized(received.data, JointState), player.joint_names))
+        return None if position is None else (position, self._states.age(received))
 
     def _guarded(self, topic: str, use: Callable[[], T]) -> T | None:
         """Use a message, or refuse it; the next report logs the reason."""

@@ -5,7 +5,6 @@ import math
 from typing import Any, ClassVar, Protocol
 
 from gdmp_msgs.msg import ArmStatus
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from gdmp_ros.control.modes import ArmMode
@@ -45,13 +44,7 @@ class ServerAction:
         self._node, self._streamer, self._report = node, streamer, report
         self._execution: Any = None
         self._cancelling = False
-        self._action = ActionServer(node, self.kind, f'~/{self.name}', self._execute,
-                                    goal_callback=self._on_goal,
-                                    cancel_callback=lambda _: CancelResponse.ACCEPT)
-
-    def destroy(self) -> None:
-        """Destroy the action server."""
-        self._action.destroy()
+        node.add_action(self.kind, f'~/{self.name}', self._execute, self._accepts, cancel=True)
 
     def deactivated(self) -> None:
         """End the present goal: the node does not stream any more."""
@@ -85,11 +78,10 @@ class ServerAction:
                 f'{largest}')
         return None
 
-    def _on_goal(self, goal: Any) -> GoalResponse:
-        if self._streamer.active:
-            return GoalResponse.ACCEPT
-        self._node.get_logger().warning(f'{self.name}: rejected, the node is not active')
-        return GoalResponse.REJECT
+    def _accepts(self, goal: Any) -> bool:
+        if not self._streamer.active:
+            self._node.get_logger().warning(f'{self.name}: rejected, the node is not active')
+        return self._streamer.active
 
     def _refused(self, handle: Any, error: GdmpError) -> Any:
         """Result of a goal that cannot be executed."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import math
-import time
 
 from geometry_msgs.msg import Quaternion
 import numpy as np
@@ -23,6 +22,7 @@ from visualization_msgs.msg import (
 )
 from visualization_msgs.srv import GetInteractiveMarkers
 
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers, set_pose
 
@@ -67,6 +67,7 @@ class InteractiveMarkers:
     def __init__(self, node: ManagedNode,
                  on_feedback: Callable[[InteractiveMarkerFeedback], None]):
         """:param on_feedback: receives feedback about a marker"""
+        self._clock = node.clock
         self._markers: dict[str, InteractiveMarker] = {}
         self._on_feedback = on_feedback
         self._sequence = 0
@@ -94,7 +95,10 @@ class InteractiveMarkers:
 
     def dragged(self, name: str) -> bool:
         """Whether a user drags a marker."""
-        return time.monotonic() - self._dragged.get(name, -RELEASE_S) < RELEASE_S
+        return self._now() - self._dragged.get(name, -math.inf) < RELEASE_S
+
+    def _now(self) -> float:
+        return self._clock.now() / NS
 
     def pose(self, name: str) -> np.ndarray:
         """Pose of a marker (x, y, z, qw, qx, qy, qz)."""
@@ -102,7 +106,7 @@ class InteractiveMarkers:
 
     def move(self, name: str, pose: np.ndarray) -> None:
         """Move a marker, unless a user drags it or has just released it."""
-        released = time.monotonic() - self._released.get(name, -STAY_S) < STAY_S
+        released = self._now() - self._released.get(name, -math.inf) < STAY_S
         if self.dragged(name) or released or np.allclose(pose, self.pose(name), atol=1e-9):
             return
         marker = self._markers[name]
@@ -131,10 +135,10 @@ class InteractiveMarkers:
             return
         kind = InteractiveMarkerFeedback
         if message.event_type in (kind.MOUSE_DOWN, kind.POSE_UPDATE, kind.KEEP_ALIVE):
-            self._dragged[message.marker_name] = time.monotonic()
+            self._dragged[message.marker_name] = self._now()
         if message.event_type in (kind.POSE_UPDATE, kind.MOUSE_UP):
             marker.pose = message.pose
         if message.event_type == kind.MOUSE_UP:
             self._dragged.pop(message.marker_name, None)
-            self._released[message.marker_name] = time.monotonic()
+            self._released[message.marker_name] = self._now()
         self._on_feedback(message)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-import time
+import math
 from typing import Any
 
 from gdmp_msgs.msg import RobotState, ServerState, Tube
@@ -18,10 +18,10 @@ from visualization_msgs.msg import (
 )
 
 from gdmp_ros.control.manipulability import manipulability
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode, SILENT_S
 from gdmp_ros.ros.messages import pose_numbers, set_pose
 from gdmp_ros.ros.parameters import Parameters, Spec
-from gdmp_ros.ros.polling import take_latest
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros.visualizer.interactive import handle, InteractiveMarkers
@@ -67,7 +67,7 @@ class Visualizer(ManagedNode):
         self._shown: set[tuple[str, int]] = set()
         self._goal: np.ndarray | None = None
         self._robot: RobotState | None = None
-        self._received = {'server': 0.0, 'arm': 0.0}
+        self._received = {'server': -math.inf, 'arm': -math.inf}
         self._markers = self.add_publisher(MarkerArray, '~/markers', 1)
         self._goal_out = self.add_publisher(PoseStamped, f'{p.server}/goal_pose', 1)
         self._hand_out = self.add_publisher(PoseStamped, f'{p.arm}/hand_pose', 1)
@@ -109,7 +109,7 @@ class Visualizer(ManagedNode):
             return
         goal = pose_numbers(message.goal[0]) if message.goal else None
         self._goal = goal if goal is not None and _is_pose(goal) else None
-        self._received['server'] = time.monotonic()
+        self._received['server'] = self._now()
 
     def take_plan(self, message: Path) -> None:
         """Show this predicted path from now on."""
@@ -129,7 +129,7 @@ class Visualizer(ManagedNode):
 
     def _poll(self) -> None:
         """Use the newest state of the arm."""
-        message = take_latest(self._robots)
+        message = self._robots.newest_message()
         if message is not None:
             self.take_robot(message)
 
@@ -146,9 +146,9 @@ class Visualizer(ManagedNode):
                 'the parameter model', throttle_duration_sec=5.0)
             return
         self._robot = message
-        self._received['arm'] = time.monotonic()
+        self._received['arm'] = self._now()
         self._arm.reset(np.asarray(message.position))
-        self._past.append((time.monotonic(), pose_numbers(message.pose)[:3]))
+        self._past.append((self._now(), pose_numbers(message.pose)[:3]))
 
     def _of_this_frame(self, frame: str) -> bool:
         wanted = self.parameters.frame_id
@@ -157,26 +157,29 @@ class Visualizer(ManagedNode):
                                       'frame_id', throttle_duration_sec=5.0)
         return bool(frame == wanted)
 
+    def _now(self) -> float:
+        return self.clock.now() / NS
+
     # Output
 
     def _show(self) -> None:
         if not self._active:
             return
         self._poll()
-        now = time.monotonic()
+        now = self._now()
         if now - self._received['server'] > SILENT_S:
             self._goal, self._predicted = None, np.empty((0, 3))
             self._tube = np.empty((0, 4, 3))
         if now - self._received['arm'] > SILENT_S:
             self._robot = None
-        oldest = time.monotonic() - self.parameters.path_s
+        oldest = now - self.parameters.path_s
         while self._past and self._past[0][0] < oldest:
             self._past.popleft()
         self._update_handles()
-        if self._markers.get_subscription_count() == 0:
+        if self._markers.subscribers() == 0:
             return
         shown = self._all_markers()
-        stamp = self.get_clock().now().to_msg()
+        stamp = self.stamp()
         for marker in shown:
             marker.header.frame_id, marker.header.stamp = self.parameters.frame_id, stamp
         keys = {(marker.ns, marker.id) for marker in shown}
@@ -249,7 +252,7 @@ class Visualizer(ManagedNode):
     def _send(self, publisher: Any, pose: np.ndarray) -> None:
         message = PoseStamped()
         message.header.frame_id = self.parameters.frame_id
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = self.stamp()
         set_pose(message.pose, pose)
         publisher.publish(message)
 

@@ -1,0 +1,284 @@
+"""The middleware of ROS: rclpy over DDS. What leans on the inside of rclpy is here."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock as RosClock
+from rclpy.clock import ClockType
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    SingleThreadedExecutor,
+)
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from gdmp_ros.realtime.loop import Clock, Loop, RunningLoop, SystemClock
+from gdmp_ros.ros.middleware import (
+    ANOTHER_NODE,
+    ClientParticipant,
+    deserialized,
+    Middleware,
+    Participant,
+    Publisher,
+    Received,
+    ServiceClient,
+    Subscription,
+)
+
+#: Longest wait for a message before a loop looks whether it is to end [ns].
+WAIT_NS = 50_000_000
+#: Name of a node that is not discovered yet, as rclpy reports it.
+_NAMELESS = '_NODE_NAME_UNKNOWN_'
+_CLOCK = SystemClock()
+
+
+class _PolledGroup(CallbackGroup):
+    """
+    Callback group for subscriptions that the executor ignores.
+
+    With polling a flood of messages costs little; an executor would wake up for each of them.
+    """
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+class _Publisher(Publisher):
+    def __init__(self, made: Any):
+        super().__init__(made.msg_type, made.topic_name)
+        self.made = made
+
+    def send(self, data: bytes) -> None:
+        # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
+        self.made.handle.publish_raw(data)
+
+    def subscribers(self) -> int:
+        return int(self.made.get_subscription_count())
+
+
+class _Subscription(Subscription):
+    def __init__(self, clock: Clock, made: Any):
+        super().__init__(clock, made.msg_type, made.topic_name)
+        self.made = made
+
+    def take(self) -> Received | None:
+        with self.made.handle as handle:
+            taken = handle.take_message(self.kind, True)
+        if taken is None:
+            return None
+        data, about = taken
+        return Received(data, about['source_timestamp'], about['received_timestamp'])
+
+
+class DdsParticipant:
+    """A node of rclpy; see `Participant`."""
+
+    logger = None
+
+    def __init__(self, node: Node, clock: Clock = _CLOCK):
+        self.clock, self._node = clock, node
+
+    def publisher(self, kind: Any, topic: str, quality: QoSProfile) -> Publisher:
+        return _Publisher(self._node.create_publisher(
+            kind, topic, quality,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies()))
+
+    def subscription(self, kind: Any, topic: str, quality: QoSProfile,
+                     callback: Callable[[Any], None] | None = None) -> Subscription:
+        def received(data: bytes) -> None:
+            if callback is not None:
+                callback(deserialized(data, kind))
+        return _Subscription(self.clock, self._node.create_subscription(
+            kind, topic, received, quality, raw=True,
+            callback_group=None if callback else _PolledGroup(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies()))
+
+    def follow(self, subscription: Subscription, step: Callable[[Any], None], priority: int
+               ) -> RunningLoop:
+        subscription.discard()
+        return self.clock.start(self._following(subscription, step), priority)
+
+    def _following(self, subscription: Any, step: Callable[[Any], None]) -> Loop:
+        waiting = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, self._node.context.handle)
+        while True:
+            waiting.clear_entities()
+            waiting.add_subscription(subscription.made.handle)
+            waiting.wait(WAIT_NS)
+            while (message := subscription.take_message()) is not None:
+                step(message)
+                yield 0
+            yield 0
+
+    def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
+                concurrent: bool = False) -> object:
+        return self._node.create_service(
+            kind, name, callback,
+            callback_group=ReentrantCallbackGroup() if concurrent else None)
+
+    def client(self, kind: Any, name: str) -> ServiceClient:
+        made: ServiceClient = self._node.create_client(kind, name)
+        return made
+
+    def action(self, kind: Any, name: str, execute: Callable[[Any], Any],
+               accept: Callable[[Any], bool], cancel: Callable[[], bool]) -> object:
+        return ActionServer(
+            self._node, kind, name, execute,
+            goal_callback=lambda goal: (GoalResponse.ACCEPT if accept(goal)
+                                        else GoalResponse.REJECT),
+            cancel_callback=lambda _: (CancelResponse.ACCEPT if cancel()
+                                       else CancelResponse.REJECT))
+
+    def action_client(self, kind: Any, name: str) -> Any:
+        return ActionClient(self._node, kind, name)
+
+    def timer(self, period_s: float, callback: Callable[[], None]) -> object:
+        # On the steady clock: simulated time may stand still.
+        return self._node.create_timer(period_s, callback,
+                                       clock=RosClock(clock_type=ClockType.STEADY_TIME))
+
+    def future(self) -> Future:
+        made: Future = Future(executor=self._node.executor)
+        # The executor resumes coroutines when it wakes up; only a future with a callback wakes it.
+        made.add_done_callback(lambda _: None)
+        return made
+
+    def destroy(self, entity: Any) -> None:
+        if isinstance(entity, (ActionServer, ActionClient)):
+            entity.destroy()
+            return
+        node, made = self._node, getattr(entity, 'made', entity)
+        for destroy in (node.destroy_publisher, node.destroy_subscription, node.destroy_service,
+                        node.destroy_client, node.destroy_timer):
+            if destroy(made):
+                return
+
+    def publishers(self, topic: str) -> list[str]:
+        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        return sorted(ANOTHER_NODE if one.node_name == _NAMELESS
+                      else f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
+
+    def nodes(self) -> set[str]:
+        return {f'{space.rstrip("/")}/{name}'
+                for name, space in self._node.get_node_names_and_namespaces()}
+
+
+class DdsClient(DdsParticipant):
+    """A participant with a context and an executor of its own; see `ClientParticipant`."""
+
+    def __init__(self, name: str):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, args=[],
+                   signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(name, context=self._context)
+        super().__init__(self.node)
+        self.name = self.node.get_fully_qualified_name()
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def spin(self, seconds: float) -> None:
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+class Dds:
+    """The middleware of ROS; see `Middleware`."""
+
+    clock: Clock = _CLOCK
+
+    def options(self) -> Mapping[str, Any]:
+        return {}
+
+    def join(self, node: Any) -> Participant:
+        return DdsParticipant(node)
+
+    def client(self, name: str) -> ClientParticipant:
+        return DdsClient(name)
+
+
+_used: list[Middleware] = [Dds()]
+
+
+def current() -> Middleware:
+    """The middleware that nodes and clients join: DDS, unless another one is used instead."""
+    return _used[-1]
+
+
+@contextmanager
+def using(middleware: Middleware) -> Iterator[None]:
+    """Let nodes and clients that are made meanwhile join another middleware."""
+    _used.append(middleware)
+    try:
+        yield
+    finally:
+        _used.pop()
+
+
+def answered_transitions(node: Any) -> None:
+    """Let ``~/change_state`` answer a transition that is not possible; rclpy raises instead."""
+    service = node._service_change_state
+
+    def change(inner: Callable[[Any, Any], Any], request: Any, reply: Any) -> Any:
+        try:
+            return inner(request, reply)
+        except RuntimeError as error:  # of rcl
+            known = request.transition.label or request.transition.id
+            node.get_logger().warning(f'transition {known}: not possible in this state: {error}')
+            reply.success = False
+            return reply
+    service.callback = partial(change, service.callback)
+
+
+class CallbackExecutor:
+    """Runs the callbacks of nodes, one after the other."""
+
+    #: Raised by `run_next` when it is to end.
+    ENDED = (ConditionReachedException, ExternalShutdownException)
+
+    def __init__(self, nodes: Sequence[Node]):
+        self._executor = SingleThreadedExecutor()
+        for node in nodes:
+            self._executor.add_node(node)
+
+    def next(self, ending: Callable[[], bool]) -> Callable[[], None]:
+        """
+        Wait for a callback, and return a call that runs it.
+
+        :param ending: whether to end instead
+        """
+        task, _, _ = self._executor.wait_for_ready_callbacks(None, None, ending)
+
+        def call() -> None:
+            task()
+            error = task.exception()
+            if error is not None:
+                raise error
+        return call
+
+    def wake(self) -> None:
+        """Let `next` look whether it is to end."""
+        self._executor.wake()
+
+    def close(self) -> None:
+        """Shut down; nobody waits in `next`."""
+        self._executor.shutdown()
