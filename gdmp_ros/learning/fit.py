@@ -19,6 +19,7 @@ from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 from gdmp_ros.learning.rhythmic_fit import learn_cycle
 from gdmp_ros.learning.variation_fit import variation_of
+from gdmp_ros.util.blas import one_thread
 
 __all__ = ['FitSettings', 'learn', 'learn_cycle']
 
@@ -28,6 +29,7 @@ MIN_BASIS, MAX_BASIS = 5, 500
 PASSES = 2
 
 
+@one_thread
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
           settings: FitSettings, tolerance: float) -> Primitive:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""

@@ -23,6 +23,7 @@ from gdmp_ros.learning.preparation import (
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import work_array
 from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
+from gdmp_ros.util.blas import one_thread
 
 #: Numbers of basis functions that ``n_basis='auto'`` tries, and the largest number.
 COUNTS, MOST = (10, 14, 20, 28, 40, 60, 85, 120, 170, 240), 1000
@@ -41,6 +42,7 @@ class LearnedCycle(NamedTuple):
     fitted: FittedCycle
 
 
+@one_thread
 def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
                 settings: FitSettings, tolerance: float, period: float | None) -> LearnedCycle:
     """Learn a rhythmic primitive; see `gdmp_ros.dmp.Skill.learn_rhythmic`."""

@@ -79,7 +79,8 @@ class _Subscription(Subscription):
         self.made = made
 
     def take(self) -> Received | None:
-        with self.made.handle as handle:
+        handle = self.made.handle
+        with handle:
             taken = handle.take_message(self.kind, True)
         if taken is None:
             return None

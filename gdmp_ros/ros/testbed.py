@@ -32,20 +32,20 @@ class NodeTestbed:
     """
 
     def __init__(self, folder: Path, environment: Mapping[str, str],
-                 arm: ArmChoice | None = None):
+                 arm: ArmChoice | None = None, children: ChildProcesses | None = None):
         """
         Begin without nodes.
 
-        :param arm: by default the simulated one
-
         :param folder: for logs and recordings
         :param environment: of a `gdmp_ros.util.dds_network.Domain`
+        :param arm: by default the simulated one
+        :param children: what runs the nodes; by default processes
         """
         # This process joins the domain too.
         os.environ.update(environment)
         self.folder, self.arm = folder, arm or ArmChoice()
         self.environment = dict(environment)
-        self.children = ChildProcesses(environment, folder / 'logs')
+        self.children = children or ChildProcesses(environment, folder / 'logs')
         # The recorder ends when the disk is full.
         self.may_end = {RECORDER}
         self.client = ServerClient(check=self.check)

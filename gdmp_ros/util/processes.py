@@ -44,10 +44,7 @@ class ChildProcesses:
                    extra: Sequence[str] = (), prefix: Sequence[str] = (),
                    environment: Mapping[str, str] | None = None) -> None:
         """Start a ROS node with parameters."""
-        words = ['--ros-args']
-        for key, value in parameters.items():
-            words += ['-p', f'{key}:={_yaml(value)}']
-        self.start(name, module, [*words, *extra], prefix, environment)
+        self.start(name, module, ros_arguments(parameters, extra), prefix, environment)
 
     def stop(self, name: str, timeout: float = 10.0) -> int:
         """Send SIGTERM, after ``timeout`` seconds SIGKILL; return the exit code."""
@@ -87,6 +84,14 @@ class ChildProcesses:
     def log(self, name: str) -> Path:
         """File with the output of a process."""
         return self._logs / f'{name}.log'
+
+
+def ros_arguments(parameters: Mapping[str, object], extra: Sequence[str] = ()) -> list[str]:
+    """Arguments of a ROS node: parameters, and ``extra`` after ``--ros-args``."""
+    words = ['--ros-args']
+    for name, value in parameters.items():
+        words += ['-p', f'{name}:={_yaml(value)}']
+    return [*words, *extra]
 
 
 def _yaml(value: object) -> str:

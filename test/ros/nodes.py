@@ -1,4 +1,4 @@
-"""Nodes as processes, and the messages that they send; every wait has a timeout."""
+"""Nodes, and the messages that they send; every wait has a timeout."""
 from contextlib import contextmanager
 import os
 
@@ -11,10 +11,10 @@ from rclpy.parameter import Parameter
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import DISCOVERY_S
-from gdmp_ros.ros.lifecycle import DEEP, reliable
-from gdmp_ros.ros.polling import PolledGroup, take
+from gdmp_ros.ros.middleware import DEEP, deserialized, latched
 from gdmp_ros.ros.testbed import ARM, NodeTestbed, SERVER
 from gdmp_ros.util.dds_network import Domain
+from test.lockstep.bed import lockstep_bed
 
 FRAME = 'panda_link0'
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
@@ -24,56 +24,110 @@ AFTER = {CONFIGURE: 'inactive', ACTIVATE: 'active', DEACTIVATE: 'inactive',
          CLEANUP: 'unconfigured'}
 
 
+class Collected:
+    """All messages of a fast topic since the last `clear`; each is read when it is looked at."""
+
+    def __init__(self, subscription):
+        self.subscription = subscription
+        self._data, self._read = [], {}
+
+    def take(self):
+        """Take what has come."""
+        while (received := self.subscription.take()) is not None:
+            self._data.append(received.data)
+
+    def clear(self):
+        self.take()
+        self._data.clear()
+        self._read.clear()
+
+    def __len__(self):
+        self.take()
+        return len(self._data)
+
+    def __getitem__(self, at):
+        count = len(self)
+        if isinstance(at, slice):
+            return [self[k] for k in range(*at.indices(count))]
+        k = range(count)[at]
+        if k not in self._read:
+            self._read[k] = deserialized(self._data[k], self.subscription.kind)
+        return self._read[k]
+
+
 class Nodes(NodeTestbed):
     """A testbed whose server has a skill, and lists of the messages that were received."""
 
-    def __init__(self, folder, environment, skill_file):
-        super().__init__(folder, environment)
+    def __init__(self, folder, skill_file, environment, children=None):
+        super().__init__(folder, environment, children=children)
         self.skill_file = skill_file
-        self.robot: list[RobotState] = []
-        self.references: list[Reference] = []
-        self._polled = []
-        self._made = []
+        self._collected, self._made = [], []
         self._states = {SERVER: 'unconfigured', ARM: 'unconfigured'}
         self.used = False
         self.forget()
 
     def __exit__(self, *_):
-        # Quicker than SIGTERM, whose effect is tested in test_lifecycle.
+        # Quicker than an orderly end, whose effect is tested in test_processes.
         for name in list(self.children.processes):
             self.children.kill(name)
         super().__exit__()
 
     @property
-    def node(self):
-        """Node of the client, for subscriptions and publishers of a test."""
-        return self.client.node
+    def participant(self):
+        """What tests publish with, and subscribe."""
+        return self.client.participant
 
     def check(self):
         super().check()
-        for subscription, into in self._polled:
-            while (message := take(subscription)) is not None:
-                into.append(message)
+        for one in self._collected:
+            one.take()
 
     def collect(self, kind, topic):
-        """List to which all messages of a fast topic are appended; an executor is too slow."""
-        into = []
-        subscription = self.node.create_subscription(kind, topic, lambda _: None, reliable(DEEP),
-                                                     callback_group=PolledGroup())
-        self._made.append((self.node.destroy_subscription, subscription))
-        self._polled.append((subscription, into))
-        return into
-
-    def subscribe(self, kind, topic, callback, quality=None):
-        self._made.append((self.node.destroy_subscription, self.node.create_subscription(
-            kind, topic, callback, quality or reliable(100))))
-
-    def publisher(self, kind, topic):
-        """Publisher that has a subscriber."""
-        made = self.node.create_publisher(kind, topic, reliable(10))
-        self._made.append((self.node.destroy_publisher, made))
-        self.wait(f'a subscriber of {topic}', lambda: made.get_subscription_count() > 0, 60.0)
+        """All messages of a fast topic; callbacks are too slow."""
+        made = Collected(self.client.subscribe(kind, topic, depth=DEEP))
+        self._made.append(made.subscription)
+        self._collected.append(made)
         return made
+
+    def subscribe(self, kind, topic, callback, depth=100, late=False):
+        """:param late: get the last messages too"""
+        self._made.append(
+            self.participant.subscription(kind, topic, latched(depth), callback) if late
+            else self.client.subscribe(kind, topic, callback, depth))
+
+    def publisher(self, kind, topic, wait=True):
+        """:param wait: until it has a subscriber"""
+        made = self.client.publisher(kind, topic)
+        self._made.append(made)
+        if wait:
+            self.wait(f'a subscriber of {topic}', lambda: made.subscribers() > 0, 60.0)
+        return made
+
+    @contextmanager
+    def meanwhile(self, look):
+        """
+        Call ``look`` every 20 ms, whoever lets time pass, such as a command of this process.
+
+        The messages that have come are received before.
+        """
+        ended = []
+
+        def looked():
+            if ended:
+                return True
+            self.participant.executor.drain()
+            self.check()
+            look()
+            return False
+        self.network.clock.every(20_000_000, looked)
+        try:
+            yield
+        finally:
+            ended.append(True)
+
+    def every(self, seconds, callback):
+        """Call something periodically while the client waits."""
+        self._made.append(self.participant.timer(seconds, callback))
 
     def listen(self):
         """Collect references too."""
@@ -81,29 +135,23 @@ class Nodes(NodeTestbed):
 
     def forget(self):
         """End what a test subscribed to or published; collect states of the arm only."""
-        for destroy, made in self._made:
-            destroy(made)
-        self._made, self._polled, self.references = [], [], []
+        for made in self._made:
+            self.participant.destroy(made)
+        self._made, self._collected, self.references = [], [], []
         self.robot = self.collect(RobotState, f'{ARM}/state')
 
-    def start_server(self, name=SERVER, **parameters):
-        super().start_server(name, **{'skill': str(self.skill_file), **parameters})
+    def start_server(self, name=SERVER, *arguments, **parameters):
+        super().start_server(name, *arguments, **{'skill': str(self.skill_file), **parameters})
 
     def start(self, **parameters):
         """Start arm and server, and wait until the server holds the arm."""
-        # Discovered while the nodes start, instead of before the first call.
-        clients = {name: self.node.create_client(ChangeState, name)
-                   for name in (f'{SERVER}/change_state', f'{ARM}/change_state')}
         super().start(record=False, **parameters)
-        for name, client in clients.items():
-            self.wait(name, client.service_is_ready)
-        self.client._services.update(clients)
         self._states.update({SERVER: 'active', ARM: 'active'})
         self.wait('the arm', lambda: bool(self.robot))
 
     def restart(self):
         """
-        Configure arm and server anew, without new processes; takes a third of a second.
+        Configure arm and server anew.
 
         Afterwards the arm is at its first pose, and skill, goals, tempo and counters are as after
         the start.
@@ -119,8 +167,8 @@ class Nodes(NodeTestbed):
         self.wait('the arm', lambda: bool(self.robot))
 
     def call_later(self, kind, name, **fields):
-        """Call a service that `call` has called before; returns the future of the reply."""
-        return self.client._services[name].call_async(kind.Request(**fields))
+        """Call a service; returns the future of the reply."""
+        return self.client.service(kind, name).call_async(kind.Request(**fields))
 
     def unconfigure(self):
         """Deactivate server and arm, and clean them up."""
@@ -179,10 +227,17 @@ class Nodes(NodeTestbed):
 
 @contextmanager
 def open_testbed(folder, skill_file):
-    """A testbed in a DDS domain of its own; the environment is restored at the end."""
+    """A testbed in lockstep."""
+    with lockstep_bed(Nodes, folder, skill_file) as made:
+        yield made
+
+
+@contextmanager
+def open_processes(folder, skill_file):
+    """A testbed of processes in a DDS domain of its own; the environment is restored."""
     before = dict(os.environ)
     try:
-        with Domain() as domain, Nodes(folder, domain.environment(), skill_file) as made:
+        with Domain() as domain, Nodes(folder, skill_file, domain.environment()) as made:
             yield made
     finally:
         os.environ.clear()

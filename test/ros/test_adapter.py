@@ -7,13 +7,13 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 import pytest
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.adapter.node import along_axes
-from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.middleware import Publisher
 from test.ros.nodes import FRAME, open_testbed
 
 PRESETS = Path(__file__).parents[2] / 'config' / 'presets'
@@ -66,7 +66,7 @@ class Feed:
     def listen(self, kind, topic):
         def take(message):
             self.got[topic] = message
-        self.nodes.subscribe(kind, topic, take, reliable(1))
+        self.nodes.subscribe(kind, topic, take, 1)
         return self
 
     def until(self, *topics):
@@ -149,14 +149,14 @@ def test_matrix_gets_all_entries_with_the_coupling_of_axes(feed):
 def test_franka_gets_the_pose_and_no_stiffness(feed):
     topic = '/franka/cartesian_impedance_example_controller/equilibrium_pose'
     check_pose(feed.listen(PoseStamped, topic).until(topic)[0])
-    published = dict(feed.nodes.node.get_publisher_names_and_types_by_node('adapter', '/franka'))
-    assert topic in published
-    assert not any('stiffness' in topic for topic in published)
+    adapter = feed.nodes.children.node('franka').participant
+    published = [one.topic for one in adapter.made if isinstance(one, Publisher)]
+    assert published == [topic]
 
 
 def test_cartesian_controllers_get_six_parameters_along_the_tool(feed):
     names = [f'stiffness.{kind}_{axis}' for kind in ('trans', 'rot') for axis in 'xyz']
-    node, refused = Node('cartesian_compliance_controller', context=feed.nodes.node.context), []
+    node, refused = ManagedNode('cartesian_compliance_controller'), []
     for name in names:
         node.declare_parameter(name, 1.0)
 
@@ -166,7 +166,6 @@ def test_cartesian_controllers_get_six_parameters_along_the_tool(feed):
             return SetParametersResult(successful=False, reason='not yet')
         return SetParametersResult(successful=True)
     node.add_on_set_parameters_callback(check)
-    feed.nodes.client._executor.add_node(node)
     topic = '/cartesian_compliance_controller/target_frame'
     check_pose(feed.listen(PoseStamped, topic).until(topic)[0], 'base_link')
     wanted = along_axes(stiffness(), POSE[3:])
@@ -178,7 +177,7 @@ def test_cartesian_controllers_get_six_parameters_along_the_tool(feed):
     # A refusal is logged, and the request repeated.
     feed.nodes.wait('the stiffness', arrived, 30.0)
     assert 'refused the stiffness: not yet' in feed.nodes.log('cartesian_controllers')
-    feed.nodes.client._executor.remove_node(node)
+    node.participant.leave()
     node.destroy_node()
 
 

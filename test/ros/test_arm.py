@@ -1,6 +1,5 @@
 """The simulated arm: what it publishes, its services, and what it refuses."""
 import re
-import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from gdmp_msgs.msg import Reference, RobotState
@@ -9,7 +8,6 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -119,7 +117,7 @@ def test_invalid_references_are_refused_and_counted_and_the_arm_holds(running):
             "frame is 'world'", 'NaN', 'quaternion norm', 'not positive definite')), start=1):
         message = Reference()
         message.header.frame_id = 'world' if count == 1 else FRAME
-        message.header.stamp = messages.stamp_of(time.time_ns())
+        message.header.stamp = messages.stamp_of(running.client.clock.wall())
         messages.fill_reference(message, numbers)
         publisher.publish(message)
         running.wait(f'the refusal: {reason}',
@@ -145,8 +143,7 @@ def test_topics_for_viewers_have_100_hz(running):
 
 def test_a_late_subscriber_gets_the_robot_description(running):
     received = []
-    running.subscribe(String, '/robot_description', received.append,
-                      QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    running.subscribe(String, '/robot_description', received.append, 1, late=True)
     running.wait('the description', lambda: len(received) > 0)
     assert '<link name="panda_link0">' in received[0].data
     assert all(f'<joint name="joint{i}" type="revolute">' in received[0].data

@@ -1,65 +1,46 @@
 """`gdmp watch` shows what server and arm do, and which of them is silent."""
-from contextlib import contextmanager
-import os
-import pty
+from contextlib import redirect_stdout
+import io
 import re
-import signal
-import subprocess
 
+from gdmp_ros.cli.main import main
 from gdmp_ros.ros.testbed import SERVER
-from test.commands import GDMP, gdmp
+from test.commands import gdmp
 from test.ros.nodes import CLEANUP, DEACTIVATE
-
-WATCH = [*GDMP, 'watch']
-
-
-@contextmanager
-def watching(**streams):
-    """The live view; Ctrl-C ends it."""
-    process = subprocess.Popen(WATCH, **streams)
-    try:
-        yield process
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) in (0, 130)
-    finally:
-        process.kill()
-        process.wait()
-
-
-def first_line(process, pattern):
-    """First line with a pattern; the arm and the server are silent until they are discovered."""
-    for line in process.stdout:
-        if re.search(pattern, line):
-            return line
-    raise AssertionError(f'no line with {pattern}')
 
 
 def test_it_prints_the_state_of_server_and_arm_and_which_is_silent(running):
     running.client.execute()
-    with watching(stdout=subprocess.PIPE, text=True) as process:
-        line = first_line(process, r'trajectory_server: \w+, \d+%.*panda_sim: at')
-        assert re.search(r'trajectory_server: (moving|holding), \d+%', line)
-        assert re.search(r'rate: \d+\.\d Hz', line) and 'lateness: p50' in line
-        assert 'distance to goal: position' in line and 'energy tank: ' in line
-        assert re.search(r'stiffness: \d+ to \d+ N/m', line)
-        assert running.transition(SERVER, DEACTIVATE, CLEANUP)
-        first_line(process, 'trajectory_server: silent; panda_sim: at')
-
-
-def test_it_ends_after_the_given_time(running):
-    done = gdmp('watch', '--seconds', '1')
+    done = gdmp('watch', '--seconds', '1.5')
     assert done.returncode == 0
-    assert re.match('trajectory_server: .*; panda_sim: |trajectory_server: silent', done.stdout)
-
-
-def test_on_a_terminal_it_draws_in_place(running):
+    line = done.stdout.splitlines()[0]
+    assert re.search(r'trajectory_server: moving, \d+%.*panda_sim: at', line)
+    assert re.search(r'rate: \d+\.\d Hz', line) and 'lateness: p50' in line
+    assert 'distance to goal: position' in line and 'energy tank: ' in line
+    assert re.search(r'stiffness: \d+ to \d+ N/m', line)
     assert running.transition(SERVER, DEACTIVATE, CLEANUP)
-    ours, theirs = pty.openpty()
-    seen = b''
-    with watching(stdout=theirs, stderr=theirs,
-                  env={**os.environ, 'TERM': 'xterm', 'COLUMNS': '120'}):
-        os.close(theirs)
-        while b'energy tank' not in seen or b'silent' not in seen:
-            seen += os.read(ours, 4096)
-    os.close(ours)
-    assert b'\x1b[' in seen
+    running.spend(1.0)
+    lines = gdmp('watch', '--seconds', '1.5').stdout.splitlines()
+    assert lines[-1].startswith('trajectory_server: silent; panda_sim: at')
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_on_a_terminal_it_draws_in_place(running, monkeypatch):
+    monkeypatch.setenv('TERM', 'xterm')
+    monkeypatch.setenv('COLUMNS', '120')
+    assert running.transition(SERVER, DEACTIVATE, CLEANUP)
+    with redirect_stdout(Terminal()) as seen:
+        assert main(['watch', '--seconds', '1']) == 0
+    assert 'energy tank' in seen.getvalue() and 'silent' in seen.getvalue()
+    assert '\x1b[' in seen.getvalue()
+
+
+def test_ctrl_c_ends_it(running):
+    def interrupt():
+        raise KeyboardInterrupt
+    with running.meanwhile(interrupt):
+        assert gdmp('watch').returncode == 130

@@ -4,7 +4,6 @@ from gdmp_msgs.msg import GripperCommand, GripperState
 from gdmp_msgs.srv import LoadSkill
 import numpy as np
 import pytest
-from rclpy.action import ActionClient
 
 from gdmp_ros.demo.tasks import picking_motion
 from gdmp_ros.dmp.events import GripperEvent
@@ -40,13 +39,13 @@ def watch(running):
 
 
 def move(running, **goal):
-    client = ActionClient(running.node, MoveGripper, 'gripper/move')
+    client = running.participant.action_client(MoveGripper, 'gripper/move')
     running.wait('the action', client.server_is_ready)
     sent = client.send_goal_async(MoveGripper.Goal(**goal))
     running.wait('the goal', sent.done)
     done = sent.result().get_result_async()
     running.wait('the result', done.done, 30.0)
-    client.destroy()
+    running.participant.destroy(client)
     return done.result().result
 
 

@@ -1,8 +1,5 @@
-"""``gdmp improve --robot``: one by one with a person who says go, over DDS."""
+"""``gdmp improve --robot``: one by one with a person who says go."""
 import json
-import os
-import signal
-import subprocess
 
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -17,7 +14,7 @@ from gdmp_ros.ros.testbed import ARM
 from gdmp_ros.sim import Arm
 from gdmp_ros.sim.reach import Reach
 from gdmp_ros.util.profiles import minimum_jerk
-from test.commands import GDMP
+from test.commands import gdmp
 from test.ros.nodes import FRAME
 
 SCORE = """
@@ -55,28 +52,17 @@ def start(skill):
     return Reach(Arm()).posture(skill.start[:7], Arm().home)
 
 
-def improve(running, folder, answers, *words, during=lambda process: None):
+def improve(running, folder, answers, *words, during=lambda: None):
     """
     Improve as a person who types these answers; returns exit code and text.
 
-    :param during: called with the process until it ends
+    :param during: called until the end
     """
-    process = subprocess.Popen(
-        [*GDMP, 'improve', 'high.py', '--skill', 'skill.json', '-o', 'better.json', '--robot',
-         '--updates', '1', '--samples', '2', '--held-out', '0', '--weights', '3', *words],
-        cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, env=os.environ)
-    process.stdin.write(answers)
-    process.stdin.close()
-
-    def ended():
-        during(process)
-        return process.poll() is not None
-    try:
-        running.wait('the improvement', ended, 120.0)
-    finally:
-        process.kill()
-    return process.returncode, process.stdout.read()
+    with running.meanwhile(during):
+        done = gdmp('improve', 'high.py', '--skill', 'skill.json', '-o', 'better.json', '--robot',
+                    '--updates', '1', '--samples', '2', '--held-out', '0', '--weights', '3',
+                    *words, given=answers, cwd=folder)
+    return done.returncode, done.stdout + done.stderr
 
 
 def outcomes(folder):
@@ -114,7 +100,7 @@ def push(running):
     """A hand pulls the tool away while it moves."""
     hand = running.publisher(PoseStamped, f'{ARM}/hand_pose')
 
-    def during(_):
+    def during():
         if running.state is not None and 0.3 < running.state.progress < 0.6 and running.robot:
             message = PoseStamped()
             message.header.frame_id = FRAME
@@ -137,9 +123,9 @@ def test_a_push_ends_a_rollout_which_is_worst_and_the_arm_goes_back(running, fol
 
 
 def test_an_arm_that_is_stopped_ends_a_rollout(running, folder, start):
-    stopped, stop = [], running.node.create_client(Trigger, f'{ARM}/stop')
+    stopped, stop = [], running.client.service(Trigger, f'{ARM}/stop')
 
-    def during(_):
+    def during():
         if not stopped and running.state is not None and 0.3 < running.state.progress < 0.6:
             stopped.append(stop.call_async(Trigger.Request()))
     code, text = improve(running, folder, '\nq\n', during=during)
@@ -151,10 +137,10 @@ def test_an_arm_that_is_stopped_ends_a_rollout(running, folder, start):
 def test_ctrl_c_stops_the_arm_and_it_holds(running, folder, start):
     interrupted = []
 
-    def during(process):
+    def during():
         if not interrupted and running.state is not None and 0.3 < running.state.progress < 0.6:
-            process.send_signal(signal.SIGINT)
             interrupted.append(True)
+            raise KeyboardInterrupt
     code, text = improve(running, folder, '\n', during=during)
     assert code == 130 and not outcomes(folder), text
     running.wait_rest()

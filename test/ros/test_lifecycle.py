@@ -91,7 +91,7 @@ def test_a_failed_activation_leaves_nothing_running(unconfigured):
     reply = unconfigured.call(Trigger, f'{SERVER}/start')
     assert not reply.success
     unconfigured.wait_quiet(unconfigured.references)
-    assert unconfigured.references == []
+    assert not unconfigured.references
     assert unconfigured.transition(SERVER, CLEANUP)
     assert unconfigured.set_parameters(SERVER, execute_on_activate=False).successful
 

@@ -15,8 +15,9 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from gdmp_ros.ros import composed
+from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.parameter_tables import NODES
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
 from test.ros.nodes import open_testbed
 
 ROOT = Path(__file__).parents[2]
@@ -29,20 +30,20 @@ DISPLAYS = {'MarkerArray': MarkerArray, 'RobotModel': String, 'Path': PathMessag
 
 @pytest.fixture(scope='module')
 def topics(tmp_path_factory):
-    """All topics of server, arm and visualizer, as discovered on the network: name to type."""
-    names = [SERVER, ARM, 'visualizer']
-    with open_testbed(tmp_path_factory.mktemp('composed'), '') as nodes:
-        nodes.children.start('composed', 'gdmp_ros.ros.composed', [
-            *names, '--ros-args', '-p', 'trajectory_server:goal_speed:=0.123'])
-        nodes.wait('the server', lambda: nodes.client.state is not None, 120.0)
-        nodes.wait('the visualizer', lambda: '/visualizer/markers' in dict(
-            nodes.node.get_topic_names_and_types()), 60.0)
-        # Names are discovered later than topics.
-        nodes.wait('the names of all nodes',
-                   lambda: set(names) <= set(nodes.node.get_node_names()), 60.0)
-        found = dict(nodes.node.get_topic_names_and_types())
-        nodes.children.stop('composed', timeout=20.0)
-    return {name: kinds[0] for name, kinds in found.items()}
+    """All topics of server, arm and visualizer: name to type."""
+    with open_testbed(tmp_path_factory.mktemp('nodes'), '') as nodes:
+        for name in (SERVER, ARM):
+            nodes.children.start_node(name, MODULES[name], {})
+        nodes.children.start_node('visualizer', 'gdmp_ros.ros.visualizer.node', {})
+        nodes.wait('the server', lambda: nodes.client.state is not None)
+        return {one.topic: type_name(one.kind)
+                for name in (SERVER, ARM, 'visualizer')
+                for one in nodes.children.node(name).participant.made
+                if isinstance(one, (Publisher, Subscription))}
+
+
+def type_name(kind):
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
 
 def message_class(name):

@@ -1,6 +1,4 @@
 """Recorded references are sent to the arm again; the arm keeps its rule."""
-import subprocess
-
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ from std_srvs.srv import Trigger
 from gdmp_ros.data import runs
 from gdmp_ros.data.references import read_references
 from gdmp_ros.ros.testbed import ARM, SERVER
-from test.commands import GDMP, gdmp
+from test.commands import gdmp
 from test.ros.nodes import CLEANUP, DEACTIVATE
 
 
@@ -57,18 +55,15 @@ def test_a_replay_that_begins_at_the_robot_is_followed_to_its_end(shared_nodes, 
     shared_nodes.spend(0.5)
     # The first pose of the arm is the one at which the motion was begun.
     shared_nodes.robot.clear()
-    # The states are received meanwhile.
-    replaying = subprocess.Popen([*GDMP, 'replay', str(bag)], stdout=subprocess.PIPE, text=True)
-    shared_nodes.wait('the replay', lambda: replaying.poll() is not None, 60.0)
-    assert replaying.returncode == 0
-    assert f'replayed {len(run.references)} references' in replaying.communicate()[0]
+    done = gdmp('replay', bag)
+    assert done.returncode == 0, done.stderr
+    assert f'replayed {len(run.references)} references' in done.stdout
     shared_nodes.wait_rest()
     assert np.linalg.norm(shared_nodes.tool()[:3] - run.poses[-1, :3]) < 2e-3
     path = np.array([[m.pose.position.x, m.pose.position.y, m.pose.position.z]
                      for m in shared_nodes.robot])
-    # As near to the references as the first time: it is a fast motion, and this process may miss
-    # states for some milliseconds.
-    assert distance_of(run.references, path) < distance_of(run.references, run.poses[:, :3]) + 6e-3
+    # As near to the references as the first time.
+    assert distance_of(run.references, path) < distance_of(run.references, run.poses[:, :3]) + 1e-4
 
 
 def test_a_transition_that_is_not_possible_is_answered(shared_nodes, recorded):

@@ -3,7 +3,6 @@ from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.srv import LearnSkill
 import numpy as np
 import pytest
-from rclpy.action import ActionClient
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data import recordings, run_events
@@ -141,7 +140,7 @@ def test_a_sequence_with_joins_in_motion_a_signal_and_feedback(running, folder):
     running.listen()
     running.record()
     steps = []
-    action = ActionClient(running.node, ExecuteSequence, f'{SERVER}/execute_sequence')
+    action = running.participant.action_client(ExecuteSequence, f'{SERVER}/execute_sequence')
     running.wait('the action', action.server_is_ready)
     sent = action.send_goal_async(
         ExecuteSequence.Goal(sequence=str(folder / 'sequence.yaml')),
@@ -167,7 +166,7 @@ def test_a_sequence_with_joins_in_motion_a_signal_and_feedback(running, folder):
     # The recorded run tells the steps, too.
     happened = [event.text for event in run_events.events(running.recorded())]
     assert 'step 5 of 6 begins: polish' in happened
-    action.destroy()
+    running.participant.destroy(action)
 
 
 def test_a_sequence_begins_at_a_step_is_cancelled_and_preempted(running, folder):

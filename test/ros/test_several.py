@@ -5,15 +5,13 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
-from gdmp_ros.ros.testbed import MODULES, SERVER
+from gdmp_ros.ros.testbed import SERVER
 from test.ros.nodes import FRAME
 
 
-def test_one_process_streams_for_two_robots_each_in_its_namespace(nodes):
-    nodes.children.start('both', MODULES[SERVER], [
-        '--robots', 'left', 'right', '--ros-args', '-p', f"skill:='{nodes.skill_file}'",
-        '-p', 'start_from:=skill'])
+def test_two_servers_stream_each_in_its_namespace(nodes):
+    for name in ('left', 'right'):
+        nodes.start_server(name, ['-r', f'__ns:=/{name}'], start_from='skill')
     streams, states = {}, {}
     for name in ('left', 'right'):
         streams[name] = nodes.collect(Reference, f'/{name}/{SERVER}/reference')
@@ -40,7 +38,7 @@ def test_the_reference_waits_for_a_robot_that_is_held_back(nodes, skill):
     nodes.start_server(measured_pose_topic='/held_robot', phase_stopping=5.0)
     start = skill.manifold.split(skill.start)
     pose = np.concatenate([start[0], start[1]])
-    robot = nodes.node.create_publisher(PoseStamped, '/held_robot', reliable(10))
+    robot = nodes.publisher(PoseStamped, '/held_robot')
 
     def publish():
         message = PoseStamped()
@@ -48,7 +46,7 @@ def test_the_reference_waits_for_a_robot_that_is_held_back(nodes, skill):
         messages.set_pose(message.pose, pose)
         robot.publish(message)
 
-    nodes.node.create_timer(0.02, publish)
+    nodes.every(0.02, publish)
     nodes.client.wait_status('holding', 60.0)
     nodes.client.execute()
     nodes.wait('the tempo to decrease', lambda: nodes.state.status == 'moving'

@@ -4,7 +4,6 @@ from gdmp_msgs.srv import LoadSkill
 from geometry_msgs.msg import PoseStamped, TransformStamped
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data.tool import tool_manifold
@@ -14,7 +13,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
+from gdmp_ros.ros.middleware import latched
 from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk
@@ -59,14 +58,11 @@ def shared_nodes(tmp_path_factory, skill):
 
 
 def say_where_the_right_arm_is(running):
-    quality = reliable(1)
-    quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
-    publisher = running.node.create_publisher(TFMessage, '/tf_static', quality)
+    publisher = running.participant.publisher(TFMessage, '/tf_static', latched(1))
     transform = TransformStamped(child_frame_id='right_link0')
     transform.header.frame_id = 'left_link0'
     messages.set_transform(transform.transform, BASE)
     publisher.publish(TFMessage(transforms=[transform]))
-    return publisher
 
 
 def in_common_frame(message):
@@ -82,7 +78,7 @@ def test_two_arms_follow_one_skill_while_the_goal_of_the_second_is_switched(shar
         running.client.execute()
         running.client.wait('the refusal', running.client.done, 5.0)
         running.client.check_failure()
-    publisher = say_where_the_right_arm_is(running)
+    say_where_the_right_arm_is(running)
     running.client.wait_status('holding', 30.0)
     streams = [running.collect(Reference, f'/{SERVER}/{topic}')
                for topic in ('reference', 'second/reference')]
@@ -117,7 +113,6 @@ def test_two_arms_follow_one_skill_while_the_goal_of_the_second_is_switched(shar
                            in_common_frame(measured[1][-1])])
     assert (coupling.deviation(skill.manifold, ends) <= [2e-3, 5e-3]).all()
     assert np.abs(ends[7:] - goal).max() < 3e-3
-    del publisher
 
 
 def stamp_of(message):

@@ -11,7 +11,6 @@ from gdmp_ros import Skill
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.prediction import LIKELY, Tube
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import ARM, SERVER
 from gdmp_ros.ros.visualizer.node import MENU
 from test.ros.nodes import CLEANUP, DEACTIVATE, FRAME
@@ -29,9 +28,9 @@ class Viewer:
 
     def __init__(self, nodes):
         self.nodes, self.shown, self.plans, self.updates = nodes, {}, [], []
-        nodes.subscribe(MarkerArray, '/visualizer/markers', self._on_markers, reliable(1))
+        nodes.subscribe(MarkerArray, '/visualizer/markers', self._on_markers, 1)
         nodes.subscribe(InteractiveMarkerUpdate, '/visualizer/update', self.updates.append)
-        nodes.subscribe(Path, f'/{SERVER}/plan', self.plans.append, reliable(1))
+        nodes.subscribe(Path, f'/{SERVER}/plan', self.plans.append, 1)
         self._feedback = nodes.publisher(FEEDBACK, '/visualizer/feedback')
 
     def _on_markers(self, message):

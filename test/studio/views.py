@@ -1,13 +1,15 @@
-"""Waiting for a robot of the studio."""
-import time
+"""Waiting for a robot of the studio, in lockstep."""
 
 
-def wait(robot, until, timeout=40.0):
-    """Wait until the robot is as wanted; returns its view."""
-    ends = time.monotonic() + timeout
+LOOK_NS = 20_000_000
+
+
+def wait(robot, clock, until, timeout=40.0):
+    """Let time pass until the robot is as wanted; returns its view."""
+    ends = clock.now() + 1e9 * timeout
     while True:
         view = robot.view()
         if view is not None and until(view):
             return view
-        assert time.monotonic() < ends, view
-        time.sleep(0.02)
+        assert clock.now() < ends, view
+        clock.sleep_until(clock.now() + LOOK_NS)

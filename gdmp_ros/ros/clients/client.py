@@ -70,10 +70,10 @@ class Client:
 
     def spend(self, seconds: float) -> None:
         """Let time pass while messages are received."""
-        ends = self.now() + seconds
-        while (left := ends - self.now()) > 0.0:
+        ends = self.clock.now() + round(seconds * NS)
+        while (left := ends - self.clock.now()) > 0:
             self._check()
-            self.participant.spin(min(left, LOOK_S))
+            self.participant.spin(min(left / NS, LOOK_S))
 
     def service(self, kind: Any, name: str) -> ServiceClient:
         """

@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from importlib import import_module
 import os
 from pathlib import Path
@@ -14,7 +15,7 @@ from rclpy.qos import ReliabilityPolicy
 
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.realtime.loop import NS
+from gdmp_ros.realtime.loop import Loop, NS, run
 from gdmp_ros.ros.dds import current
 from gdmp_ros.ros.middleware import DEEP, Participant, reliable
 from gdmp_ros.util.dds_network import default_environment
@@ -106,10 +107,57 @@ class Tap:
             self._participant.destroy(subscription)
 
 
+class Recording:
+    """
+    Topics that are recorded until the recording is closed.
+
+    :ivar full: whether it has ended because the disk is nearly full
+    """
+
+    def __init__(self, participant: Participant, bag: Path, topics: Mapping[str, str],
+                 best_effort: Collection[str] = (), keep_free: float = KEEP_FREE_MB):
+        """
+        Subscribe.
+
+        :param topics: topic names and their types (``package/msg/Name``)
+        :param keep_free: free space at which the recording ends [MB]
+        """
+        self.full = False
+        self._clock, self._keep_free = participant.clock, keep_free
+        self._topics, self._writer = topics, BagWriter(bag)
+        self._tap = Tap(participant, topics, best_effort)
+
+    def record(self, say: Callable[[str], None]) -> Loop:
+        """
+        Record until the loop is closed; the bag gets its name then.
+
+        :param say: is told what happens
+        """
+        writer, tap, announced = self._writer.open(), self._tap, False
+        try:
+            say(f'waiting for {", ".join(self._topics)}')
+            while not self.full:
+                tap.drain(writer)
+                free = shutil.disk_usage(writer.path.parent).free
+                self.full = free < self._keep_free * 1e6
+                if not tap.waiting and not announced:
+                    announced = True
+                    say('recording')
+                yield self._clock.now() + round(DRAIN_S * NS)
+        except GeneratorExit:
+            pass  # closed: the bag is complete
+        except BaseException:
+            writer.close(keep=False)
+            raise
+        tap.drain(writer)
+        writer.close()
+        tap.release()
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Record until SIGTERM or SIGINT; the bag gets its name when it is complete."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('bag')
+    parser.add_argument('bag', type=Path)
     parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
                         help='end the recording if the disk has less free space '
                              '(default %(default)g)')
@@ -120,21 +168,11 @@ def main(arguments: list[str] | None = None) -> int:
     topics = dict(pair.split('=', 1) for pair in options.topics)
     os.environ.update(default_environment())
     participant, ended = current().client('recorder'), stop_event()
-    clock = participant.clock
     try:
-        with BagWriter(options.bag) as writer:
-            tap = Tap(participant, topics, options.best_effort)
-            print(f'waiting for {", ".join(topics)}', flush=True)
-            announced, full = False, False
-            while not ended.is_set() and not full:
-                tap.drain(writer)
-                full = shutil.disk_usage(writer.path.parent).free < options.keep_free * 1e6
-                if not tap.waiting and not announced:
-                    print('recording', flush=True)
-                    announced = True
-                clock.sleep_until(clock.now() + round(DRAIN_S * NS))
-            tap.drain(writer)
-        if full:
+        recording = Recording(participant, options.bag, topics, options.best_effort,
+                              options.keep_free)
+        run(recording.record(partial(print, flush=True)), participant.clock, ended.is_set)
+        if recording.full:
             raise DataError(f'{options.bag}: the disk is nearly full (less than '
                             f'{options.keep_free:g} MB left): the recording has ended, and what '
                             'was recorded is kept')

@@ -1,0 +1,38 @@
+"""A testbed whose nodes and clients run in lockstep, in this process."""
+from contextlib import contextmanager
+
+import rclpy
+
+from gdmp_ros.ros.dds import using
+from test.lockstep.children import LockstepChildren
+from test.lockstep.network import Network
+
+#: Nodes in lockstep use nothing of DDS: a domain in which nobody looks for others.
+_OFF = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
+
+
+@contextmanager
+def network(monkeypatch_environment=_OFF):
+    """A network that nodes and clients join meanwhile."""
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[])
+    made = Network(context)
+    try:
+        with using(made):
+            yield made
+    finally:
+        rclpy.shutdown(context=context)
+
+
+@contextmanager
+def lockstep_bed(kind, *arguments, makers=None, **options):
+    """
+    A `NodeTestbed` in lockstep.
+
+    :param kind: the class; gets ``children`` and no environment
+    :param makers: see `LockstepChildren`
+    """
+    with network() as made, kind(*arguments, environment={},
+                                 children=LockstepChildren(made, makers), **options) as bed:
+        bed.network = made
+        yield bed
