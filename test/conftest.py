@@ -6,6 +6,10 @@ import numpy as np
 import psutil
 import pytest
 
+from gdmp_ros.data import lasa
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+
 _PR_SET_CHILD_SUBREAPER = 36
 #: Helpers of libraries that stay until this process ends.
 _HELPERS = ('resource_tracker', 'joblib.externals.loky')
@@ -14,6 +18,34 @@ _HELPERS = ('resource_tracker', 'joblib.externals.loky')
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+@pytest.fixture(scope='session')
+def letters():
+    """Seven demonstrations of a letter, of pose and stiffness; not to be changed."""
+    return lasa.robot_demonstrations('GShape')
+
+
+@pytest.fixture(scope='session')
+def letter(letters):
+    """A skill that was learned from the first of `letters`."""
+    return Skill.learn(letters[0])
+
+
+@pytest.fixture(scope='session')
+def skill(letters):
+    """A short skill of pose and stiffness, close to the first pose of the simulated arm."""
+    shown = letters[0]
+    return Skill.learn(Demonstration(shown.times * (2.0 / shown.duration), shown.points,
+                                     shown.manifold))
+
+
+@pytest.fixture(scope='module')
+def skill_file(skill, tmp_path_factory):
+    """The skill as a file. A test file that defines `skill` itself gets its own one."""
+    path = tmp_path_factory.mktemp('skill') / 'skill.json'
+    skill.save(path)
+    return path
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -7,7 +7,7 @@ Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere else.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import shutil
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import uuid
 
 import numpy as np
-from rosbags.highlevel import AnyReader
+from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -32,6 +32,8 @@ JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 GRIPPER = 'gdmp_msgs/msg/GripperCommand'
 NS = 1_000_000_000
+#: Largest number of unused bytes at the end of a message: four for each of its sequences.
+MOST_UNUSED = 32
 
 
 class Series(NamedTuple):
@@ -84,6 +86,23 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
                         f'({type(error).__name__}: {error})') from None
 
 
+def message_of(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
+    """
+    Deserialise a message of an open bag.
+
+    :raises AnyReaderError: if it is damaged
+    """
+    try:
+        return reader.deserialize(raw, connection.msgtype)
+    except AnyReaderError as error:
+        # Fast DDS reserves space for the alignment of the elements of an empty sequence, does not
+        # use it, and sends it at the end: rosbags takes more than three bytes there for damage.
+        for unused in range(4, MOST_UNUSED + 1, 4):
+            with suppress(AnyReaderError):
+                return reader.deserialize(raw[:-unused], connection.msgtype)
+        raise error
+
+
 def topics(path: str | Path) -> list[tuple[str, str, int]]:
     """Topic, type and message count of everything in a bag."""
     with opened(path) as reader:
@@ -120,7 +139,7 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
     rows: list[list[float]] = []
     frame, names = '', None
     for connection, bag_time, raw in reader.messages(connections):
-        message: Any = reader.deserialize(raw, connection.msgtype)
+        message = message_of(reader, connection, raw)
         named = tuple(getattr(message, 'name', ()))
         names = named if names is None else names
         if named != names:

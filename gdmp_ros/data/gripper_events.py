@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rosbags.highlevel import AnyReader
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
-from gdmp_ros.data.bags import GRIPPER, NS
+from gdmp_ros.data.bags import GRIPPER, message_of, NS
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.events import GripperEvent
 from gdmp_ros.errors import DataError
@@ -46,7 +46,7 @@ def commands_in(reader: AnyReader, bag: str) -> list[RecordedCommand]:
         raise DataError(f'{bag}: there are commands for several grippers: {", ".join(topics)}')
     result: list[RecordedCommand] = []
     for connection, bag_time, raw in reader.messages(connections) if connections else ():
-        message: Any = reader.deserialize(raw, connection.msgtype)
+        message = message_of(reader, connection, raw)
         stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec or bag_time
         command = RecordedCommand(stamp, float(message.width), float(message.force),
                                   float(message.speed) or DEFAULT_SPEED)

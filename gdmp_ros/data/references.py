@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.data.bags import NS, opened, REFERENCE, topics_in
+from gdmp_ros.data.bags import message_of, NS, opened, REFERENCE, topics_in
 from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.errors import DataError
 
@@ -49,7 +49,7 @@ def read_references(bag: Path, topic: str = '') -> RecordedReferences:
                             f' of type {REFERENCE}, the bag has {", ".join(known) or "none"}')
         topic = topic or known[0]
         connections = [c for c in reader.connections if c.topic == topic]
-        messages: list[Any] = [reader.deserialize(raw, connection.msgtype)
+        messages: list[Any] = [message_of(reader, connection, raw)
                                for connection, _, raw in reader.messages(connections)]
     messages.sort(key=lambda m: int(m.sequence))
     frames = sorted({message.header.frame_id for message in messages})

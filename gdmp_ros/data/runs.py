@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.data.bags import NS, opened, REFERENCE, topics_in
+from gdmp_ros.data.bags import message_of, NS, opened, REFERENCE, topics_in
 from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError
 
@@ -106,7 +106,7 @@ def read(bag: Path, robot: str = '') -> Run:
         for connection, bag_time, raw in reader.messages():
             if connection.topic == reference_topic:
                 published.append(bag_time)
-            message: Any = reader.deserialize(raw, connection.msgtype)
+            message = message_of(reader, connection, raw)
             {server_topic: server, reference_topic: references, state_topic: states}.get(
                 connection.topic, []).append(message)
     for topic, messages in ((reference_topic, references), (state_topic, states)):

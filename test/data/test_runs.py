@@ -6,7 +6,7 @@ import pytest
 
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.data import runs
-from gdmp_ros.data.bags import BagWriter, REFERENCE
+from gdmp_ros.data.bags import BagWriter, message_of, opened, REFERENCE
 from gdmp_ros.errors import DataError
 
 
@@ -35,6 +35,26 @@ def test_runs_of_several_robots_are_distinguished_by_their_namespace(tmp_path):
         runs.read(tmp_path / 'both')
     with pytest.raises(DataError, match='with references in middle, the bag has none'):
         runs.read(tmp_path / 'both', 'middle')
+
+
+@pytest.mark.parametrize('length', range(8))
+def test_messages_with_empty_sequences_of_numbers_are_read(tmp_path, length):
+    """Fast DDS reserves more bytes for these than it writes."""
+    from gdmp_msgs.msg import Context, ServerState
+    from rclpy.serialization import serialize_message
+
+    from gdmp_ros.ros.recorder.record import definition
+    kind, states = 'gdmp_msgs/msg/ServerState', []
+    with BagWriter(tmp_path / 'bag') as bag:
+        for context in (Context(), Context(names=['height'], values=[0.5])):
+            states.append(ServerState(last_refusal='x' * length, context=context, steps=7))
+            bag.raw('/state', kind, len(states), serialize_message(states[-1]), *definition(kind))
+    with opened(tmp_path / 'bag') as reader:
+        read = [message_of(reader, connection, raw) for connection, _, raw in reader.messages()]
+    for one, expected in zip(read, states, strict=True):
+        assert (one.last_refusal, one.steps) == (expected.last_refusal, 7)
+        assert list(one.context.values) == list(expected.context.values)
+        assert len(one.robot_distance) == 0
 
 
 def test_a_run_that_was_recorded_with_the_first_messages_is_read_with_zeros():

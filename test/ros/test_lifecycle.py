@@ -1,6 +1,4 @@
 """Transitions of the lifecycle, and simulated time: a recorded goal switch is replayed."""
-import os
-import signal
 import time
 
 from gdmp_msgs.msg import Reference
@@ -17,8 +15,6 @@ from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.recorder.record import definition
 from gdmp_ros.ros.testbed import ARM, SERVER
-from gdmp_ros.util.dds_network import Domain
-from gdmp_ros.util.processes import ChildProcesses
 from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME, open_testbed
 
 
@@ -191,21 +187,3 @@ def test_a_recorded_goal_switch_is_replayed_to_the_same_reference(nodes, skill, 
                 expected.append(reference_target(message))
     replayed = np.array([reference_target(m) for m in replay.references])
     np.testing.assert_allclose(replayed, expected, rtol=0.0, atol=1e-9)
-
-
-def test_ctrl_c_ends_a_node_that_is_being_configured(tmp_path):
-    """Its kernels are compiled meanwhile, which takes much longer than what `launch` waits."""
-    environment = {**os.environ, 'GDMP_CACHE': str(tmp_path / 'cache')}
-    with Domain() as domain, ChildProcesses(
-            {**environment, **domain.environment()}, tmp_path / 'logs') as children:
-        children.start_node(ARM, 'gdmp_ros.ros.arm.panda_sim', {})
-        process, begun = children.processes[ARM], time.monotonic()
-        while not list((tmp_path / 'cache').rglob('*.nb*')):
-            assert process.poll() is None and time.monotonic() < begun + 60.0
-            time.sleep(0.05)
-        time.sleep(1.0)
-        process.send_signal(signal.SIGINT)
-        begun = time.monotonic()
-        assert process.wait(10.0) == 0
-        assert time.monotonic() - begun < 5.0
-        assert 'ended while it was being configured' in children.log(ARM).read_text()

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from gdmp_ros.util.dds_network import Domain
-from test.commands import GDMP, gdmp
+from test.commands import GDMP, gdmp, gdmp_process
 
 
 @pytest.fixture
@@ -32,9 +32,9 @@ def test_nodes_are_started_used_and_ended(domain, skill_file, tmp_path):
         assert lines and lines[-1].startswith('running:'), ''.join(lines)
         children = psutil.Process(process.pid).children(recursive=True)
         assert len(children) >= 3
-        done = gdmp('execute', **domain)
+        done = gdmp_process('execute', **domain)
         assert done.returncode == 0 and 'the goal was reached' in done.stdout, done.stderr
-        again = gdmp('up', **domain)
+        again = gdmp_process('up', **domain)
         assert again.returncode == 1 and 'run already' in again.stderr
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=30)

@@ -34,8 +34,9 @@ def allowed(node):
             names("services[@reply='ALLOW']/service"), names("actions[@execute='ALLOW']/action"))
 
 
-def test_policies_allow_what_the_nodes_do_and_nothing_else(running):
-    found = running.node
+def test_policies_allow_what_the_nodes_do_and_nothing_else(nodes):
+    nodes.start()
+    found = nodes.participant.node
 
     def known(node):
         """Whether everything about a node has been discovered, as far as one can tell."""
@@ -44,8 +45,8 @@ def test_policies_allow_what_the_nodes_do_and_nothing_else(running):
 
     for node in (SERVER, ARM):
         published, subscribed, replied, executed = allowed(node)
-        running.wait(node, lambda node=node: known(node))
-        running.spend(0.5)
+        nodes.wait(node, lambda node=node: known(node), 60.0)
+        nodes.spend(0.5)
         actions = {name for name, _ in get_action_server_names_and_types_by_node(
             found, node, '/')}
         assert actions | (EXTRA[node] & executed) == executed
