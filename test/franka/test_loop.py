@@ -1,4 +1,4 @@
-"""Control of a Franka over its own protocol: libfranka, and a server that enforces the limits."""
+"""Control of a Franka: what libfranka has, and a stand-in for the robot that enforces its limits."""
 import numpy as np
 import pytest
 
@@ -7,10 +7,8 @@ from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.franka import doctor
 from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
 from gdmp_ros.franka.settings import FrankaSettings
-from gdmp_ros.realtime.doctor import BAD, GOOD
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.tool import ToolTransform
 
@@ -84,10 +82,10 @@ def test_a_tool_is_put_to_another_place_without_a_step(loop):
     assert np.abs(after[0].torque - before.torque).max() < 0.05
 
 
-def test_a_server_that_is_killed_is_a_fault_and_recovers_on_request(loop, server):
+def test_a_robot_that_is_switched_off_is_a_fault_and_recovers_on_request(loop, robot):
     loop.begin()
     cycles(loop, 200)
-    server.kill()
+    robot.kill()
     while not loop.stopped:
         measured = loop.wait()
         if measured is not None:
@@ -97,7 +95,7 @@ def test_a_server_that_is_killed_is_a_fault_and_recovers_on_request(loop, server
     assert loop.wait() is None
     with pytest.raises(RobotStopped, match='does not answer'):
         loop.recover()
-    server.start()
+    robot.start()
     assert loop.wait() is None  # nothing happens by itself
     loop.recover()
     assert loop.controller.guard.mode is ArmMode.HOLD
@@ -130,14 +128,6 @@ def test_the_torque_rate_counts_from_command_to_command(loop):
     tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015,
                                           ArmMode.MOVE)
     assert np.abs(tick.torque).max() == pytest.approx(0.95, abs=1e-6)
-
-
-def test_the_doctor_judges_the_connection_and_names_a_missing_one(server):
-    found = {one.subject: one for one in doctor.examine('127.0.0.1', 3.0)}
-    assert set(found) == {'libfranka', 'round trip', 'lost cycles', 'jitter', "the robot's time"}
-    assert found['round trip'].level == GOOD
-    server.kill()
-    assert doctor.examine('127.0.0.1')[-1].level == BAD
 
 
 def test_what_cannot_be_reached_is_named():
