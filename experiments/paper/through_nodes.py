@@ -10,10 +10,9 @@ from experiments.paper.experiment import Data
 from gdmp_ros.data.runs import Run
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.testbed import NodeTestbed
+from gdmp_ros.ros.testbed import NodeTestbed, process_bed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import contact_count
-from gdmp_ros.util.dds_network import Domain
 
 #: Time that is recorded after the end of the motion [s].
 _TAIL_S = 0.5
@@ -32,7 +31,7 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     skill.save(folder / 'skill.json')
-    with Domain() as domain, NodeTestbed(folder, domain.environment()) as testbed:
+    with process_bed(NodeTestbed, folder) as testbed:
         testbed.start({'model': str(scene.resolve())}, {
             'skill': str((folder / 'skill.json').resolve()),
             'rotational_stiffness': [rotational] * 3})

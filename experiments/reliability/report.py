@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import os
 from pathlib import Path
 import shutil
 import time
@@ -12,8 +11,8 @@ from experiments.reliability.faults import fault, FAULTS
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import short_skill, Trial
 from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.ros.testbed import process_bed
 from gdmp_ros.util.atomic_write import write_json, write_text
-from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
 
@@ -49,20 +48,16 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
 
 def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
     """Try one fault in its own DDS domain; a trial that raises an exception has failed."""
-    before = dict(os.environ)
     try:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        with Domain() as domain, Trial(folder, domain.environment(), skill) as trial:
+        with process_bed(Trial, folder, skill=skill) as trial:
             return fault(name)(trial, quick)
     except GdmpError as error:
         return Outcome(failed=[str(error)])
     except Exception as error:
         traceback.print_exc()
         return Outcome(failed=[f'{type(error).__name__}: {error}'])
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
 
 
 def _verdict(outcome: Outcome) -> str:

@@ -16,10 +16,9 @@ from experiments.reliability.trial import FRAME, goal_of, short_skill, Trial
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.statistics import punctuality_of
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.testbed import ARM, process_bed, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress, table
 from gdmp_ros.view import plots
@@ -51,7 +50,7 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     print('learning six skills', flush=True)
     skills = [short_skill(folder / 'skills', float(rng.uniform(2.5, 5.0)), name)
               for name in CLASSES]
-    with Domain() as domain, Trial(folder, domain.environment(), skills[0]) as trial:
+    with process_bed(Trial, folder, skill=skills[0]) as trial:
         samples, actions = _work(trial, minutes, skills, rng)
     document = _document(folder, minutes, samples, actions)
     outcome = judge(document)

@@ -22,9 +22,8 @@ from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.testbed import NodeTestbed, SERVER
+from gdmp_ros.ros.testbed import NodeTestbed, process_bed, SERVER
 from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.view.films import render_to
 
@@ -57,8 +56,7 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     error = float(reproduction_error(skill, recording.demonstration)[0])
     skill.save(folder / 'skill.json')
     switch = _switch(skill)
-    with (Domain() as domain, arm.robot(folder / 'logs'),
-          NodeTestbed(folder, domain.environment(), arm) as bed):
+    with arm.robot(folder / 'logs'), process_bed(NodeTestbed, folder, arm=arm) as bed:
         timeline = _stream(bed, bags[0], switch)
         print('reading the recorded bag', flush=True)
         run = bed.recorded()

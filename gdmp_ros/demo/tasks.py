@@ -21,11 +21,10 @@ from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.clients.teacher import Teacher
-from gdmp_ros.ros.testbed import MODULES, NodeTestbed, TAKE_RECORDER
+from gdmp_ros.ros.testbed import MODULES, NodeTestbed, Opener, process_bed, TAKE_RECORDER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import CUBE_EDGE, PICK, PLACE
 from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.profiles import smoothstep
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
@@ -55,11 +54,12 @@ def picking_motion() -> tuple[Demonstration, float]:
             sum(seconds for _, seconds in WAY[:2]) + 0.1)
 
 
-def run_task(task: str, folder: Path, arm: ArmChoice) -> int:
+def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> int:
     """
     Show a task to the simulated arm by hand, learn it, and let an arm execute it.
 
     :param task: ``pick`` or ``joints``
+    :param testbed: see `gdmp_ros.ros.testbed.process_bed`
     :returns: exit code: 0 if it succeeded
     :raises GdmpError: if something does not happen in time
     """
@@ -69,7 +69,7 @@ def run_task(task: str, folder: Path, arm: ArmChoice) -> int:
     for name in ('takes', 'logs', 'run'):
         shutil.rmtree(folder / name, ignore_errors=True)
     print('a hand shows the task to the simulated arm', flush=True)
-    with Domain() as domain, NodeTestbed(folder, domain.environment()) as bed:
+    with testbed(NodeTestbed, folder) as bed:
         _teach(bed, task)
     print('learning', flush=True)
     learned = skill_from_bags(sorted((folder / 'takes').glob('take_*')), LearningSettings(
@@ -79,8 +79,8 @@ def run_task(task: str, folder: Path, arm: ArmChoice) -> int:
         skill = replace(skill, provenance={
             name: value for name, value in skill.provenance.items() if name != 'joints'})
     skill.save(folder / 'skill.json')
-    with (Domain() as domain, arm.robot(folder / 'logs', gripper=task == 'pick'),
-          NodeTestbed(folder, domain.environment(), arm) as bed):
+    with (arm.robot(folder / 'logs', gripper=task == 'pick'),
+          testbed(NodeTestbed, folder, arm=arm) as bed):
         document = {'pick': _pick, 'joints': _follow_joints}[task](bed)
     document['task'], document['arm'] = task, arm.node
     write_json(folder / 'report.json', document)

@@ -16,12 +16,11 @@ from gdmp_ros.data.runs import Run
 from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.ros.arm_choice import ArmChoice, SIMULATED
-from gdmp_ros.ros.testbed import NodeTestbed
+from gdmp_ros.ros.testbed import NodeTestbed, Opener, process_bed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import cloth_table
 from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.profiles import smoothstep
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
@@ -75,10 +74,11 @@ def record_wiping(bag: Path) -> None:
             writer.wrench(WRENCH_TOPIC, stamp + 300_000, felt.tolist(), FRAME)
 
 
-def run_wiping(folder: Path, arm: ArmChoice) -> int:
+def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> int:
     """
     Show, learn and execute the wiping.
 
+    :param testbed: see `gdmp_ros.ros.testbed.process_bed`
     :returns: exit code: 0 if the force is kept on all tables
     :raises GdmpError: if something does not happen in time
     """
@@ -102,7 +102,7 @@ def run_wiping(folder: Path, arm: ArmChoice) -> int:
         for height in HEIGHTS:
             print(f'{name}, table {1e3 * height:+.0f} mm', flush=True)
             figures['tables'].append({'skill': name, 'height_m': height,
-                                      **_execute(folder, path, height, learned.duration)})
+                                      **_execute(folder, path, height, learned.duration, testbed)})
     kept = [one for one in figures['tables'] if one['skill'] == 'with force']
     figures['succeeded'] = all(
         one['force_rmse_n'] < 0.2 * FORCE and one['least_tank_j'] > 0.0
@@ -117,14 +117,15 @@ def run_wiping(folder: Path, arm: ArmChoice) -> int:
     return 0 if figures['succeeded'] else 1
 
 
-def _execute(folder: Path, skill: Path, height: float, period: float) -> dict[str, Any]:
+def _execute(folder: Path, skill: Path, height: float, period: float, testbed: Opener
+             ) -> dict[str, Any]:
     """Wipe a table through the nodes."""
     name = f'{skill.stem}{1e3 * height:+.0f}mm'
     scene = folder / f'table{1e3 * height:+.0f}mm.xml'
     spec = cloth_table(BELOW - height)
     spec.compile()
     scene.write_text(spec.to_xml())
-    with Domain() as domain, NodeTestbed(folder / 'runs' / name, domain.environment()) as bed:
+    with testbed(NodeTestbed, folder / 'runs' / name) as bed:
         bed.start({'model': str(scene.resolve())}, {'skill': str(skill.resolve()),
                                                     'wrench_gain': GAIN})
         # On a table that is elsewhere the tool does not reach the reference, and need not.

@@ -89,6 +89,7 @@ class FrankaGripper:
         if self._homing:
             self._hand.homing()
             self._homing = False
+        self._problem = ''
         self._read()
 
     def _talk(self) -> Loop:

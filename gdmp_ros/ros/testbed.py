@@ -1,10 +1,11 @@
 """Arm, server and recorder as processes in one DDS domain, with a client of the server."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 import os
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
@@ -12,6 +13,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, SIMULATED
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.server_client import ServerClient
+from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
 
 ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorder',
@@ -175,3 +177,27 @@ class NodeTestbed:
     def log(self, name: str) -> str:
         """Output of a process so far."""
         return self.children.log(name).read_text(errors='replace')
+
+
+Bed = TypeVar('Bed', bound=NodeTestbed)
+#: Opens a testbed: its class, and all arguments of that but ``environment``.
+Opener = Callable[..., AbstractContextManager[Any]]
+
+
+@contextmanager
+def process_bed(kind: Callable[..., Bed], *arguments: Any, **options: Any) -> Iterator[Bed]:
+    """
+    A testbed of processes in a DDS domain of its own.
+
+    The environment of this process is that of the domain meanwhile.
+
+    :param kind: the class; it gets the other arguments, and ``environment``
+    """
+    before = dict(os.environ)
+    try:
+        with (Domain() as domain,
+              kind(*arguments, environment=domain.environment(), **options) as bed):
+            yield bed
+    finally:
+        os.environ.clear()
+        os.environ.update(before)

@@ -1,12 +1,23 @@
 """A testbed with a Franka that keeps what the arm says."""
+from contextlib import contextmanager
+from functools import partial
+
 from gdmp_msgs.msg import ArmStatus, RobotState
 import numpy as np
 
-from gdmp_ros.ros.arm_choice import FRANKA
+from std_srvs.srv import Trigger
+
+from gdmp_ros.ros.arm.franka_arm import FrankaArm
+from gdmp_ros.ros.arm.franka_gripper import FrankaGripperNode
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.lifecycle import DEEP, reliable
 from gdmp_ros.ros.messages import pose_numbers
 from gdmp_ros.ros.testbed import NodeTestbed
+from test.franka.stand_in import StandIn
+from test.lockstep.bed import lockstep_bed
+from test.ros.collected import Collected
+
+HOLD, FOLLOW, FAULT = RobotState.HOLD, RobotState.FOLLOW, RobotState.FAULT
 
 #: Of the joints of the server; `gdmp identify-friction` finds it within 2 %.
 FRICTION = """\
@@ -18,15 +29,12 @@ FRICTION = """\
 
 
 class FrankaBed(NodeTestbed):
-    """Arm and trajectory server beside a server of the protocol."""
+    """Arm and trajectory server of a Franka, whoever plays the robot."""
 
-    def __init__(self, folder, environment, choice, server):
-        super().__init__(folder, environment, choice)
-        self.server, self.states, self.status = server, [], None
-        node = self.client.node
-        node.create_subscription(RobotState, f'/{FRANKA}/state', self.states.append,
-                                 reliable(DEEP))
-        node.create_subscription(ArmStatus, f'/{FRANKA}/status', self._on_status, 10)
+    def __init__(self, folder, environment, arm, children=None):
+        super().__init__(folder, environment, arm, children)
+        self.states, self.status = Collected(self.client, RobotState, f'{FRANKA}/state'), None
+        self.client.subscribe(ArmStatus, f'{FRANKA}/status', self._on_status)
 
     def _on_status(self, message):
         self.status = message
@@ -55,3 +63,34 @@ class FrankaBed(NodeTestbed):
         self.spend(seconds)
         shown = np.array([pose_numbers(one.pose)[:3] for one in self.states])
         return float(np.linalg.norm(shown - shown[0], axis=1).max())
+
+    def recover(self):
+        """End a fault by the service."""
+        reply = self.call(Trigger, f'{FRANKA}/recover')
+        assert reply.success, reply.message
+        self.wait_mode(HOLD)
+
+
+def makers(robots, network):
+    """Nodes of a Franka in lockstep: they control a `StandIn` that is appended to a list."""
+    robot = StandIn(network.clock)
+    robots.append(robot)
+    return {FrankaArm.__module__: lambda: FrankaArm(robot.open),
+            FrankaGripperNode.__module__: lambda: FrankaGripperNode(robot.open_hand)}
+
+
+@contextmanager
+def open_bed(folder):
+    """A `FrankaBed` in lockstep; ``robot`` is its `StandIn`."""
+    robots = []
+    with lockstep_bed(FrankaBed, folder, arm=choice(folder),
+                      makers=partial(makers, robots)) as bed:
+        bed.robot = robots[0]
+        yield bed
+
+
+def choice(folder, **options):
+    """A Franka whose friction is known."""
+    friction = folder / 'friction.yaml'
+    friction.write_text(FRICTION)
+    return ArmChoice('franka', friction=friction, **(options or {'host': 'robot'}))

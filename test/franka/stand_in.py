@@ -2,7 +2,8 @@
 A Franka Research 3 at the other end of libfranka, in lockstep: it moves on when a command arrives.
 
 It has the methods of pylibfranka, an arm in MuJoCo with dry friction, and ends a motion for the
-reasons that the robot has: commands that do not arrive, torques that jump or are too large.
+reasons that the robot has: commands that do not arrive, torques that jump or are too large. Its
+hand is one as well.
 """
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ import numpy as np
 import pylibfranka as libfranka
 
 from gdmp_ros.franka.robot import RobotStopped
+from gdmp_ros.ros.arm_choice import HAND
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.plant import PlantSettings
 
@@ -25,6 +27,9 @@ DRY_FRICTION = 1.137
 FIRST = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.6])
 #: libfranka gives up waiting for a state after this time [ns].
 PATIENCE_NS = NS
+#: How far the fingers open [m], and the tool between them, in the frame of the flange.
+WIDEST = 0.08
+TOOL = np.array([*HAND['tool_position'], *HAND['tool_rotation']])
 
 
 class StandIn:
@@ -32,20 +37,21 @@ class StandIn:
     The robot.
 
     :ivar aborted: why it has ended motions
+    :ivar object_width: of what is between the fingers, 0 if there is nothing [m]
     """
 
     def __init__(self, clock, dry_friction=DRY_FRICTION):
         self.clock, self._friction = clock, dry_friction
-        self._known = Arm('fr3', 'flange', hand=False)
-        self._model = self._known.known.model
-        self._data = mujoco.MjData(self._model)
-        self.load = None
+        self._known = Arm('fr3')
+        self._model = self._known.model
+        self._data, self._site = mujoco.MjData(self._model), self._model.site('tcp').id
+        self._computed = None, None
+        self.load, self.object_width, self.width = None, 0.0, WIDEST
         self.start()
 
     def start(self):
         """Switch on: it stands at its first posture."""
-        self.arm = Arm('fr3', 'flange', hand=False, plant=PlantSettings(
-            dry_friction=self._friction))
+        self.arm = Arm('fr3', plant=PlantSettings(dry_friction=self._friction))
         self.arm.reset(FIRST)
         self.alive, self.reachable, self.error = True, True, ''
         self.aborted, self.control, self.ticks = [], None, 0
@@ -76,28 +82,48 @@ class StandIn:
             raise RobotStopped(f'{host}: the robot does not answer: Connection refused', False)
         return Robot(self)
 
+    def open_hand(self, host):
+        """See `gdmp_ros.franka.gripper.opened`."""
+        made = Hand(self)
+        made.check()
+        return made
+
     def dynamics(self, position, velocity):
         """Inertia without rotors, gravity and Coriolis torques."""
-        data = self._data
+        state = np.concatenate([position, velocity])
+        if self._computed[0] is None or (state != self._computed[0]).any():
+            self._computed = state, self._dynamics(position, velocity)
+        return self._computed[1]
+
+    def _dynamics(self, position, velocity):
+        model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = position, 0.0
-        mujoco.mj_forward(self._model, data)
-        gravity = data.qfrc_bias.copy()
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        inertia, gravity, bias = np.zeros((7, 7)), np.zeros(7), np.zeros(7)
+        mujoco.mj_fullM(model, data, inertia)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, gravity)
         data.qvel[:] = velocity
-        mujoco.mj_fwdVelocity(self._model, data)
-        inertia = np.zeros((7, 7))
-        mujoco.mj_fullM(self._model, data, inertia)
-        return (inertia - np.diag(self._model.dof_armature), gravity,
-                data.qfrc_bias - gravity)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, bias)
+        return inertia - np.diag(model.dof_armature), gravity, bias - gravity
 
     def jacobian(self, position):
-        """Of the flange, shape ``(6, 7)``."""
-        self._known.reset(position)
-        return self._known.measure().jacobian.copy()
+        """Of the tool, shape ``(6, 7)``."""
+        data, site = self._data, self._site
+        data.qpos[:] = position
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        jacobian = np.empty((6, 7))
+        mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], site)
+        return jacobian
 
     def move(self, torque):
         """Let a torque above gravity act for a cycle."""
-        position = self.arm.data.qpos.copy()
-        _, gravity, _ = self.dynamics(position, np.zeros(7))
+        data = self.arm.data
+        _, gravity, _ = self.dynamics(data.qpos, data.qvel)
         self.arm.step(torque + gravity)
         self.ticks += 1
 
@@ -107,13 +133,20 @@ class StandIn:
         position = self.arm.data.qpos.copy()
         if still:
             self.arm.data.qvel[:] = 0.0  # the brakes
-        pose = np.eye(4)
-        pose[:3, 3] = self._known.pose_at(position)[:3]
         return SimpleNamespace(
             q=position.tolist(), dq=self.arm.data.qvel.tolist(), tau_ext_hat_filtered=[0.0] * 7,
-            O_T_EE=pose.T.ravel().tolist(), F_T_EE=np.eye(4).T.ravel().tolist(),
+            O_T_EE=column_by_column(self._known.pose_at(position)), F_T_EE=column_by_column(TOOL),
             time=libfranka_time((self.clock.now() - self._begun) / NS),
             control_command_success_rate=1.0)
+
+
+def column_by_column(pose):
+    """A pose as libfranka has it."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = pose[:3]
+    mujoco.mju_quat2Mat(turn := np.empty(9), pose[3:])
+    matrix[:3, :3] = turn.reshape(3, 3)
+    return matrix.T.ravel().tolist()
 
 
 def libfranka_time(seconds):
@@ -227,3 +260,45 @@ class Control:
         self._torque, self._commanded = torque, robot.clock.now()
         if command.motion_finished:
             robot.control = None
+
+
+class Hand:
+    """A connection to the hand; see ``pylibfranka.Gripper``."""
+
+    def __init__(self, robot):
+        self._robot, self._begun, self._grasped = robot, robot._begun, False
+
+    def check(self):
+        robot = self._robot
+        if not (robot.alive and robot.reachable and robot._begun == self._begun):
+            raise libfranka.NetworkException('libfranka gripper: Connection refused')
+
+    def homing(self):
+        self._close_to(WIDEST, 0.1)
+        return True
+
+    def read_once(self):
+        self.check()
+        return SimpleNamespace(width=self._robot.width, max_width=WIDEST,
+                               is_grasped=self._grasped)
+
+    def move(self, width, speed):
+        self._grasped = False
+        return self._close_to(width, speed) == width
+
+    def grasp(self, width, speed, force, inner, outer):
+        reached = self._close_to(width, speed)
+        self._grasped = (self._robot.object_width > 0.0
+                         and width - inner <= reached <= width + outer)
+        return self._grasped
+
+    def _close_to(self, width, speed):
+        """Move the fingers, which takes its time; width that they reach."""
+        self.check()
+        robot = self._robot
+        reached = max(width, robot.object_width) if width < robot.width else width
+        takes = abs(reached - robot.width) / speed
+        robot.clock.sleep_until(robot.clock.now() + round(takes * NS))
+        self.check()
+        robot.width = reached
+        return reached

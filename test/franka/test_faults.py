@@ -1,10 +1,5 @@
-"""Faults in mid-motion of a Franka, over the robot's protocol, with the nodes as processes."""
-from contextlib import contextmanager, ExitStack
-import os
-import signal
-import time
-
-from gdmp_msgs.msg import Reference, RobotState
+"""Faults in mid-motion of a Franka, in lockstep."""
+from gdmp_msgs.msg import Reference
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -12,54 +7,26 @@ from std_srvs.srv import Trigger
 from experiments.reliability.trial import FRAME, short_skill
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
+from gdmp_ros.ros.arm_choice import FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.lifecycle import reliable
 from gdmp_ros.ros.testbed import SERVER
-from gdmp_ros.util.dds_network import Domain
-from test.franka.bed import FrankaBed, FRICTION
-from test.franka.server import Cable, Server
+from test.franka.bed import FAULT, FOLLOW, HOLD
 
-HOLD, FOLLOW, FAULT = RobotState.HOLD, RobotState.FOLLOW, RobotState.FAULT
 #: An arm that only holds moves less than this in a second [m]: MuJoCo's dry friction creeps.
 STILL_M = 2e-3
-pytestmark = pytest.mark.long
-
-
-@contextmanager
-def robot_and_arm(folder, cable=None):
-    """Robot and arm."""
-    friction = folder / 'friction.yaml'
-    friction.write_text(FRICTION)
-    choice = ArmChoice('franka', protocol_server=True, friction=friction)
-    where = {} if cable is None else {'host': cable.host, 'prefix': cable.prefix}
-    with ExitStack() as stack:
-        server = stack.enter_context(Server(folder / 'logs', os.environ, **where))
-        domain = stack.enter_context(Domain())
-        bed = stack.enter_context(FrankaBed(folder, domain.environment(), choice, server))
-        bed.start_arm(host=server.host)
-        bed.wait_mode(HOLD)
-        yield bed
-
-
-@pytest.fixture
-def bed(tmp_path):
-    with robot_and_arm(tmp_path) as made:
-        yield made
+SILENT = 'communication_constraints_violation'
 
 
 @pytest.fixture(scope='module')
 def skill(tmp_path_factory):
-    return short_skill(tmp_path_factory.mktemp('skill'))
+    return short_skill(tmp_path_factory.mktemp('skill'), 2.0)
 
 
 def recover(bed):
     """Nothing begins by itself; the service ends the fault; the next motion succeeds."""
     bed.spend(1.0)
     assert bed.status.mode == FAULT
-    reply = bed.call(Trigger, f'{FRANKA}/recover')
-    assert reply.success, reply.message
-    bed.wait_mode(HOLD)
+    bed.recover()
     assert bed.still() < STILL_M and bed.status.mode == HOLD
     bed.again()
 
@@ -73,36 +40,32 @@ def lost(bed):
 
 def test_the_robot_ends_in_mid_motion(bed, skill):
     bed.begin(skill)
-    bed.server.kill()
+    bed.robot.kill()
     bed.wait_mode(FAULT)
     assert 'does not answer' in bed.status.reason
     lost(bed)
-    bed.server.start()
+    bed.robot.start()
     bed.spend(1.0)
     assert bed.status.mode == FAULT  # it does not begin by itself
-    assert bed.call(Trigger, f'{FRANKA}/recover').success
-    bed.wait_mode(HOLD)
+    bed.recover()
     move_joints(bed.client, FRANKA)  # the new robot begins in another posture
     bed.again()
-    assert not bed.server.aborted()
+    assert not bed.robot.aborted
 
 
-def test_the_network_is_cut_in_mid_motion(tmp_path, skill):
-    if os.geteuid() != 0:
-        pytest.skip('a network that can be cut needs the rights of root')
-    with Cable() as cable, robot_and_arm(tmp_path, cable) as bed:
-        bed.begin(skill)
-        cable.cut()
-        bed.wait_mode(FAULT)
-        assert 'does not answer' in bed.status.reason
-        lost(bed)
-        refused = bed.call(Trigger, f'{FRANKA}/recover')
-        assert not refused.success and 'does not answer' in refused.message
-        cable.join()
-        bed.spend(2.0)
-        recover(bed)
-        # What the robot ends: the motion that it did not hear of any more.
-        assert all('communication_constraints_violation' in one for one in bed.server.aborted())
+def test_the_network_is_cut_in_mid_motion(bed, skill):
+    bed.begin(skill)
+    bed.robot.cut()
+    bed.wait_mode(FAULT)
+    assert 'does not answer' in bed.status.reason
+    lost(bed)
+    refused = bed.call(Trigger, f'{FRANKA}/recover')
+    assert not refused.success and 'does not answer' in refused.message
+    bed.robot.join()
+    bed.spend(2.0)
+    recover(bed)
+    # What the robot ends: the motion that it did not hear of any more.
+    assert bed.robot.aborted == [SILENT]
 
 
 def test_the_references_end_in_mid_motion(bed, skill):
@@ -115,7 +78,7 @@ def test_the_references_end_in_mid_motion(bed, skill):
     bed.wait_holding()
     assert bed.still() < STILL_M
     bed.again()
-    assert not bed.server.aborted()
+    assert not bed.robot.aborted
 
 
 def test_the_arm_node_is_killed_in_mid_motion(bed, skill):
@@ -123,19 +86,19 @@ def test_the_arm_node_is_killed_in_mid_motion(bed, skill):
     bed.children.kill(FRANKA)
     lost(bed)
     bed.status = None
-    bed.start_arm(host=bed.server.host)
+    bed.start_arm()
     bed.wait_mode(HOLD)
     assert bed.still() < STILL_M and bed.status.mode == HOLD
     bed.wait('the server to see the arm', lambda: 'no_robot' not in bed.state.flags, 60.0)
     bed.again()
-    assert all('communication_constraints_violation' in one for one in bed.server.aborted())
+    assert bed.robot.aborted in ([], [SILENT])
 
 
 def test_references_that_jump_and_stiffness_that_steps(bed):
     """A step of the stiffness is followed at the rate that is allowed; a jump is refused."""
     move_joints(bed.client, FRANKA)
-    out = bed.client.node.create_publisher(Reference, f'/{SERVER}/reference', reliable(10))
-    bed.wait('the arm', lambda: bed.states and out.get_subscription_count() > 0)
+    out = bed.client.publisher(Reference, f'{SERVER}/reference')
+    bed.wait('the arm', lambda: bed.states and out.subscribers() > 0)
     begun = messages.pose_numbers(bed.states[-1].pose)
     message = Reference()
     message.header.frame_id = FRAME
@@ -144,10 +107,9 @@ def test_references_that_jump_and_stiffness_that_steps(bed):
         bed.states.clear()
         matrix = np.diag([stiffness] * 3 + [0.05 * stiffness] * 3)
         messages.fill_reference(message, resting_target(pose, matrix))
-        ends = time.monotonic() + seconds
-        while time.monotonic() < ends:
+        for _ in range(round(seconds / 0.002)):
             message.sequence += 1
-            message.header.stamp = messages.stamp_of(time.time_ns())
+            message.header.stamp = messages.stamp_of(bed.client.clock.wall())
             out.publish(message)
             bed.spend(0.002)
         return np.array([messages.pose_numbers(one.pose)[:3] for one in bed.states])
@@ -162,23 +124,26 @@ def test_references_that_jump_and_stiffness_that_steps(bed):
     moved = stream(away, 1500.0, 2.0)
     assert np.linalg.norm(moved - moved[0], axis=1).max() < 5e-3
     assert bed.states[-1].mode == HOLD
-    assert not bed.server.aborted()
+    assert not bed.robot.aborted
+
+
+def test_the_computer_pauses_in_mid_motion(bed, skill):
+    bed.begin(skill)
+    for one in bed.children.node(FRANKA).participant.clock.loops:
+        one.pause(0.2)
+    bed.wait_mode(FAULT)
+    assert SILENT in bed.status.reason
+    lost(bed)
+    assert bed.robot.aborted == [SILENT]
+    recover(bed)
+    assert bed.robot.aborted == [SILENT]
 
 
 def test_a_reflex_in_mid_motion(bed, skill):
-    """
-    The robot stops by itself, here because its computer paused for 0.2 s.
-
-    The server knows no push: it acknowledges the thresholds of collisions and has no such reflex.
-    """
     bed.begin(skill)
-    process = bed.children.processes[FRANKA]
-    process.send_signal(signal.SIGSTOP)
-    time.sleep(0.2)
-    process.send_signal(signal.SIGCONT)
+    bed.robot.abort('cartesian_reflex')
     bed.wait_mode(FAULT)
-    assert 'communication_constraints_violation' in bed.status.reason
+    assert 'cartesian_reflex' in bed.status.reason
     lost(bed)
-    assert len(bed.server.aborted()) == 1
     recover(bed)
-    assert len(bed.server.aborted()) == 1
+    assert bed.robot.aborted == ['cartesian_reflex']

@@ -27,7 +27,7 @@ def cycles(loop, count, each=lambda k: None):
 
 def test_the_robots_model_is_that_of_our_fr3(loop):
     measured = loop.measured
-    arm = Arm('fr3', 'flange', hand=False)
+    arm = Arm('fr3')
     arm.reset(measured.position)
     own = arm.measure()
     np.testing.assert_allclose(measured.jacobian, own.jacobian, atol=1e-6)

@@ -64,19 +64,17 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     from std_msgs.msg import Float64MultiArray
 
     from experiments.reliability.trial import short_skill, Trial
-    from gdmp_ros.ros.lifecycle import reliable
-    from gdmp_ros.ros.testbed import ARM, SERVER
-    from gdmp_ros.util.dds_network import Domain
+    from gdmp_ros.ros.testbed import ARM, process_bed, SERVER
     folder.mkdir(parents=True, exist_ok=True)
-    with Domain() as domain, Trial(folder, domain.environment(), short_skill(folder)) as trial:
+    with process_bed(Trial, folder, skill=short_skill(folder)) as trial:
         trial.start(record=False)
-        node, choose = trial.client.node, random.Random(0)
+        choose = random.Random(0)
         topics = {f'{SERVER}/goal_pose': PoseStamped(), f'{SERVER}/moving_goal': MovingGoal(),
                   f'{SERVER}/goal_stiffness': Float64MultiArray(data=[1.0] * 9),
                   f'{ARM}/measured_pose': PoseStamped(), '/clock': Clock(),
                   f'{SERVER}/reference': Reference()}
-        publishers = [(node.create_publisher(type(m), topic, reliable(1)),
-                       bytes(serialize_message(m))) for topic, m in topics.items()]
+        publishers = [(trial.client.publisher(type(m), topic), bytes(serialize_message(m)))
+                      for topic, m in topics.items()]
         trial.spend(2.0)
         sent, before, begun = 0, trial.state.ticks, time.monotonic()
         for number in range(runs):
@@ -86,7 +84,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
                     at = choose.randrange(len(data) + 1)
                     data[at:at + choose.randint(0, 9)] = choose.randbytes(choose.randint(0, 9))
                 try:
-                    publisher.publish(bytes(data))
+                    publisher.send(bytes(data))
                     sent += 1
                 except RCLError:
                     pass  # longer than its type may be: the middleware does not send it

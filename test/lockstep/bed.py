@@ -30,9 +30,10 @@ def lockstep_bed(kind, *arguments, makers=None, **options):
     A `NodeTestbed` in lockstep.
 
     :param kind: the class; gets ``children`` and no environment
-    :param makers: see `LockstepChildren`
+    :param makers: gets the network, and returns what `LockstepChildren` takes
     """
-    with network() as made, kind(*arguments, environment={},
-                                 children=LockstepChildren(made, makers), **options) as bed:
-        bed.network = made
-        yield bed
+    with network() as made:
+        children = LockstepChildren(made, None if makers is None else makers(made))
+        with kind(*arguments, environment={}, children=children, **options) as bed:
+            bed.network = made
+            yield bed

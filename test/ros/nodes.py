@@ -1,6 +1,5 @@
 """Nodes, and the messages that they send; every wait has a timeout."""
 from contextlib import contextmanager
-import os
 
 from gdmp_msgs.msg import Reference, RobotState
 from lifecycle_msgs.msg import Transition
@@ -11,10 +10,10 @@ from rclpy.parameter import Parameter
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import DISCOVERY_S
-from gdmp_ros.ros.middleware import DEEP, deserialized, latched
-from gdmp_ros.ros.testbed import ARM, NodeTestbed, SERVER
-from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.ros.middleware import latched
+from gdmp_ros.ros.testbed import ARM, NodeTestbed, process_bed, SERVER
 from test.lockstep.bed import lockstep_bed
+from test.ros.collected import Collected
 
 FRAME = 'panda_link0'
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
@@ -22,37 +21,6 @@ ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEA
 #: State of a node after a transition.
 AFTER = {CONFIGURE: 'inactive', ACTIVATE: 'active', DEACTIVATE: 'inactive',
          CLEANUP: 'unconfigured'}
-
-
-class Collected:
-    """All messages of a fast topic since the last `clear`; each is read when it is looked at."""
-
-    def __init__(self, subscription):
-        self.subscription = subscription
-        self._data, self._read = [], {}
-
-    def take(self):
-        """Take what has come."""
-        while (received := self.subscription.take()) is not None:
-            self._data.append(received.data)
-
-    def clear(self):
-        self.take()
-        self._data.clear()
-        self._read.clear()
-
-    def __len__(self):
-        self.take()
-        return len(self._data)
-
-    def __getitem__(self, at):
-        count = len(self)
-        if isinstance(at, slice):
-            return [self[k] for k in range(*at.indices(count))]
-        k = range(count)[at]
-        if k not in self._read:
-            self._read[k] = deserialized(self._data[k], self.subscription.kind)
-        return self._read[k]
 
 
 class Nodes(NodeTestbed):
@@ -66,12 +34,6 @@ class Nodes(NodeTestbed):
         self.used = False
         self.forget()
 
-    def __exit__(self, *_):
-        # Quicker than an orderly end, whose effect is tested in test_processes.
-        for name in list(self.children.processes):
-            self.children.kill(name)
-        super().__exit__()
-
     @property
     def participant(self):
         """What tests publish with, and subscribe."""
@@ -84,7 +46,7 @@ class Nodes(NodeTestbed):
 
     def collect(self, kind, topic):
         """All messages of a fast topic; callbacks are too slow."""
-        made = Collected(self.client.subscribe(kind, topic, depth=DEEP))
+        made = Collected(self.client, kind, topic)
         self._made.append(made.subscription)
         self._collected.append(made)
         return made
@@ -234,11 +196,6 @@ def open_testbed(folder, skill_file):
 
 @contextmanager
 def open_processes(folder, skill_file):
-    """A testbed of processes in a DDS domain of its own; the environment is restored."""
-    before = dict(os.environ)
-    try:
-        with Domain() as domain, Nodes(folder, skill_file, domain.environment()) as made:
-            yield made
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
+    """A testbed of processes in a DDS domain of its own."""
+    with process_bed(Nodes, folder, skill_file) as made:
+        yield made
