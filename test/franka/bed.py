@@ -4,7 +4,6 @@ from functools import partial
 
 from gdmp_msgs.msg import ArmStatus, RobotState
 import numpy as np
-
 from std_srvs.srv import Trigger
 
 from gdmp_ros.ros.arm.franka_arm import FrankaArm

@@ -1,4 +1,4 @@
-"""Control of a Franka: what libfranka has, and a stand-in for the robot that enforces its limits."""
+"""Control of a Franka, with a stand-in for the robot that enforces its limits."""
 import numpy as np
 import pytest
 

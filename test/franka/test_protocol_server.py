@@ -8,6 +8,7 @@ import json
 import os
 
 import pytest
+from std_srvs.srv import Trigger
 
 from experiments import timing
 from experiments.bench import franka as bench
@@ -20,8 +21,7 @@ from gdmp_ros.realtime.doctor import BAD, GOOD
 from gdmp_ros.ros.arm_choice import FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.testbed import process_bed, SERVER
-from std_srvs.srv import Trigger
-from test.franka.bed import choice, FAULT, FrankaBed, HOLD
+from test.franka.bed import choice, FAULT, FrankaBed
 from test.franka.server import Server
 
 try:

@@ -25,6 +25,7 @@ from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed import streamed
 from gdmp_ros.playback.streamed_skill import Kind
+from test.lockstep.clock import SteppedClock
 
 HOME = np.array([0.4, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0])
 BASE = np.array([0.1, -0.6, 0.0, np.cos(0.2), 0.0, 0.0, np.sin(0.2)])
@@ -82,13 +83,13 @@ def test_the_workspace_of_the_second_arm_is_in_its_own_frame(skills):
 
 
 def test_both_poses_are_as_old_as_the_older_one(skills):
-    poses = {'first': (HOME, 0.1), 'second': None}
+    poses, clock = {'first': (HOME, 0.1), 'second': None}, SteppedClock()
 
     def reading(name):
         def read():
             taken, poses[name] = poses[name], None
             return taken
-        return MeasuredInput(read, name)
+        return MeasuredInput(clock, read, name)
     inputs = MeasuredInputs(reading('first'), second_tool=reading('second'))
     both = inputs.of(Kind.TWO_TOOLS)
     assert both.newest() is None
@@ -97,7 +98,9 @@ def test_both_poses_are_as_old_as_the_older_one(skills):
     poses['second'] = BASE, 0.3
     measured = both.newest()
     np.testing.assert_array_equal(measured.place, [*HOME, *BASE])
-    assert 0.3 <= measured.age < 0.4
+    assert both.age(measured) == pytest.approx(0.3)
+    clock.run_until(clock.now() + 100_000_000)
+    assert both.age(measured) == pytest.approx(0.4)
     assert both.newest() is measured
     poses['first'] = HOME + 1.0, 0.0
     assert both.newest().place[0] == HOME[0] + 1.0

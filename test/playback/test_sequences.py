@@ -12,12 +12,13 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.playback.measured_input import Measured, MeasuredInput, MeasuredInputs
+from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.util.profiles import minimum_jerk
+from test.lockstep.clock import SteppedClock
 from test.motions import circles
 
 MS = 1_000_000
@@ -56,7 +57,7 @@ def skills():
 @pytest.fixture
 def stream():
     hand = Hand()
-    pose = MeasuredInput(lambda: Measured(HOME, 0.0), '/pose', 'pose')
+    pose = MeasuredInput(SteppedClock(), lambda: (HOME, 0.0), '/pose', 'pose')
     streamer = Streamer(MS, MeasuredInputs(pose), StreamSettings(),
                         PlayerSettings(phase_stopping=0.0), gripper=hand)
     streamer.activate(MS)

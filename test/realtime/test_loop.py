@@ -11,15 +11,12 @@ import psutil
 import pytest
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import (
-    MonotonicClock,
-    raised_priority,
-    RealtimeThread,
-    run_periodic,
-)
+from gdmp_ros.realtime.loop import periodic, raised_priority, run, SystemClock
+from gdmp_ros.realtime.shared_loop import join
 from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
+from test.lockstep.clock import SteppedClock
 
 
 class ScriptedClock:
@@ -38,19 +35,17 @@ class ScriptedClock:
 
 def test_sleep_overshoot_never_accumulates():
     seen, clock = [], ScriptedClock([300] * 100)
-    missed = run_periodic(lambda deadline, now: seen.append((deadline, now)), 1000, clock,
-                          lambda: len(seen) >= 50)
-    assert missed == 0
+    run(periodic(lambda deadline, now: seen.append((deadline, now)), 1000, clock), clock,
+        lambda: len(seen) >= 50)
     assert [deadline for deadline, _ in seen] == [1000 * (i + 1) for i in range(50)]
     assert all(now - deadline == 300 for deadline, now in seen)
 
 
 def test_an_overrun_drops_ticks_instead_of_bursting():
     seen, clock = [], ScriptedClock([0, 0, 3500] + [0] * 20)
-    missed = run_periodic(lambda deadline, now: seen.append(deadline), 1000, clock,
-                          lambda: len(seen) >= 6)
+    run(periodic(lambda deadline, now: seen.append(deadline), 1000, clock), clock,
+        lambda: len(seen) >= 6)
     assert seen == [1000, 2000, 3000, 7000, 8000, 9000]
-    assert missed == 3
 
 
 def test_lateness_is_counted_and_summed_up():
@@ -66,17 +61,23 @@ def test_lateness_is_counted_and_summed_up():
     assert abs(window.rate_hz - 2 / 4e-6) < 1e-6
 
 
-def test_a_loop_on_the_real_clock_keeps_its_grid():
-    recorder, begun = LatenessRecorder(2_000_000), time.monotonic_ns()
-
-    def body():
-        run_periodic(recorder.add, 2_000_000, MonotonicClock(),
-                     lambda: recorder.ticks + recorder.missed >= 250)
-
-    thread = RealtimeThread(body)
-    thread.start()
-    assert thread.scheduler in ('fifo', 'other')
+def ended(clock, loop, priority=None):
+    """A loop after its end."""
+    thread = clock.start(loop, priority)
     thread.join()
+    return thread
+
+
+def test_a_loop_on_the_real_clock_keeps_its_grid():
+    clock, recorder = SystemClock(), LatenessRecorder(2_000_000)
+    begun = clock.now()
+
+    def steps():
+        loop = periodic(recorder.add, 2_000_000, clock)
+        while recorder.ticks + recorder.missed < 100:
+            yield next(loop)
+    thread = ended(clock, steps(), -1)
+    assert thread.scheduler in ('fifo', 'other')
     assert thread.failure is None
     assert gc.isenabled()
     deadlines, lateness = recorder.ticks_kept().T
@@ -88,27 +89,28 @@ def test_a_loop_on_the_real_clock_keeps_its_grid():
 
 def test_only_the_streaming_thread_gets_priority():
     policies = {}
-    thread = RealtimeThread(lambda: policies.update(inner=os.sched_getscheduler(0)))
-    thread.start()
-    thread.join()
+
+    def look():
+        policies.update(inner=os.sched_getscheduler(0), collects=gc.isenabled())
+        yield 0
+    thread = ended(SystemClock(), look(), -1)
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
     expected = os.SCHED_FIFO if thread.scheduler == 'fifo' else os.SCHED_OTHER
-    assert policies['inner'] == expected
-    plain = RealtimeThread(lambda: None, priority=0)
-    plain.start()
-    plain.join()
-    assert plain.scheduler == 'other'
+    assert policies == {'inner': expected, 'collects': False}
+    plain = ended(SystemClock(), look(), 0)
+    assert plain.scheduler == 'other' and not policies['collects']
+    slow = ended(SystemClock(), look())  # nothing that has deadlines
+    assert slow.scheduler == 'other' and policies['collects']
 
 
 CHILD = 'import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)'
 
 
 def test_priority_is_raised_only_beside_a_loop_with_priority():
-    ending = threading.Event()
-    thread = RealtimeThread(lambda: ending.wait() and None)
+    clock = SystemClock()
     with raised_priority():
         assert os.sched_getscheduler(0) == os.SCHED_OTHER
-    thread.start()
+    thread = clock.start(periodic(lambda deadline, now: None, 2_000_000, clock), -1)
     try:
         with raised_priority():
             policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
@@ -116,19 +118,58 @@ def test_priority_is_raised_only_beside_a_loop_with_priority():
                                    check=True)
         after = os.sched_getscheduler(0)
     finally:
-        ending.set()
-        thread.join()
+        thread.end()
     assert policy == (os.SCHED_FIFO if thread.scheduler == 'fifo' else os.SCHED_OTHER)
     assert after == os.SCHED_OTHER and child.stdout == 'True\n'
 
 
 def test_a_failure_in_the_loop_is_kept():
     def fail():
+        yield 0
         raise ValueError('broken')
-    thread = RealtimeThread(fail, priority=0)
-    thread.start()
-    thread.join()
-    assert isinstance(thread.failure, ValueError)
+    assert isinstance(ended(SystemClock(), fail(), 0).failure, ValueError)
+
+
+def test_a_loop_that_is_ended_cleans_up_where_it_yields():
+    clock, steps = SystemClock(), []
+
+    def loop():
+        try:
+            while True:
+                yield clock.now() + 1_000_000
+                steps.append(threading.current_thread())
+        finally:
+            steps.append('end')
+    thread = clock.start(loop())
+    while len(steps) < 3:
+        clock.sleep_until(clock.now() + 1_000_000)
+    thread.end()
+    assert steps[-1] == 'end' and threading.current_thread() not in steps
+
+
+def test_tasks_of_equal_period_share_a_loop():
+    clock, seen = SteppedClock(), []
+
+    def broken(deadline, now):
+        raise ValueError('broken')
+    first = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('first', deadline)))
+    second = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('second', deadline)))
+    other = join(clock, 2_000_000, 0, broken)
+    begun = clock.now()
+    clock.run_until(begun + 2_000_000)
+    assert seen == [(name, begun + k * 1_000_000) for k in (1, 2) for name in ('first', 'second')]
+    assert isinstance(other.failure, ValueError) and first.failure is None
+    first.end()
+    clock.run_until(begun + 3_000_000)
+    assert seen[4:] == [('second', begun + 3_000_000)]
+    second.end()
+    other.end()
+    clock.run_until(begun + 9_000_000)
+    assert len(seen) == 5
+    again = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('again', deadline)))
+    clock.run_until(begun + 10_000_000)
+    assert seen[5:] == [('again', begun + 10_000_000)]
+    again.end()
 
 
 def test_domains_are_claimed_once():
@@ -156,6 +197,7 @@ def test_children_do_not_outlive_their_parent(tmp_path, after):
     parent = subprocess.Popen([sys.executable, '-c', f"""
 import pathlib, time
 from gdmp_ros.util.processes import ChildProcesses
+from test.lockstep.clock import SteppedClock
 import os
 children = ChildProcesses(os.environ, pathlib.Path({str(tmp_path)!r}))
 children.start('child', 'gdmp_ros.realtime.bare_loop', [{str(tmp_path / "ticks.npy")!r}])
