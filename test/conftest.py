@@ -80,12 +80,3 @@ def nothing_left_running():
             one.kill()
     assert not told, told
 
-
-def pytest_collection_modifyitems(items):
-    """
-    Feed damaged messages last.
-
-    Decoding one, the middleware sets aside what it says it holds, gigabytes of addresses that are
-    never used and not always given back; after some of them no process can be started by a fork.
-    """
-    items.sort(key=lambda item: item.path.stem == 'test_entrances' and 'named_errors' in item.name)

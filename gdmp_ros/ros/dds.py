@@ -27,7 +27,6 @@ from gdmp_ros.realtime.loop import Clock, Loop, RunningLoop, SystemClock
 from gdmp_ros.ros.middleware import (
     ANOTHER_NODE,
     ClientParticipant,
-    deserialized,
     Middleware,
     Participant,
     Publisher,
@@ -74,9 +73,20 @@ class _Publisher(Publisher):
 
 
 class _Subscription(Subscription):
-    def __init__(self, clock: Clock, made: Any):
-        super().__init__(clock, made.msg_type, made.topic_name)
-        self.made = made
+    def __init__(self, clock: Clock, node: Node, callback: Callable[[Any], None] | None,
+                 kind: Any, topic: str, quality: QoSProfile):
+        super().__init__(clock, kind, node.resolve_topic_name(topic), lambda why: (
+            node.get_logger().warning(why, throttle_duration_sec=1.0)))
+        self._callback = callback
+        self.made = node.create_subscription(
+            kind, topic, self._call, quality, raw=True,
+            callback_group=None if callback else _PolledGroup(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def _call(self, data: bytes) -> None:
+        message = self.message_of(data)
+        if self._callback is not None and message is not None:
+            self._callback(message)
 
     def take(self) -> Received | None:
         handle = self.made.handle
@@ -103,13 +113,7 @@ class DdsParticipant:
 
     def subscription(self, kind: Any, topic: str, quality: QoSProfile,
                      callback: Callable[[Any], None] | None = None) -> Subscription:
-        def received(data: bytes) -> None:
-            if callback is not None:
-                callback(deserialized(data, kind))
-        return _Subscription(self.clock, self._node.create_subscription(
-            kind, topic, received, quality, raw=True,
-            callback_group=None if callback else _PolledGroup(),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies()))
+        return _Subscription(self.clock, self._node, callback, kind, topic, quality)
 
     def follow(self, subscription: Subscription, step: Callable[[Any], None], priority: int
                ) -> RunningLoop:

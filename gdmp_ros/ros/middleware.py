@@ -47,7 +47,7 @@ def deserialized(data: bytes, kind: Any) -> Any:
     """
     try:
         return deserialize_message(data, kind)
-    except RuntimeError as error:
+    except (RuntimeError, MemoryError) as error:
         raise DataError(f'not a {kind.__name__}: {error}') from None
 
 
@@ -92,10 +92,14 @@ class Publisher(ABC):
 class Subscription(ABC):
     """Receives the messages of a topic; with a callback they are not taken here."""
 
-    def __init__(self, clock: Clock, kind: Any, topic: str):
-        """See `Publisher`."""
+    def __init__(self, clock: Clock, kind: Any, topic: str, refused: Callable[[str], None]):
+        """
+        Prepare; see `Publisher`.
+
+        :param refused: gets why a message is dropped that is not one of the type
+        """
         self.kind, self.topic = kind, topic
-        self._clock = clock
+        self._clock, self._refused = clock, refused
 
     @abstractmethod
     def take(self) -> Received | None:
@@ -113,14 +117,25 @@ class Subscription(ABC):
         self.newest()
 
     def take_message(self) -> Any | None:
-        """:raises DataError: if the next message is not one of the type"""
-        received = self.take()
-        return None if received is None else deserialized(received.data, self.kind)
+        """As `take`, deserialised; what is not a message of the type is dropped."""
+        while (received := self.take()) is not None:
+            message = self.message_of(received.data)
+            if message is not None:
+                return message
+        return None
 
     def newest_message(self) -> Any | None:
-        """:raises DataError: if the newest message is not one of the type"""
+        """As `newest`, deserialised; None if it is not a message of the type."""
         received = self.newest()
-        return None if received is None else deserialized(received.data, self.kind)
+        return None if received is None else self.message_of(received.data)
+
+    def message_of(self, data: bytes) -> Any | None:
+        """Deserialise a message; None, and reported, if it is not one of the type."""
+        try:
+            return deserialized(data, self.kind)
+        except DataError as error:
+            self._refused(f'{self.topic}: {error}')
+            return None
 
     def age(self, received: Received) -> float:
         """Time since a message arrived [s]; 0 if that is not known."""

@@ -10,24 +10,31 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.sim.tool import Mount
 from gdmp_ros.util.settings import setting
 
+#: Largest mass [kg], distance of its centre along each axis [m] and entry of the inertia [kg m²].
+HEAVIEST, FARTHEST, LARGEST_INERTIA = 20.0, 1.0, 10.0
+
 
 @dataclass(frozen=True)
 class Payload:
     """Mass, centre and inertia, in the frame of the tool site."""
 
-    mass: float = setting(0.0, 'mass that the arm carries at its tool', 'kg', 0.0, 20.0)
+    mass: float = setting(0.0, 'mass that the arm carries at its tool', 'kg', 0.0, HEAVIEST)
     center: tuple[float, float, float] = setting(
-        (0.0, 0.0, 0.0), 'its centre of mass in the frame of tool_site', 'm', -1.0, 1.0)
+        (0.0, 0.0, 0.0), 'its centre of mass in the frame of tool_site', 'm', -FARTHEST, FARTHEST)
     inertia: tuple[float, float, float, float, float, float] = setting(
         (0.0,) * 6, 'its inertia about the centre, xx yy zz xy xz yz, along the axes of tool_site',
-        'kg m^2', -10.0, 10.0)
+        'kg m^2', -LARGEST_INERTIA, LARGEST_INERTIA)
 
     def __post_init__(self) -> None:
         """:raises ParameterError: if no body has this mass and inertia"""
-        numbers = np.array([self.mass, *self.center, *self.inertia])
-        if not np.isfinite(numbers).all() or self.mass < 0.0:
-            raise ParameterError(f'payload: mass {self.mass!r} kg, centre {self.center}, inertia '
-                                 f'{self.inertia}: expected finite numbers and a mass >= 0')
+        if not 0.0 <= self.mass <= HEAVIEST:
+            raise ParameterError(f'payload: mass is {self.mass!r} kg, expected 0 to {HEAVIEST:g}')
+        for name, numbers, most, unit in (
+                ('centre', self.center, FARTHEST, 'm'),
+                ('inertia', self.inertia, LARGEST_INERTIA, 'kg m²')):
+            if not np.all(np.abs(numbers) <= most):
+                raise ParameterError(f'payload: {name} is {[*map(float, numbers)]} {unit}, '
+                                     f'expected at most {most:g} each')
         moments = np.linalg.eigvalsh(self.matrix)
         # The sum of two principal moments is at least the third.
         if moments[0] < -1e-9 or moments[2] > moments[0] + moments[1] + 1e-9:

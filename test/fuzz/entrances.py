@@ -1,8 +1,8 @@
 """
 Every entrance through which something from outside comes in, and seeds of what is valid there.
 
-An entrance takes bytes. Whatever they are, only a `GdmpError` may come out, and the nodes' next
-tick must work.
+An entrance takes bytes. Whatever they are, only a `GdmpError` may come out, and the node goes on
+working.
 """
 from __future__ import annotations
 
@@ -17,11 +17,30 @@ import random
 import shutil
 import struct
 import tempfile
-import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
+from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.msg import Context, MovingGoal, Reference, RobotState, ServerState
+from gdmp_msgs.srv import (
+    LearnSkill,
+    LoadSkill,
+    RefineSkill,
+    SetPayload,
+    SetSpeed,
+    SetTool,
+    StepSimulation,
+)
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 import numpy as np
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import InteractiveMarkerFeedback
 
+from gdmp_ros.control.target import HOLD_STIFFNESS
 from gdmp_ros.data import bags, lasa, recordings
 from gdmp_ros.data.context_table import read_contexts
 from gdmp_ros.data.sequences import read_sequence
@@ -31,7 +50,9 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.learning.context_fit import Contexts
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.util.dds_network import Domain
+from gdmp_ros.ros.messages import fill_reference, stamp_of
+from gdmp_ros.ros.parameter_tables import NODES
+from test.fuzz import nodes
 
 TOOL = lasa.TOOL
 POSE = Product(*TOOL.factors[:2], names=TOOL.names[:2])
@@ -164,110 +185,44 @@ def bag_metadata() -> Entrance:
     return Entrance(feed, [made])
 
 
-_nodes: dict[str, Any] = {}
+def server() -> nodes.FuzzedNode:
+    """The trajectory server, with a short skill."""
+    return nodes.server(_saved)
 
 
-def node(name: str) -> Any:
-    """A node of this process, active, whose ticks are taken by hand."""
-    if name in _nodes:
-        return _nodes[name]
-    import rclpy
-
-    from gdmp_ros.ros.adapter.node import Adapter
-    from gdmp_ros.ros.arm.panda_sim import PandaSim
-    from gdmp_ros.ros.server.node import TrajectoryServer
-    from gdmp_ros.ros.visualizer.node import Visualizer
-    if not rclpy.ok():
-        # A domain of one's own, kept to the end of the process.
-        _nodes['domain'] = domain = Domain()
-        rclpy.init(args=[], domain_id=domain.id)
-    made: Any = {'server': TrajectoryServer, 'sim': PandaSim, 'adapter': Adapter,
-                 'visualizer': Visualizer}[name]()
-    if name == 'server':
-        path = _folder() / 'skill.json'
-        short_skill().save(path)
-        made.set_parameters([_parameter('skill', str(path)), _parameter('start_from', 'skill')])
-    made.configure()
-    _listen(made)
-    if name == 'server':
-        made.streamer.active = True
-    made._active = True
-    made.get_logger().set_level(50)
-    _nodes[name] = made
-    return made
+def _saved() -> str:
+    path = _folder() / 'skill.json'
+    short_skill().save(path)
+    return str(path)
 
 
-def _listen(made: Any) -> None:
-    """Listen to what a node streams: it makes no message otherwise."""
-    from gdmp_ros.ros.polling import PolledGroup
-    from gdmp_ros.ros.streams import Stream
-    holder = getattr(made, '_references', made)
-    for publisher in [one._publisher for one in vars(holder).values() if isinstance(one, Stream)]:
-        made.create_subscription(publisher.msg_type, publisher.topic, lambda _: None, 10,
-                                 callback_group=PolledGroup())
-        ends = time.monotonic() + 10.0
-        while publisher.get_subscription_count() == 0:
-            if time.monotonic() > ends:
-                raise RuntimeError(f'nobody hears {publisher.topic}')
-            time.sleep(0.01)
+def _moving(made: nodes.FuzzedNode) -> None:
+    """Let the server execute a skill."""
+    streamer = made.node.streamer
+    rollout = streamer.player.rollout
+    if rollout is None or rollout.finished:
+        streamer.begin()
 
 
-def _parameter(name: str, value: Any) -> Any:
-    from rclpy.parameter import Parameter
-    return Parameter(name, value=value)
-
-
-def tick(name: str) -> None:
-    """One tick and, now and then, a report: whatever came in, these must work."""
-    made = node(name)
-    _ticks[name] = _ticks.get(name, 0) + 1
-    if name == 'server':
-        made._tick(_ticks[name] * 1_000_000, 0.05, time.time_ns())
-    elif name == 'sim':
-        made._advance(time.time_ns(), time.time_ns())
-    elif name == 'visualizer':
-        made._update_handles()
-        made._all_markers()
-        return
-    else:
-        made._tick(time.time_ns(), time.time_ns())
-        return
-    if _ticks[name] % 50 == 0:
-        (made._publish_report if name == 'server' else made._report)()
-
-
-_ticks: dict[str, int] = {}
-
-
-def _message(kind: Any, valid: list[Any], name: str, use: Callable[[Any, Any], None]) -> Entrance:
-    """Raw bytes as CDR, decoded as the middleware does, given to what handles the message."""
-    from rclpy.serialization import deserialize_message, serialize_message
-    made = node(name)
-
+def _topic(made: nodes.FuzzedNode, kind: Any, topic: str, valid: list[Any], takes: bool = True,
+           before: Callable[[nodes.FuzzedNode], None] = lambda made: None) -> Entrance:
+    """Raw bytes as CDR on a topic."""
     def feed(data: bytes) -> None:
-        try:
-            message = deserialize_message(data, kind)
-        except Exception:
-            return  # the middleware never hands it on
-        with suppress(GdmpError):
-            use(made, message)
-        tick(name)
+        before(made)
+        made.send(kind, topic, data, takes)
     return Entrance(feed, [serialize_message(message) for message in valid])
 
 
-def _serialised(valid: list[Any], use: Callable[[Any, bytes], None]) -> Entrance:
-    """Raw bytes, as the server takes them from a topic."""
-    from rclpy.serialization import serialize_message
-    server = node('server')
-
+def _service(made: nodes.FuzzedNode, kind: Any, name: str, valid: list[Any],
+             before: Callable[[nodes.FuzzedNode], None] = lambda made: None) -> Entrance:
+    """Raw bytes as CDR to a service."""
     def feed(data: bytes) -> None:
-        use(server, data)
-        tick('server')
-    return Entrance(feed, [serialize_message(message) for message in valid])
+        before(made)
+        made.request(kind, name, data)
+    return Entrance(feed, [serialize_message(request) for request in valid])
 
 
 def _pose(frame: str = FRAME) -> Any:
-    from geometry_msgs.msg import PoseStamped
     message = PoseStamped()
     message.header.frame_id = frame
     message.pose.position.x, message.pose.position.z = 0.4, 0.4
@@ -276,42 +231,25 @@ def _pose(frame: str = FRAME) -> Any:
 
 
 def _array(values: Any) -> Any:
-    from std_msgs.msg import Float64MultiArray
     return Float64MultiArray(data=[float(v) for v in np.ravel(values)])
-
-
-def _moving(server: Any) -> None:
-    rollout = server.streamer.player.rollout
-    if rollout is None or rollout.finished:
-        server.streamer.begin()
 
 
 def topic_goal_pose() -> Entrance:
     """``~/goal_pose`` while a skill is executed."""
-    def use(server: Any, data: bytes) -> None:
-        _moving(server)
-        server.goals.take('goal_pose', data)
-    return _serialised([_pose(), _pose('world')], use)
+    return _topic(server(), PoseStamped, '~/goal_pose', [_pose(), _pose('world')], before=_moving)
 
 
 def topic_moving_goal() -> Entrance:
     """``~/moving_goal`` while a skill is executed."""
-    from gdmp_msgs.msg import MovingGoal
-
-    def use(server: Any, data: bytes) -> None:
-        _moving(server)
-        server.goals.take('moving_goal', data)
     message = MovingGoal(header=_pose().header, pose=_pose().pose)
     message.twist.linear.y = 0.1
-    return _serialised([message], use)
+    return _topic(server(), MovingGoal, '~/moving_goal', [message], before=_moving)
 
 
 def topic_goal_stiffness() -> Entrance:
     """``~/goal_stiffness`` while a skill is executed."""
-    def use(server: Any, data: bytes) -> None:
-        _moving(server)
-        server.goals.take('goal_stiffness', data)
-    return _serialised([_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], use)
+    return _topic(server(), Float64MultiArray, '~/goal_stiffness',
+                  [_array(300.0 * np.eye(3)), _array(300.0 * np.eye(6))], before=_moving)
 
 
 def short_cycle() -> Skill:
@@ -325,21 +263,20 @@ def short_cycle() -> Skill:
 
 def topic_amplitude() -> Entrance:
     """``~/amplitude`` and ``~/frequency`` while a rhythmic skill, or another, is executed."""
-    from std_msgs.msg import Float64
     skills = [short_cycle(), short_skill()]
+    made = server()
 
-    def use(server: Any, data: bytes) -> None:
-        streamer = server.streamer
-        rhythmic = skills[len(data) % 2]
-        streamer.use(rhythmic, 'fuzzed')
+    def feed(data: bytes) -> None:
+        streamer = made.node.streamer
+        streamer.use(skills[len(data) % 2], 'fuzzed')
         streamer.begin()
-        tick('server')
-        server.goals.take('amplitude', data)
-        server.goals.take('frequency', data)
-        tick('server')
+        made.pass_time()
+        made.send(Float64, '~/amplitude', data)
+        made.send(Float64, '~/frequency', data)
         streamer.use(skills[1], 'fuzzed')
         streamer.begin()
-    return _serialised([Float64(data=0.5), Float64(data=float('nan'))], use)
+        made.pass_time()
+    return Entrance(feed, [serialize_message(Float64(data=one)) for one in (0.5, float('nan'))])
 
 
 def sequence_file() -> Entrance:
@@ -374,15 +311,14 @@ def context_skill() -> Skill:
 
 def topic_context() -> Entrance:
     """``~/context``; what is accepted must also move."""
-    from gdmp_msgs.msg import Context
     skill = context_skill()
 
-    def use(server: Any, message: Any) -> None:
-        server._skills.use(skill, 'fuzzed')
-        server._skills.use_context(message)
-        _moving(server)
-    return _message(Context, [Context(names=['height'], values=[0.05]), Context(),
-                              Context(names=['height'], values=[1e300])], 'server', use)
+    def before(made: nodes.FuzzedNode) -> None:
+        made.node._skills.use(skill, 'fuzzed')
+        _moving(made)
+    return _topic(server(), Context, '~/context', [
+        Context(names=['height'], values=[0.05]), Context(),
+        Context(names=['height'], values=[1e300])], takes=False, before=before)
 
 
 def context_table() -> Entrance:
@@ -399,233 +335,192 @@ def context_table() -> Entrance:
 
 def service_refine() -> Entrance:
     """``~/refine_skill``."""
-    from gdmp_msgs.srv import RefineSkill
+    made = server()
 
-    def use(server: Any, request: Any) -> None:
-        request.output = ''
-        server._refinement.answer(request, RefineSkill.Response())
-        _moving(server)
-    return _message(RefineSkill.Request, [RefineSkill.Request(action=n) for n in range(5)],
-                    'server', use)
+    def feed(data: bytes) -> None:
+        with suppress(Exception):  # what is no request is not handed on
+            request = deserialize_message(data, RefineSkill.Request)
+            request.output = ''
+            data = serialize_message(request)
+        _moving(made)
+        made.request(RefineSkill, '~/refine_skill', data)
+    return Entrance(feed, [serialize_message(RefineSkill.Request(action=n)) for n in range(5)])
 
 
 def topic_measured_pose() -> Entrance:
-    """``~/measured_pose``, and a start from it."""
-    def use(server: Any, data: bytes) -> None:
-        pose = server.inputs.read_pose(data)
-        if pose is not None and server.streamer.player is not None:
-            server.streamer.player.observe(pose)
-    return _serialised([_pose()], use)
+    """Measured pose of the robot, and a start from it."""
+    made = nodes.server(_saved, 'watching', phase_stopping=50.0)
+    return _topic(made, PoseStamped, made.node.parameters.measured_pose_topic, [_pose()],
+                  before=_moving)
 
 
 def topic_clock() -> Entrance:
     """``/clock`` of a server on simulated time."""
-    from builtin_interfaces.msg import Time
-    from rosgraph_msgs.msg import Clock
-
-    def use(server: Any, message: Any) -> None:
-        server._clock_input = None, server._time_source.clock_callback
-        server._clock_tick(message)
+    made = nodes.server(_saved, 'simulated_time', use_sim_time=True)
     valid = [Clock(clock=Time(sec=100, nanosec=i * 10 ** 6)) for i in range(3)]
-    return _message(Clock, valid, 'server', use)
+    return _topic(made, Clock, '/clock', valid)
 
 
 def topic_hand_pose() -> Entrance:
     """Hand that guides the simulated arm."""
-    from geometry_msgs.msg import PoseStamped
-
-    def use(sim: Any, message: Any) -> None:
-        sim.simulation.loop.hand_guided = True
-        sim.simulation.take_hand(message)
-        try:
-            for _ in range(2):
-                tick('sim')
-        finally:
-            sim.simulation.loop.hand_guided = False
-            sim.simulation._release()
-    return _message(PoseStamped, [_pose()], 'sim', use)
+    def before(made: nodes.FuzzedNode) -> None:
+        made.request(SetBool, '~/teach', serialize_message(SetBool.Request(data=True)))
+    return _topic(nodes.simulation(), PoseStamped, '~/hand_pose', [_pose()], before=before)
 
 
 def topic_reference() -> Entrance:
     """Reference of the simulated arm."""
-    from rclpy.serialization import serialize_message
+    made = nodes.simulation()
 
-    def use(sim: Any, message: Any) -> None:
-        # In every other input the clock says what the stamp says: it would refuse nearly all.
-        stamp = message.header.stamp
-        now = time.time_ns()
-        if message.sequence % 2 == 0:
-            now = stamp.sec * 10 ** 9 + stamp.nanosec
-            sim.simulation.loop.controller.guard._sequence = 0
-        sim.simulation.take_reference(serialize_message(message), now)
-    return _reference('sim', use)
+    def feed(data: bytes) -> None:
+        with suppress(Exception):  # what is no message stays as it is
+            message = deserialize_message(data, Reference)
+            # In every other input the stamp is that of the clock: it would refuse nearly all.
+            if message.sequence % 2 == 0:
+                message.header.stamp = stamp_of(made.stamp())
+                made.node.commands.control.controller.guard._sequence = 0
+                data = serialize_message(message)
+        made.send(Reference, made.node.parameters.reference_topic, data)
+    return Entrance(feed, [serialize_message(_reference())])
 
 
 def topic_converted() -> Entrance:
     """Reference that the adapter converts for other controllers."""
-    return _reference('adapter', lambda adapter, message: adapter.convert(message))
+    made = nodes.adapter()
+    return _topic(made, Reference, made.node.parameters.reference_topic, [_reference()])
 
 
 def topic_shown() -> Entrance:
     """State of an arm that the visualizer shows."""
-    from gdmp_msgs.msg import RobotState
     valid = RobotState()
     valid.header.frame_id, valid.pose.orientation.w = FRAME, 1.0
     valid.stiffness = np.diag([400.0] * 3 + [30.0] * 3).ravel()
     valid.position = [0.0, -0.7, 0.0, -2.3, 0.0, 1.6, 0.8]
-    return _message(RobotState, [valid], 'visualizer',
-                    lambda node, message: node.take_robot(message))
+    made = nodes.visualizer()
+    return _shown(_topic(made, RobotState, f'{made.node.parameters.arm}/state', [valid]), made)
 
 
 def topic_handle() -> Entrance:
     """What a user does to the handles of the visualizer."""
-    from gdmp_msgs.msg import ServerState
-    from visualization_msgs.msg import InteractiveMarkerFeedback
-    made = node('visualizer')
+    made = nodes.visualizer()
     state = ServerState(goal=[_pose().pose])
     state.header.frame_id = FRAME
-    made.take_server(state)
-    tick('visualizer')
+    made.send(ServerState, f'{made.node.parameters.server}/state', serialize_message(state))
     valid = [InteractiveMarkerFeedback(marker_name='goal', event_type=kind, menu_entry_id=1)
              for kind in (1, 2, 4, 5)]
     for message in valid:
         message.header.frame_id, message.pose = FRAME, _pose().pose
-    return _message(InteractiveMarkerFeedback, valid, 'visualizer',
-                    lambda made, message: made.handles.take_feedback(message))
+    return _shown(_topic(made, InteractiveMarkerFeedback, '~/feedback', valid, takes=False), made)
 
 
-def _reference(name: str, use: Callable[[Any, Any], None]) -> Entrance:
-    from gdmp_msgs.msg import Reference
+def _shown(entrance: Entrance, made: nodes.FuzzedNode) -> Entrance:
+    """After each input the visualizer draws everything, as it does a few times a second."""
+    def feed(data: bytes) -> None:
+        entrance.feed(data)
+        made.node._update_handles()
+        made.node._all_markers()
+    return Entrance(feed, entrance.seeds)
 
-    from gdmp_ros.control.target import HOLD_STIFFNESS
-    from gdmp_ros.ros import messages
+
+def _reference() -> Any:
     numbers = np.zeros(56)
     numbers[:7], numbers[19:55] = (0.31, 0, 0.48, 0, 1, 0, 0), HOLD_STIFFNESS.ravel()
     numbers[55] = 0.7
     valid = Reference()
     valid.header.frame_id = FRAME
-    messages.fill_reference(valid, numbers)
-    return _message(Reference, [valid], name, use)
+    fill_reference(valid, numbers)
+    return valid
 
 
 def service_set_speed() -> Entrance:
     """``~/set_speed``."""
-    from gdmp_msgs.srv import SetSpeed
-    return _message(SetSpeed.Request, [SetSpeed.Request(scale=0.5)], 'server',
-                    lambda server, request: server._set_speed(request.scale))
+    return _service(server(), SetSpeed, '~/set_speed', [SetSpeed.Request(scale=0.5)])
 
 
 def service_pause() -> Entrance:
     """``~/pause``, ``~/start`` and ``~/stop``, one after the other."""
-    from std_srvs.srv import SetBool
+    made = server()
+    call = serialize_message(Trigger.Request())
 
-    def use(server: Any, request: Any) -> None:
-        _moving(server)
-        server.streamer.player.pause(request.data)
-        if not request.data:
-            server.streamer.player.stop()
-            server.streamer.begin()
-    return _message(SetBool.Request, [SetBool.Request(data=True), SetBool.Request()], 'server',
-                    use)
+    def feed(data: bytes) -> None:
+        _moving(made)
+        made.request(SetBool, '~/pause', data)
+        made.request(Trigger, '~/stop', call)
+        made.request(Trigger, '~/start', call)
+    return Entrance(feed, [serialize_message(SetBool.Request(data=one)) for one in (True, False)])
 
 
 def service_load_skill() -> Entrance:
     """``~/load_skill``: names of files."""
-    from gdmp_msgs.srv import LoadSkill
-    path = _folder() / 'skill.json'
-    short_skill().save(path)
-    valid = [LoadSkill.Request(path=str(p)) for p in (path, '/dev/zero', '/', '..', '/dev/stdin')]
-    return _message(LoadSkill.Request, valid, 'server',
-                    lambda server, request: server._skills.load(request.path))
+    valid = [LoadSkill.Request(path=str(p))
+             for p in (_saved(), '/dev/zero', '/', '..', '/dev/stdin')]
+    return _service(server(), LoadSkill, '~/load_skill', valid)
 
 
 def service_learn_skill() -> Entrance:
     """``~/learn_skill``: the command it makes has no option that it was not to have."""
-    from gdmp_msgs.srv import LearnSkill
-    valid = [LearnSkill.Request(bags=['demo'], n_basis=30, connection='parallel', output='x.json'),
-             LearnSkill.Request(bags=['--each', '-o', '/etc/x'], connection='published')]
+    made = server()
 
-    def use(server: Any, request: Any) -> None:
+    def feed(data: bytes) -> None:
+        try:
+            request = deserialize_message(data, LearnSkill.Request)
+        except Exception:
+            return  # the middleware never hands it on
         request.output = request.output or 'skill.json'
-        _, command = server._learning.command(request)
-        after = command[command.index('--') + 1:]
-        if after != list(request.bags) or sum(w.startswith('-') for w in
-                                              command[:command.index('--')]) != 6:
-            raise AssertionError(f'an option came in: {command}')
-    return _message(LearnSkill.Request, valid, 'server', use)
+        with suppress(GdmpError):
+            _, command = made.node._learning.command(request)
+            after = command[command.index('--') + 1:]
+            if after != list(request.bags) or sum(w.startswith('-') for w in
+                                                  command[:command.index('--')]) != 6:
+                raise AssertionError(f'an option came in: {command}')
+    return Entrance(feed, [serialize_message(one) for one in (
+        LearnSkill.Request(bags=['demo'], n_basis=30, connection='parallel', output='x.json'),
+        LearnSkill.Request(bags=['--each', '-o', '/etc/x'], connection='published'))])
 
 
 def action_execute() -> Entrance:
     """Goals of ``~/execute``."""
-    from gdmp_msgs.action import ExecuteSkill
     whole = ExecuteSkill.Goal(use_goal_pose=True, goal_pose=_pose(), duration=2.0,
                               goal_stiffness=list((300.0 * np.eye(3)).ravel()),
                               position_tolerance=0.01, rotation_tolerance=0.01)
-    return _message(ExecuteSkill.Goal, [ExecuteSkill.Goal(), whole], 'server',
-                    lambda server, goal: server._action._begin(goal, server._base.pose(
-                        goal.goal_pose) if goal.use_goal_pose else None))
+    made = server()
+    return Entrance(lambda data: made.goal(ExecuteSkill, '~/execute', data),
+                    [serialize_message(one) for one in (ExecuteSkill.Goal(), whole)])
 
 
 def services_of_the_simulation() -> Entrance:
-    """``~/set_pause``, ``~/teach``, ``~/reset_world``, ``~/step_simulation`` and the rest."""
-    from gdmp_msgs.srv import StepSimulation
-    from std_srvs.srv import SetBool, Trigger
+    """``~/step_simulation``, and ``~/set_pause``, ``~/teach``, ``~/reset_world`` and the rest."""
+    made = nodes.simulation()
+    call = serialize_message(Trigger.Request())
 
-    def use(sim: Any, request: Any) -> None:
-        reply = StepSimulation.Response()
-        # Refused before it awaits anything, as the simulation is not paused.
-        with suppress(StopIteration):
-            sim.arm_services.on_step(request, reply).send(None)
-            raise AssertionError('waits for steps though not paused')
-        if reply.success:
-            raise AssertionError('stepped though not paused')
+    def feed(data: bytes) -> None:
+        made.request(StepSimulation, '~/step_simulation', data)
         for paused in (True, False):
-            sim.arm_services.on_pause(SetBool.Request(data=paused), SetBool.Response())
-            tick('sim')
-            sim.arm_services.on_teach(SetBool.Request(data=paused), SetBool.Response())
-            tick('sim')
-            sim.arm_services.on_refill(Trigger.Request(), Trigger.Response())
-            with suppress(StopIteration):
-                sim.arm_services.on_identify(SetBool.Request(data=paused),
-                                             SetBool.Response()).send(None)
-            tick('sim')
-        if request.steps % 3 == 0:
-            sim.arm_services.on_reset(Trigger.Request(), Trigger.Response())
-            sim.simulation.request_reset()
-    return _message(StepSimulation.Request, [StepSimulation.Request(steps=n) for n in (0, 5, 9)],
-                    'sim', use)
+            request = serialize_message(SetBool.Request(data=paused))
+            for name in ('set_pause', 'teach', 'identify'):
+                made.request(SetBool, f'~/{name}', request)
+            made.request(StepSimulation, '~/step_simulation', data[:12])
+            made.request(Trigger, '~/refill_tank', call)
+        if len(data) % 3 == 0:
+            made.request(Trigger, '~/reset_world', call)
+    return Entrance(feed, [serialize_message(StepSimulation.Request(steps=n)) for n in (0, 5, 9)])
 
 
 def service_set_tool() -> Entrance:
     """``~/set_tool`` of the arm."""
-    from gdmp_msgs.srv import SetTool
-    from geometry_msgs.msg import Point, Pose, Quaternion
     valid = [SetTool.Request(), SetTool.Request(pose=Pose(
         position=Point(x=0.05, z=0.1), orientation=Quaternion(x=0.6, w=0.8)))]
-
-    def use(sim: Any, request: Any) -> None:
-        answering = sim.arm_services.on_tool(request, SetTool.Response())
-        with suppress(StopIteration):
-            answering.send(None)
-        tick('sim')
-        answering.close()
-    return _message(SetTool.Request, valid, 'sim', use)
+    return _service(nodes.simulation(), SetTool, '~/set_tool', valid)
 
 
 def service_set_payload() -> Entrance:
     """``~/set_payload`` of the arm."""
-    from gdmp_msgs.srv import SetPayload
     valid = [SetPayload.Request(), SetPayload.Request(mass=0.5, center=[0.0, 0.0, 0.05]),
              SetPayload.Request(mass=1.0, inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])]
-
-    def use(sim: Any, request: Any) -> None:
-        sim.arm_services.on_payload(request, SetPayload.Response())
-        tick('sim')
-    return _message(SetPayload.Request, valid, 'sim', use)
+    return _service(nodes.simulation(), SetPayload, '~/set_payload', valid)
 
 
-def _parameters(name: str, of_node: str) -> Entrance:
-    from gdmp_ros.ros.parameter_tables import NODES
+def _parameters(fuzzed: nodes.FuzzedNode, of_node: str) -> Entrance:
     specs = NODES[of_node][1]
     names = [spec.name for spec in specs]
 
@@ -641,13 +536,13 @@ def _parameters(name: str, of_node: str) -> Entrance:
             bytes(range(count))])
 
     def feed(data: bytes) -> None:
-        choose, made = random.Random(data), node(name)
+        choose, made = random.Random(data), fuzzed.node
         made.parameters.locked = choose.random() < 0.5
         for _ in range(3):
             which = choose.choice(names)
             before = getattr(made.parameters, which)
             try:
-                changes = [_parameter(which, value(choose))]
+                changes = [Parameter(which, value=value(choose))]
             except (TypeError, ValueError, AttributeError):
                 continue  # rclpy has no such parameter value
             result = made.set_parameters(changes)[0]
@@ -658,20 +553,20 @@ def _parameters(name: str, of_node: str) -> Entrance:
                 problem = {s.name: s for s in specs}[which].problem(after)
                 if problem:
                     raise AssertionError(f'accepted: {problem}')
-                tick(name)
-                made.set_parameters([_parameter(which, before)])
-        tick(name)
+                fuzzed.pass_time()
+                made.set_parameters([Parameter(which, value=before)])
+        fuzzed.pass_time()
     return Entrance(feed, [struct.pack('<I', i) for i in range(8)])
 
 
 def parameters_of_the_server() -> Entrance:
     """Parameters of ``trajectory_server``."""
-    return _parameters('server', 'trajectory_server')
+    return _parameters(server(), 'trajectory_server')
 
 
 def parameters_of_the_simulation() -> Entrance:
     """Parameters of ``panda_sim``."""
-    return _parameters('sim', 'panda_sim')
+    return _parameters(nodes.simulation(), 'panda_sim')
 
 
 ENTRANCES: dict[str, Callable[[], Entrance]] = {

@@ -1,7 +1,8 @@
 """Whatever is given to learning and roll-outs: named errors only, and nothing hangs."""
+from functools import cache
 import warnings
 
-from hypothesis import given, HealthCheck, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -25,8 +26,7 @@ NUMBERS = st.one_of(st.floats(allow_nan=True, allow_infinity=True, width=64),
                     st.sampled_from([0.0, -1.0, 1e-300, 1e300, 1e-3, 0.05, 5.0, 3601.0]))
 #: Also what is no number.
 ANYTHING = st.one_of(NUMBERS, st.none(), st.text(max_size=3), st.integers(-5, 5000), st.booleans())
-QUICK = settings(max_examples=25, deadline=None, derandomize=True,
-                 suppress_health_check=list(HealthCheck))
+QUICK = settings(max_examples=25)
 
 
 def shown(manifold, samples=80, size=0.3, seed=1, duration=1.0):
@@ -38,8 +38,16 @@ def shown(manifold, samples=80, size=0.3, seed=1, duration=1.0):
                                           for b in minimum_jerk(times / duration)]), manifold)
 
 
-SKILLS = [Skill.learn(shown(manifold), 20, connection=connection)
-          for manifold in MANIFOLDS for connection in ('parallel', 'published')]
+@cache
+def learned(manifold, connection):
+    """A skill, learned when it is needed."""
+    return Skill.learn(shown(manifold), 20, connection=connection)
+
+
+#: Of what skills are learned.
+KINDS = [(manifold, connection)
+         for manifold in MANIFOLDS for connection in ('parallel', 'published')]
+SKILLS = st.sampled_from(KINDS).map(lambda kind: learned(*kind))
 
 
 def tried(call):
@@ -54,7 +62,7 @@ def tried(call):
 
 @QUICK
 @given(st.sampled_from(MANIFOLDS), st.integers(3, 40), st.floats(1e-12, 1e3),
-       st.sampled_from([0.001, 0.049, 0.05, 1.0, 1e4]), st.integers(0, 2),
+       st.sampled_from([0.001, 0.049, 0.05, 1.0, 60.0]), st.integers(0, 2),
        st.sampled_from(['output', 'forcing']), st.one_of(st.just('auto'), st.integers(-1, 40)),
        st.sampled_from([None, 'rest', 'moving']), st.sampled_from(['parallel', 'published']))
 def test_learning(manifold, samples, size, duration, more, fit, count, end, connection):
@@ -67,8 +75,14 @@ def test_learning(manifold, samples, size, duration, more, fit, count, end, conn
     skill = tried(learn)
     if skill is not None:
         assert np.isfinite(skill.weights).all() and np.isfinite(skill.velocity).all()
-        state = Rollout(skill).advance(1.5 * skill.duration) if skill.duration < 2000 else None
-        assert state is None or np.isfinite(state.point).all()
+        assert np.isfinite(Rollout(skill).advance(1.5 * skill.duration).point).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('fit', ['output', 'forcing'])
+def test_a_motion_of_hours(fit):
+    skill = Skill.learn(shown(TOOL, 40, duration=1e4), 20, fit=fit)
+    assert np.isfinite(Rollout(skill, duration=10.0).advance(15.0).point).all()
 
 
 @QUICK
@@ -85,7 +99,7 @@ def test_a_demonstration_that_does_not_move(manifold):
 
 
 @QUICK
-@given(st.sampled_from(SKILLS), ANYTHING, ANYTHING, ANYTHING, ANYTHING)
+@given(SKILLS, ANYTHING, ANYTHING, ANYTHING, ANYTHING)
 def test_options_of_a_rollout(skill, duration, speed, speed_rate, tolerance):
     rollout = tried(lambda: Rollout(skill, duration=duration, speed=speed, speed_rate=speed_rate,
                                     tolerances=None if tolerance is None else [tolerance]))
@@ -94,7 +108,7 @@ def test_options_of_a_rollout(skill, duration, speed, speed_rate, tolerance):
 
 
 @QUICK
-@given(st.sampled_from(SKILLS), st.lists(NUMBERS, min_size=1, max_size=8))
+@given(SKILLS, st.lists(NUMBERS, min_size=1, max_size=8))
 def test_times_that_pass(skill, steps):
     rollout = Rollout(skill)
     for dt in steps:
@@ -105,7 +119,7 @@ def test_times_that_pass(skill, steps):
 
 
 @QUICK
-@given(st.sampled_from(SKILLS), NUMBERS, NUMBERS, st.integers(0, 7))
+@given(SKILLS, NUMBERS, NUMBERS, st.integers(0, 7))
 def test_goals_and_their_velocities(skill, number, speed, size):
     rollout = Rollout(skill)
     rollout.advance(0.3)
@@ -120,7 +134,8 @@ def test_goals_and_their_velocities(skill, number, speed, size):
     assert 'held' in rollout.flags or np.isfinite(state.numbers).all()
 
 
-@pytest.mark.parametrize('skill', SKILLS, ids=lambda one: f'{one.manifold!r}-{one.connection}')
-def test_an_hour_at_rest_costs_no_hour(skill):
+@pytest.mark.parametrize('manifold, connection', KINDS)
+def test_an_hour_at_rest_costs_no_hour(manifold, connection):
+    skill = learned(manifold, connection)
     state = Rollout(skill).advance(60.0)
     assert skill.manifold.distance(state.point, skill.goal) < 1e-6

@@ -1,10 +1,15 @@
 """A bounded share of `make fuzz`: every entrance with bytes near valid ones, and with any."""
-from hypothesis import given, HealthCheck, settings
+import resource
+
+from hypothesis import given, settings
 from hypothesis import strategies as st
+import psutil
 import pytest
 
-from .entrances import ENTRANCES
+from test.fuzz.entrances import ENTRANCES
 
+#: Address space for one entrance [bytes]: a message may say that it holds gigabytes.
+SPACE = 2 << 30
 _made = {}
 
 
@@ -26,14 +31,22 @@ def damaged(draw, seeds):
                           st.binary(max_size=200)))
 
 
+@pytest.fixture
+def little_space():
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + SPACE,
+                                            before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
 @pytest.mark.parametrize('name', ENTRANCES)
-def test_only_named_errors_come_out_and_the_next_tick_works(name):
+def test_only_named_errors_come_out_and_the_next_tick_works(name, little_space):
     made = entrance(name)
     for seed in made.seeds:
         made.feed(seed)
 
-    @settings(max_examples=150, deadline=None, derandomize=True, database=None,
-              suppress_health_check=list(HealthCheck))
+    @settings(max_examples=150)
     @given(damaged(made.seeds))
     def feed(data):
         made.feed(data)

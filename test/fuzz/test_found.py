@@ -19,8 +19,7 @@ from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.sphere import Sphere
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-
-from .entrances import node, short_skill
+from test.fuzz.entrances import server, short_skill
 
 
 @pytest.fixture
@@ -142,7 +141,7 @@ def test_a_wall_is_kept_by_a_fast_reference():
 @pytest.mark.parametrize('fields', [
     {'bags': ['--each', '-o', 'elsewhere.json']}, {'bags': ['demo'], 'output': '--resume'}])
 def test_names_of_bags_are_never_options(fields):
-    _, command = node('server')._learning.command(LearnSkill.Request(**fields))
+    _, command = server().node._learning.command(LearnSkill.Request(**fields))
     named = command[command.index('--') + 1:]
     assert named == fields['bags']
     assert not {'--each', '--resume', '-o'} & set(command[:command.index('--')])
@@ -150,7 +149,7 @@ def test_names_of_bags_are_never_options(fields):
 
 def test_a_connection_that_is_none_is_refused_before_anything_is_started():
     with pytest.raises(ParameterError, match="connection is '--help'"):
-        node('server')._learning.command(LearnSkill.Request(bags=['x'], connection='--help'))
+        server().node._learning.command(LearnSkill.Request(bags=['x'], connection='--help'))
 
 
 @pytest.mark.parametrize('path', ['/dev/zero', '/', '/dev/stdin'])

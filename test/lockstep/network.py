@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
-from gdmp_ros.ros.middleware import DEEP, deserialized, Publisher, Received, Subscription
+from gdmp_ros.ros.middleware import DEEP, Publisher, Received, Subscription
 from test.lockstep.clock import NodeClock, SteppedClock
 
 LATE, BEST_EFFORT = DurabilityPolicy.TRANSIENT_LOCAL, ReliabilityPolicy.BEST_EFFORT
@@ -245,7 +245,7 @@ class MemoryPublisher(Publisher):
 
 class MemorySubscription(Subscription):
     def __init__(self, participant, kind, topic, quality, callback):
-        super().__init__(participant.clock, kind, topic)
+        super().__init__(participant.clock, kind, topic, participant.refused)
         self.quality, self._callback = quality, callback
         self._executor, self._network = participant.executor, participant.network
         # A deep history is one that loses nothing.
@@ -273,8 +273,9 @@ class MemorySubscription(Subscription):
 
     def _call(self):
         # A short history may have dropped older ones.
-        if self._received:
-            self._callback(deserialized(self._received.popleft().data, self.kind))
+        message = self.take_message()
+        if message is not None:
+            self._callback(message)
 
     def take(self):
         return self._received.popleft() if self._received else None
@@ -478,6 +479,11 @@ class Participant:
         if logger is not None:
             executor.problem = lambda error: logger.error(
                 f'a callback failed: {type(error).__name__}: {error}')
+
+    def refused(self, why):
+        """A message was dropped."""
+        if self.logger is not None:
+            self.logger.warning(why)
 
     def own_services(self):
         """Services that rclpy offers: parameters, lifecycle."""

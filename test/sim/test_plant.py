@@ -154,7 +154,9 @@ def test_a_payload_with_an_inertia_of_its_own_is_part_of_the_model(rng):
     np.testing.assert_allclose(loads[0][1] - m.bias, linear.T @ [0.0, 0.0, 9.81], atol=1e-8)
 
 
-@pytest.mark.parametrize('numbers', [(-1.0,), (np.nan,), (1.0, (0, 0, np.inf)),
+@pytest.mark.parametrize('numbers', [(-1.0,), (20.1,), (np.nan,), (1.0, (0, 0, np.inf)),
+                                     (1.0, (0, 0, 1e300)),
+                                     (1.0, (0, 0, 0), (1e300, 1e300, 1e300, 0, 0, 0)),
                                      (1.0, (0, 0, 0), (1, 0.1, 0.1, 0, 0, 0)),
                                      (1.0, (0, 0, 0), (-1, 1, 1, 0, 0, 0))])
 def test_a_payload_that_no_body_has_is_refused(numbers):

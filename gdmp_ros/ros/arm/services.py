@@ -23,8 +23,6 @@ from gdmp_ros.sim.tool import ToolTransform
 
 #: Speed of a joint that moves to a posture, unless another is given [rad/s].
 MOVING_SPEED = 0.5
-#: Largest payload [kg].
-LARGEST_PAYLOAD = 20.0
 
 
 class ArmServices:
@@ -104,9 +102,6 @@ class ArmServices:
     def on_payload(self, request: SetPayload.Request, reply: SetPayload.Response
                    ) -> SetPayload.Response:
         try:
-            if not request.mass <= LARGEST_PAYLOAD:
-                raise ParameterError(f'mass is {request.mass!r} kg, expected 0 to '
-                                     f'{LARGEST_PAYLOAD:g}')
             self._commands.announce(Payload(
                 request.mass, tuple(request.center), tuple(request.inertia)))
             reply.success = True
