@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 import threading
-import time
+import traceback
 from typing import Any, TypeVar
 import warnings
 
@@ -16,6 +16,7 @@ import viser
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, GdmpWarning
+from gdmp_ros.realtime.loop import Clock, Loop, NS, run, SystemClock
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import PathChecker
 from gdmp_ros.sim.reach import Reach
@@ -25,8 +26,8 @@ from gdmp_ros.studio.scene import colour, Scene
 from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion, tube
 from gdmp_ros.studio.workbench import Workbench
 
-#: Interval at which the robot is shown [s].
-REFRESH_S = 0.05
+#: Interval at which the robot is shown, and at which the studio looks for work [s].
+REFRESH_S, LOOK_S = 0.05, 0.005
 #: What takes longer than a drag is computed when nothing has changed for this time, and while
 #: something is dragged for the second one [s].
 QUIET_S, DRAGGED_S = 0.2, 1.0
@@ -57,9 +58,10 @@ class Studio:
     """
     What the panels share.
 
-    One thread calls `run`; callbacks of the page only put work into `jobs`. A second one computes
+    One loop does the work; callbacks of the page only put it into `jobs`. A second one computes
     what takes longer than a drag.
 
+    :ivar clock: of the studio
     :ivar skill: the chosen skill with its changes; None without one
     :ivar motion: that is shown: of the changed skill, or a recorded one; None without one
     :ivar guided: whether the user guides the arm: the handles of the skill are hidden then
@@ -71,7 +73,14 @@ class Studio:
     """
 
     def __init__(self, server: viser.ViserServer, bench: Workbench, robot: Robot, model: str,
-                 takes_folder: Path):
+                 takes_folder: Path, clock: Clock | None = None):
+        """
+        Draw the arm.
+
+        :param model: of the arm, as for ``panda_sim``
+        :param clock: by default that of the system
+        """
+        self.clock = clock or SystemClock()
         self.server, self.bench, self.robot = server, bench, robot
         self.takes_folder, self.jobs, self._slow = takes_folder, Jobs(), Jobs()
         self._arm = Arm(model)
@@ -88,7 +97,7 @@ class Studio:
         self.on_goal: list[Callable[[np.ndarray], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
-        self._quiet_at = 0.0
+        self._quiet_at, self._ended = 0.0, False
         self._past: list[tuple[float, np.ndarray]] = []
 
     # Work
@@ -98,22 +107,31 @@ class Studio:
         with warnings.catch_warnings():
             warnings.simplefilter('always', GdmpWarning)
             warnings.showwarning = self._show_warning  # type: ignore[assignment]
-            self._run(ends)
+            run(self.steps(), self.clock, ends.is_set)
 
-    def _run(self, ends: threading.Event) -> None:
-        threading.Thread(target=self._run_slow, args=(ends,), name='slow', daemon=True).start()
-        self.redraw()
-        due = time.monotonic()
-        while not ends.is_set():
-            work = self.jobs.take(max(min(due - time.monotonic(), REFRESH_S), 0.0))
-            if work is not None:
-                self._attempt(work)
-            if time.monotonic() >= due:
-                due = time.monotonic() + REFRESH_S
-                self._attempt(self._refresh)
-            if self._quiet_at and time.monotonic() >= self._quiet_at and work is None:
-                self._quiet_at = 0.0
-                self._slow.put(partial(self._compute, self.skill, self.motion), 'newest')
+    def steps(self) -> Loop:
+        """Do what the page asks for, and show the robot."""
+        self.clock.start(self._steps_of_slow())
+        try:
+            self.redraw()
+            due = self.now()
+            while True:
+                work = self.jobs.take()
+                if work is not None:
+                    self._attempt(work)
+                if self.now() >= due:
+                    due = self.now() + REFRESH_S
+                    self._attempt(self._refresh)
+                if self._quiet_at and self.now() >= self._quiet_at and work is None:
+                    self._quiet_at = 0.0
+                    self._slow.put(partial(self._compute, self.skill, self.motion), 'newest')
+                yield self.clock.now() + (0 if work is not None else round(LOOK_S * NS))
+        finally:
+            self._ended = True
+
+    def now(self) -> float:
+        """Steady time [s]."""
+        return self.clock.now() / NS
 
     def later(self, work: Callable[[], None], kind: str | None = None) -> Callable[[Any], None]:
         """Callback of the page that leaves work to the studio's thread (`Jobs.put`)."""
@@ -151,12 +169,16 @@ class Studio:
             except GdmpError as error:
                 text = str(error)
                 self.jobs.put(lambda: self.notify('refused', text, 'red'))
+            except Exception:
+                text = traceback.format_exc()
+                print(text, flush=True)
+                self.jobs.put(lambda: self.notify('failed', text, 'red'))
             finally:
                 for one in notice:
                     with suppress(Exception):  # the browser may be gone
                         one.remove()
 
-        threading.Thread(target=carry_out, name=title, daemon=True).start()
+        self.clock.start(_once(carry_out))
 
     def notify(self, title: str, text: str, paint: Any = 'blue') -> None:
         """Tell all browsers something."""
@@ -196,7 +218,7 @@ class Studio:
             work()
             self.redraw()
             if dragged:
-                self._quiet_at = time.monotonic() + DRAGGED_S
+                self._quiet_at = self.now() + DRAGGED_S
         except GdmpError:
             vars(changes).update(before)
             self.redraw()
@@ -213,15 +235,16 @@ class Studio:
         motion = self.motion
         self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
         self.scene.tube(None)
-        self._quiet_at = time.monotonic() + QUIET_S
+        self._quiet_at = self.now() + QUIET_S
         for tell in self.on_motion:
             tell()
 
-    def _run_slow(self, ends: threading.Event) -> None:
-        while not ends.is_set():
-            work = self._slow.take(QUIET_S)
+    def _steps_of_slow(self) -> Loop:
+        while not self._ended:
+            work = self._slow.take()
             if work is not None:
                 self._attempt(work)
+            yield self.clock.now() + round(REFRESH_S * NS)
 
     def _compute(self, skill: Skill | None, motion: ShownMotion | None) -> None:
         """Compute what takes longer than a drag; by a thread of its own."""
@@ -281,7 +304,7 @@ class Studio:
         self.view = view = self.robot.view()
         self.scene.arm.show(None if view is None else view.joints)
         if view is not None:
-            now = time.monotonic()
+            now = self.now()
             self._past.append((now, view.pose[:3]))
             self._past = [one for one in self._past if one[0] > now - PAST_S]
             still = np.ptp([one[1] for one in self._past], axis=0).max() < 1e-3
@@ -289,3 +312,9 @@ class Studio:
                             colour(0))
         for tell in self.on_view:
             tell(view)
+
+
+def _once(work: Callable[[], None]) -> Loop:
+    """A loop that does something once."""
+    yield 0
+    work()

@@ -17,7 +17,7 @@ class Jobs:
 
     def __init__(self) -> None:
         self._waiting: dict[Hashable, Work] = {}
-        self._changed = threading.Condition()
+        self._changing = threading.Lock()
 
     def put(self, work: Work, kind: Hashable = None) -> None:
         """
@@ -25,18 +25,15 @@ class Jobs:
 
         :param kind: replaces waiting work of the same kind; None replaces nothing
         """
-        with self._changed:
+        with self._changing:
             kind = object() if kind is None else kind
             # What comes later is done later.
             self._waiting.pop(kind, None)
             self._waiting[kind] = work
-            self._changed.notify()
 
-    def take(self, timeout: float) -> Work | None:
-        """Next work, at most after ``timeout`` seconds; None without one."""
-        with self._changed:
-            if not self._waiting:
-                self._changed.wait(timeout)
+    def take(self) -> Work | None:
+        """Next work; None without one."""
+        with self._changing:
             for kind in self._waiting:
                 return self._waiting.pop(kind)
             return None

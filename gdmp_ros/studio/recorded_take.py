@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-import time
 
 import numpy as np
 
@@ -18,11 +17,12 @@ LONGEST_S = 600.0
 class RecordedTake:
     """Poses of the tool; one thread adds, and afterwards another one writes."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, start_ns: int):
         """
         Begin.
 
         :param folder: for the bag; it is made here, so that it fails before the work
+        :param start_ns: time of day [ns since 1970]
         :raises DataError: if the folder cannot be written
         """
         try:
@@ -32,7 +32,7 @@ class RecordedTake:
             self.path.rmdir()
         except OSError as error:
             raise DataError(f'{folder}: cannot write takes: {error.strerror}') from None
-        self._start_ns = time.time_ns()
+        self._start_ns = start_ns
         self._times: list[float] = []
         self._poses: list[np.ndarray] = []
 

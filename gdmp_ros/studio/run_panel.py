@@ -1,8 +1,6 @@
 """The panel of the robot: start, stop, tempo, goal switches, state; and the time of the motion."""
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from gdmp_ros.errors import DataError
@@ -65,9 +63,9 @@ class RunPanel:
             studio.robot.switch_goal(goal)
 
     def _show(self, view: RobotView | None) -> None:
-        if time.monotonic() < self._text_due:
+        if self._studio.now() < self._text_due:
             return
-        self._text_due = time.monotonic() + _TEXT_S
+        self._text_due = self._studio.now() + _TEXT_S
         if view is None:
             self._state.content = f'{self._studio.robot.name}: silent'
             return
@@ -102,12 +100,12 @@ class TimePanel:
         self._play = gui.add_checkbox('play', False)
         self._speed = gui.add_slider('playback speed', 0.1, 4.0, 0.1, 1.0)
         self._slider.on_update(studio.later(self._show, 'time'))
-        self._last = time.monotonic()
+        self._last = studio.now()
         studio.on_view.append(lambda _: self._advance())
         studio.on_motion.append(self._hide)
 
     def _advance(self) -> None:
-        now = time.monotonic()
+        now = self._studio.now()
         passed, self._last = now - self._last, now
         motion = self._studio.motion
         if not self._play.value:

@@ -94,12 +94,11 @@ def serve(bench: Workbench, settings: StudioSettings, make_robot: Callable[[], R
     print('ended')
 
 
-def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: StudioSettings,
-          access: Access, ends: threading.Event) -> None:
-    gui = server.gui
+def page_of(studio: Studio) -> None:
+    """Lay out the panels."""
+    server, gui = studio.server, studio.server.gui
     gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
-    gui.set_panel_label(f'gdmp studio: {robot.name}')
-    studio = Studio(server, bench, robot, settings.model, settings.takes)
+    gui.set_panel_label(f'gdmp studio: {studio.robot.name}')
     tabs = gui.add_tab_group()
     with tabs.add_tab('skill'):
         SkillPanel(studio)
@@ -116,6 +115,12 @@ def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: S
         server.on_client_disconnect(lambda _, panel=panel: studio.jobs.put(panel.release))
     with gui.add_folder('time'):
         TimePanel(studio)
+
+
+def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: StudioSettings,
+          access: Access, ends: threading.Event) -> None:
+    studio = Studio(server, bench, robot, settings.model, settings.takes)
+    page_of(studio)
     name = socket.gethostname() if settings.host in EVERYWHERE else settings.host
     host = f'[{name}]' if ':' in name else name
     address = f'http://{host}:{server.get_port()}/' + (

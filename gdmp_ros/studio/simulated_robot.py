@@ -152,7 +152,7 @@ class SimulatedRobot:
     def record(self, folder: Path) -> None:
         if self._take is not None:
             raise ParameterError('a take is being recorded: keep or discard it first')
-        self._take = RecordedTake(folder)
+        self._take = RecordedTake(folder, self._clock.wall())
 
     def keep(self) -> Path:
         if self._take is None:

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from functools import partial
-import time
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ class TeachPanel:
     def _guide(self, guided: bool) -> None:
         studio = self._studio
         self._guided.value = guided
-        self._asked = time.monotonic()
+        self._asked = studio.now()
         self._pulled = False
         studio.robot.pull(None)
         studio.robot.guide(guided)
@@ -125,7 +124,7 @@ class TeachPanel:
     def _follow(self, view: RobotView) -> None:
         """Show what the arm really does: it may end hand guiding, or refuse it."""
         studio, guided = self._studio, view.mode == 'guided'
-        if guided != self._guided.value and time.monotonic() - self._asked > ASKED_S:
+        if guided != self._guided.value and studio.now() - self._asked > ASKED_S:
             self._guided.value = guided
         if guided != studio.guided:
             studio.guided = guided

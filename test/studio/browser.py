@@ -20,7 +20,10 @@ needs_browser = pytest.mark.skipif(
 FLAGS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
          '--ignore-gpu-blocklist', '--disable-background-networking',
          '--disable-component-update', '--disable-sync', '--no-first-run']
-SIZE = {'width': 1200, 'height': 800}
+#: Each pixel is drawn by software; but a handle must be large enough for the mouse.
+SIZE = {'width': 1100, 'height': 700}
+#: Time of the page between two pictures [ms].
+STEP_MS = 50
 
 
 class StudioProcess:
@@ -39,10 +42,10 @@ class StudioProcess:
                 return
         raise AssertionError(''.join(self.lines))
 
-    def end(self):
+    def end(self, number=signal.SIGINT):
         """Ctrl-C; returns what it printed after the address, and its exit code."""
-        self.process.send_signal(signal.SIGINT)
-        rest, _ = self.process.communicate(timeout=30)
+        self.process.send_signal(number)
+        rest, _ = self.process.communicate(timeout=60)
         return rest, self.process.returncode
 
 
@@ -59,16 +62,25 @@ def opened_browser():
 
 
 class Page:
-    """The studio in a browser: texts, buttons, handles; collects errors and foreign requests."""
+    """
+    The studio in a browser: texts, buttons, handles; collects errors and foreign requests.
+
+    The page's own time passes only in `step`: it draws when a test looks at it.
+    """
 
     def __init__(self, browser, address):
         self.page = browser.new_page(viewport=SIZE)
-        self.errors, self.foreign, self.frames = [], [], 0
+        self.errors, self.foreign = [], []
         self.page.on('console', self._on_console)
         self.page.on('pageerror', lambda error: self.errors.append(str(error)))
         self.page.on('request', self._on_request)
+        self.page.clock.install(time=0)
+        self.page.clock.pause_at(1000)
         self.page.goto(address)
-        self.wait_text('skill', exact=True)
+        self.wait('the panel', lambda text: 'skill' in text)
+        # A note that the browser draws by software, in front of the panel.
+        self.page.locator('#webgl-software-rendering button').click()
+        self.step()
 
     def _on_console(self, message):
         if message.type == 'error':
@@ -82,36 +94,29 @@ class Page:
         """All text of the page."""
         return self.page.inner_text('body')
 
-    def wait_text(self, text, exact=False, timeout=30.0):
-        """Wait until the page shows a text."""
-        self.page.get_by_text(text, exact=exact).first.wait_for(timeout=1e3 * timeout)
+    def step(self, count=1):
+        """Let the page's time pass."""
+        for _ in range(count):
+            self.page.clock.fast_forward(STEP_MS)  # which draws once
 
-    def wait(self, what, until, timeout=30.0):
+    def wait(self, what, until, timeout=60.0):
         """Wait until a condition of the page's text holds; returns what it returned."""
         ends = time.monotonic() + timeout
         while True:
+            self.step()
             text = self.text()
             found = until(text)
             if found is not None and found is not False:
                 return found
             assert time.monotonic() < ends, f'{what}:\n{text}'
-            self.page.wait_for_timeout(50)
+            time.sleep(0.1)
 
     def tab(self, name):
         self.page.get_by_role('tab', name=name, exact=True).click()
+        self.step()
 
     def click(self, button):
         self.page.get_by_role('button', name=button, exact=True).click()
-
-    def type(self, before, after):
-        """Replace the text of the field that has a text."""
-        self.page.locator(f'input[value="{before}"]').fill(after)
-        self.page.keyboard.press('Enter')
-
-    def choose(self, label, option):
-        """Choose an option of a list."""
-        self.page.get_by_label(label, exact=True).first.click()
-        self.page.get_by_role('option', name=option, exact=True).click()
 
     def set_slider(self, label, value):
         """Type a value into the field of a slider."""
@@ -119,9 +124,11 @@ class Page:
         field.fill(str(value))
         field.press('Enter')
 
-    def tick(self, box):
-        """Tick or untick a box."""
-        self.page.get_by_label(box, exact=True).click()
+    def enter(self, label, value):
+        """Type into the first field with a label."""
+        field = self.page.get_by_label(label).first
+        field.fill(value)
+        field.press('Enter')
 
     def pixel(self, position):
         """Where a point of space is drawn, with the first view [pixels]."""
@@ -136,17 +143,16 @@ class Page:
         return (0.5 * SIZE['width'] + scale * (away @ right),
                 0.5 * SIZE['height'] - scale * (away @ up))
 
-    def drag(self, first, last, steps=10, held=0.0):
-        """Drag from a point of space to another one with the mouse, and hold it there [s]."""
+    def drag(self, first, last, steps=10):
+        """Drag from a point of space to another one with the mouse."""
         mouse = self.page.mouse
         begin, end = np.array(self.pixel(first)), np.array(self.pixel(last))
         mouse.move(*begin)
-        self.page.wait_for_timeout(1000)  # the handle notices the mouse
+        self.step(4)  # the handle notices the mouse
         mouse.down()
         for step in range(1, steps + 1):
             mouse.move(*(begin + (end - begin) * step / steps))
-            self.page.wait_for_timeout(60)
-        self.page.wait_for_timeout(1e3 * held)
+            self.step()
         mouse.up()
 
     def check_clean(self):

@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill, SpecialOrthogonal
-from gdmp_ros.data import lasa, recordings
 from gdmp_ros.data.skill_from_bags import LearningSettings
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio import workbench
@@ -11,16 +10,6 @@ from gdmp_ros.studio.jobs import Jobs
 from gdmp_ros.studio.shown_motion import of_skill, SAMPLES, tube
 from gdmp_ros.studio.workbench import opened, Workbench
 from test.motions import motion
-
-
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp('studio')
-    for number, shown in enumerate(lasa.robot_demonstrations('GShape')[:3], 1):
-        recordings.write(path / 'takes' / f'take_{number:03d}', shown, 'panda_link0',
-                         recordings.EPOCH_NS)
-    Skill.learn(lasa.robot_demonstrations('GShape')[:3], 30).save(path / 'skill.json')
-    return path
 
 
 @pytest.fixture
@@ -92,13 +81,13 @@ def test_of_the_same_kind_only_the_newest_job_waits():
         jobs.put(lambda number=number: done.append(number), 'drag')
     jobs.put(lambda: done.append('button'))
     jobs.put(lambda: done.append('drag again'), 'drag')
-    while (work := jobs.take(0.0)) is not None:
+    while (work := jobs.take()) is not None:
         work()
     assert done == ['button', 'drag again']
 
 
-def test_a_skill_with_many_functions_is_changed_too():
-    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0], 500)
+def test_a_skill_with_many_functions_is_changed_too(letters):
+    skill = Skill.learn(letters[0], 500)
     bench = Workbench()
     bench.add('many', skill)
     bench.changes.goal = np.concatenate([skill.goal[:3] + 0.03, skill.goal[3:7]])

@@ -1,0 +1,16 @@
+"""A folder with skills and takes for the studio."""
+import pytest
+
+from gdmp_ros.data import recordings
+from gdmp_ros.dmp.skill import Skill
+
+
+@pytest.fixture(scope='module')
+def folder(letters, tmp_path_factory):
+    path = tmp_path_factory.mktemp('studio')
+    for number, take in enumerate(letters[:3], 1):
+        recordings.write(path / 'takes' / f'take_{number:03d}', take, 'panda_link0',
+                         recordings.EPOCH_NS)
+    Skill.learn(letters[:3], 30).save(path / 'skill.json')
+    Skill.learn(letters[3], 30).save(path / 'other.json')
+    return path
