@@ -25,7 +25,7 @@ setup(
         (f'share/{NAME}/config/presets', glob('config/presets/*.yaml')),
         (f'share/{NAME}/config/security', glob('config/security/*.xml')),
     ],
-    install_requires=['argcomplete>=3', 'gmr>=2.0', 'jinja2>=3', 'joblib>=1.3',
+    install_requires=['argcomplete>=3', 'jinja2>=3', 'joblib>=1.3',
                       'matplotlib>=3.6', 'numba>=0.61', 'numpy>=1.26', 'pillow>=9.1', 'rich>=13',
                       'pyyaml>=6', 'rosbags>=0.11,<0.12', 'scikit-learn>=1.3', 'scipy>=1.11',
                       'threadpoolctl>=3.1'],

@@ -14,6 +14,18 @@ class ManifoldError(GdmpError, ValueError):
     """An array is not a point or a tangent of the manifold it was given to."""
 
 
+class InvalidPointError(ManifoldError):
+    """
+    One of several arrays is not a point.
+
+    :ivar index: which one
+    """
+
+    def __init__(self, message: str, index: int):
+        super().__init__(message)
+        self.index = index
+
+
 class CutLocusError(GdmpError, ValueError):
     """
     The logarithm is not unique.

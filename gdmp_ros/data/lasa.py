@@ -11,6 +11,7 @@ from scipy.signal import savgol_filter
 from gdmp_ros import choices
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.development import exp_each
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.mixture import Mixture
 from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
@@ -82,8 +83,12 @@ def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonst
         tangents = lifted[:, [0, 2, 1]] * [1.0, np.sqrt(2.0), 1.0]
     else:
         raise DataError(f'mapping {mapping!r} is unknown, expected one of {", ".join(MAPPINGS)}')
-    return Demonstration(stroke.times, np.array([manifold.exp(base, v) for v in tangents]),
-                         manifold)
+    return Demonstration(stroke.times, _exp_at(manifold, base, tangents), manifold)
+
+
+def _exp_at(manifold: Manifold, base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    bases = np.tile(manifold.flat(base), (len(tangents), 1))
+    return exp_each(manifold, bases, tangents).reshape(-1, *manifold.point_shape)
 
 
 def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) -> Demonstration:
@@ -135,8 +140,8 @@ def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
     result = []
     for stroke, path, matrices in zip(shown, paths, profiles):
         times = stroke.times - stroke.times[0]
-        points = [TOOL.join(p, q, k) for p, q, k in zip(path, _inclined(times, path), matrices)]
-        result.append(Demonstration(times, np.array(points), TOOL))
+        points = np.hstack([path, _inclined(times, path), matrices.reshape(-1, 9)])
+        result.append(Demonstration(times, points, TOOL))
     return result
 
 
@@ -149,9 +154,9 @@ def _lift(plane: np.ndarray, extent: float) -> np.ndarray:
 
 def _inclined(times: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Quaternions (wxyz) of a tool that points down, inclined into the direction of motion."""
-    manifold, down = UnitQuaternion(), np.array([0.0, 1.0, 0.0, 0.0])
+    down = np.array([0.0, 1.0, 0.0, 0.0])
     window = max(5, len(path) // 20 * 2 + 1)
     velocity = savgol_filter(path, window, 3, deriv=1, delta=times[1] - times[0], axis=0)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     rotations = LEAN_RAD * np.cross([0.0, 0.0, 1.0], velocity) / (speed + 0.5 * speed.mean())
-    return np.array([manifold.exp(down, 0.5 * rotation) for rotation in rotations])
+    return _exp_at(UnitQuaternion(), down, 0.5 * rotations)

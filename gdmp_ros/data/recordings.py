@@ -15,7 +15,7 @@ from gdmp_ros.data.resting import without_rest
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.errors import DataError, GdmpError, GdmpWarning, ManifoldError
+from gdmp_ros.errors import DataError, GdmpError, GdmpWarning, InvalidPointError
 from gdmp_ros.learning.take_stiffness import stiffness_of_each
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.product import Product
@@ -200,12 +200,11 @@ def _matrices(series: bags.Series, rows: np.ndarray) -> tuple[np.ndarray, np.nda
                         'sample, expected 9 (3×3) or 36 (6×6) for a stiffness')
     matrices = rows.reshape(-1, size, size)
     manifold = SymmetricPositiveDefinite(size)
-    for i, matrix in enumerate(matrices):
-        try:
-            manifold.check_point(matrix)
-        except ManifoldError as error:
-            raise DataError(f'{series.where(i)}: stiffness is not symmetric positive definite: '
-                            f'{error}') from None
+    try:
+        manifold.check_points(matrices)
+    except InvalidPointError as error:
+        raise DataError(f'{series.where(error.index)}: stiffness is not symmetric positive '
+                        f'definite: {error}') from None
     matrices = 0.5 * (matrices + matrices.transpose(0, 2, 1))
     if size == 3:
         return matrices, None

@@ -7,6 +7,7 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, GdmpWarning
+from gdmp_ros.manifolds.manifold import Manifold
 
 #: Rest at the ends of a demonstration is cut off if it is longer than this [s]. At rest every
 #: factor stays within its goal tolerance.
@@ -17,12 +18,12 @@ TOLD_S = 1.0
 
 def without_rest(demonstration: Demonstration, where: str) -> slice:
     """The samples without rest longer than `REST_S` at either end, but for one sample of it."""
-    first = _resting(demonstration)
-    last = len(demonstration.times) - 1 - _resting(_reversed(demonstration))
+    times, points = demonstration.times, demonstration.flat_points
+    first = _resting(demonstration.manifold, times, points)
+    last = len(times) - 1 - _resting(demonstration.manifold, -times[::-1], points[::-1])
     if last - first < 2:
         raise DataError(f'{where}: nothing moves: every sample is within the goal '
                         'tolerance of the first')
-    times = demonstration.times
     before, after = times[first] - times[0], times[-1] - times[last]
     if before + after > TOLD_S:
         warnings.warn(f'{where}: rest is cut off: {before:.1f} s before the motion, {after:.1f} s '
@@ -30,16 +31,10 @@ def without_rest(demonstration: Demonstration, where: str) -> slice:
     return slice(first, last + 1)
 
 
-def _reversed(demonstration: Demonstration) -> Demonstration:
-    return Demonstration(demonstration.times[-1] - demonstration.times[::-1],
-                         demonstration.points[::-1], demonstration.manifold)
-
-
-def _resting(demonstration: Demonstration) -> int:
+def _resting(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> int:
     """Index of the last sample of the rest at the beginning; 0 without rest."""
-    points = demonstration.flat_points
-    tolerances = [factor.goal_tolerance for factor in demonstration.manifold.factors]
+    tolerances = [factor.goal_tolerance for factor in manifold.factors]
     origin = np.broadcast_to(points[0], points.shape)
-    moved = (demonstration.manifold.factor_distances(origin, points) > tolerances).any(axis=1)
+    moved = (manifold.factor_distances(origin, points) > tolerances).any(axis=1)
     last = int(np.argmax(moved)) - 1 if moved.any() else len(points) - 1
-    return last if demonstration.times[last] - demonstration.times[0] > REST_S else 0
+    return last if times[last] - times[0] > REST_S else 0

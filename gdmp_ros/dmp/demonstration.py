@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.errors import DataError, GdmpWarning, ManifoldError
+from gdmp_ros.errors import DataError, GdmpWarning, InvalidPointError
 from gdmp_ros.manifolds import Manifold, UnitQuaternion
 
 #: Stamps whose spacing varies by less than this fraction are uniform and used as they are.
@@ -57,13 +57,12 @@ class Demonstration:
                             f'expected {(len(times), *self.manifold.point_shape)}')
         self._check_times(times)
         _normalise_quaternions(self.manifold, points)
-        for i, point in enumerate(points):
-            try:
-                self.manifold.check_point(point)
-            except ManifoldError as error:
-                raise DataError(f'{error} (sample {i}, t = {times[i]:.6g} s)') from None
-            if i > 0:
-                points[i] = self.manifold.align(point, points[i - 1])
+        try:
+            self.manifold.check_points(points)
+        except InvalidPointError as error:
+            raise DataError(f'{error} (sample {error.index}, '
+                            f't = {times[error.index]:.6g} s)') from None
+        points = self.manifold.continuous(points)
         times.flags.writeable = points.flags.writeable = False
         object.__setattr__(self, 'times', times)
         object.__setattr__(self, 'points', points)

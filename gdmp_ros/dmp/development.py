@@ -60,6 +60,13 @@ def log_each(manifold: Manifold, bases: np.ndarray,
     return out, distances
 
 
+def exp_each(manifold: Manifold, bases: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """Flat point reached from each row of ``bases`` with the tangent of the same row."""
+    table, points = manifold.factor_table, np.empty(np.shape(bases))
+    exp_rows(table, kernel_array(bases), kernel_array(tangents), points, work_array(table))
+    return points
+
+
 def _check_steps(manifold: Manifold, distances: np.ndarray) -> None:
     at = int(np.argmin(distances))
     if distances[at] < CUT_LOCUS_LIMIT:
@@ -125,15 +132,13 @@ class Development:
         :param at: times wanted, within those of the samples
         :returns: flat points, shape ``(len(at), point_size)``
         """
-        unrolled, table = self.unrolled, self.manifold.factor_table
+        unrolled = self.unrolled
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 2)
         wanted = CubicSpline(times, unrolled)(at)
         before, after = (self.moved(wanted - unrolled[i], i) for i in (index, index + 1))
         way, _ = log_each(self.manifold, before, after)
         way *= minimum_jerk((at - times[index]) / np.diff(times)[index])[:, None]
-        points = np.empty_like(before)
-        exp_rows(table, before, way, points, work_array(table))
-        return points
+        return exp_each(self.manifold, before, way)
 
     def smooth(self, times: np.ndarray, cutoff: float) -> np.ndarray:
         """

@@ -14,11 +14,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import Development, log_each
+from gdmp_ros.dmp.development import Development, exp_each, log_each
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import exp_rows
 
 #: Grid of the warps.
 SAMPLES = 151
@@ -114,12 +112,10 @@ def mean_path(manifold: Manifold, points: np.ndarray, near: np.ndarray) -> np.nd
     :param points: flat, shape ``(takes, samples, point_size)``
     :param near: flat points near the mean, to begin with, shape ``(samples, point_size)``
     """
-    table, mean = manifold.factor_table, np.array(near)
+    mean = np.array(near)
     for _ in range(2):
         tangents = np.mean([log_each(manifold, mean, path)[0] for path in points], axis=0)
-        moved = np.empty_like(mean)
-        exp_rows(table, mean, tangents, moved, work_array(table))
-        mean = moved
+        mean = exp_each(manifold, mean, tangents)
     return mean
 
 

@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import log_each
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import exp_rows
+from gdmp_ros.dmp.development import exp_each, log_each
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
@@ -34,9 +32,8 @@ def averaged(demonstration: Demonstration) -> Samples:
     manifold, groups = demonstration.manifold, count // size
     points = demonstration.flat_points[:groups * size]
     middles = np.repeat(points[size // 2::size], size, axis=0)
-    tangents, table = log_each(manifold, middles, points)[0], manifold.factor_table
-    mean, made = tangents.reshape(groups, size, -1).mean(axis=1), middles[::size].copy()
-    exp_rows(table, middles[::size].copy(), mean, made, work_array(table))
+    tangents = log_each(manifold, middles, points)[0]
+    made = exp_each(manifold, middles[::size], tangents.reshape(groups, size, -1).mean(axis=1))
     times = demonstration.times[:groups * size].reshape(groups, size).mean(axis=1)
     progress = (times - demonstration.times[0]) / demonstration.duration
     return Samples(Demonstration(times, made.reshape(groups, *manifold.point_shape), manifold),

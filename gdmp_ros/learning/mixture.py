@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import softmax
 
 from gdmp_ros.errors import DataError
 
@@ -20,7 +21,6 @@ class Mixture:
         :param floor: added to every variance [unit of the positions squared]
         :raises DataError: with fewer than two demonstrations
         """
-        from gmr import GMM
         from sklearn.mixture import GaussianMixture
         if len(paths) < 2:
             raise DataError(f'variance needs at least 2 demonstrations, got {len(paths)}')
@@ -30,10 +30,8 @@ class Mixture:
         self._scale = samples[:, 1:].std()
         self._width = samples.shape[1] - 1
         scaled = samples / np.append(1.0, np.full(self._width, self._scale))
-        fitted = GaussianMixture(n_components, reg_covar=floor / self._scale ** 2,
-                                 random_state=0).fit(scaled)
-        self._mixture = GMM(n_components, priors=fitted.weights_, means=fitted.means_,
-                            covariances=fitted.covariances_)
+        self._fitted = GaussianMixture(n_components, reg_covar=floor / self._scale ** 2,
+                                       random_state=0).fit(scaled)
 
     def covariances(self, times: np.ndarray) -> np.ndarray:
         """
@@ -41,7 +39,15 @@ class Mixture:
 
         :returns: shape ``(len(times), d, d)``
         """
-        out = np.empty((len(times), self._width, self._width))
-        for i, time in enumerate(times):
-            out[i] = self._mixture.condition([0], np.array([time])).to_mvn().covariance
-        return np.asarray(out * self._scale ** 2)
+        means, covariances = self._fitted.means_, self._fitted.covariances_
+        away = np.asarray(times)[:, None] - means[:, 0]
+        variances, slopes = covariances[:, 0, 0], covariances[:, 1:, 0]
+        exponents = -0.5 * (away ** 2 / variances + np.log(variances))
+        shares = softmax(np.log(self._fitted.weights_) + exponents, axis=1)
+        # Of each component, given the time: mean, and covariance, which is the same at all times.
+        given = means[:, 1:] + (away / variances)[:, :, None] * slopes
+        within = covariances[:, 1:, 1:] - np.einsum('ki,kj->kij', slopes,
+                                                    slopes / variances[:, None])
+        given -= np.einsum('tk,tki->ti', shares, given)[:, None]
+        between = np.einsum('tk,tki,tkj->tij', shares, given, given)
+        return np.asarray((np.einsum('tk,kij->tij', shares, within) + between) * self._scale ** 2)

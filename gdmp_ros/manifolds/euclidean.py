@@ -71,7 +71,7 @@ class Euclidean(Manifold):
     def nearest_point(self, array: np.ndarray) -> np.ndarray:
         return array.copy()
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
         return None
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:

@@ -28,7 +28,7 @@ class Manifold(PointSpace):
       distances is zero.
 
     A new manifold is one file that provides the class attributes here and in `PointSpace`,
-    `nearest_point`, `why_invalid` and `random_point` (``docs/own_manifold.md``).
+    `nearest_point`, `first_invalid` and `random_point` (``docs/own_manifold.md``).
     """
 
     #: The compiled operations.

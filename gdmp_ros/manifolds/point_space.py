@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 import math
 from typing import Any, ClassVar, final
 
 import numpy as np
 
-from gdmp_ros.errors import ManifoldError
+from gdmp_ros.errors import InvalidPointError, ManifoldError
 
 #: Largest size parameter: above it the frames do not fit into memory.
 MAX_SIZE = 1000
@@ -15,7 +16,25 @@ MAX_SIZE = 1000
 
 def kernel_array(array: np.ndarray) -> np.ndarray:
     """Contiguous, writable float64, as kernels are compiled for; copied only if needed."""
-    return np.require(array, dtype=np.float64, requirements=['C', 'W'])
+    made = np.ascontiguousarray(array, dtype=np.float64)
+    # One with no dimension became a vector of one number.
+    return made.reshape(np.shape(array)) if made.flags.writeable else made.copy()
+
+
+def first_of(wrong: np.ndarray, reason: Callable[[int], str]) -> tuple[int, str] | None:
+    """
+    First of several arrays that is wrong, and why.
+
+    :param wrong: which of them are, shape ``(count,)``
+    :param reason: says it of one
+    """
+    at = int(np.argmax(wrong))
+    return (at, reason(at)) if wrong[at] else None
+
+
+def earliest(*found: tuple[int, str] | None) -> tuple[int, str] | None:
+    """The first in a sequence of several findings; of equal ones, the first that is given."""
+    return min((one for one in found if one is not None), default=None, key=lambda one: one[0])
 
 
 class PointSpace(ABC):
@@ -51,8 +70,12 @@ class PointSpace(ABC):
         """Nearest point to a finite array of the right shape."""
 
     @abstractmethod
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        """Why a finite array of the right shape is not a point; None if it is one."""
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
+        """
+        First of several arrays that is not a point, and why; None if all are points.
+
+        :param points: finite, shape ``(count, *point_shape)``; at least one
+        """
 
     @abstractmethod
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
@@ -61,6 +84,17 @@ class PointSpace(ABC):
     def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Of all points with the same meaning, return the one nearest to ``reference``."""
         return point
+
+    def continuous(self, points: np.ndarray) -> np.ndarray:
+        """
+        Each point as the one of the same meaning that is nearest to the point before it.
+
+        :param points: shape ``(count, *point_shape)``
+        """
+        made = points.copy()
+        for i in range(1, len(made)):
+            made[i] = self.align(made[i], made[i - 1])
+        return made
 
     @property
     def components(self) -> list[tuple[str, int]]:
@@ -89,10 +123,25 @@ class PointSpace(ABC):
         :raises ManifoldError: if it is not a point within `tolerance`; the message says why
         """
         point = self._finite(array)
-        reason = self.why_invalid(point)
-        if reason is not None:
-            raise self.error(reason)
+        found = self.first_invalid(point[None])
+        if found is not None:
+            raise self.error(found[1])
         return point
+
+    @final
+    def check_points(self, points: np.ndarray) -> None:
+        """
+        Check several points.
+
+        :param points: shape ``(count, *point_shape)``
+        :raises InvalidPointError: if one is not a point within `tolerance`; says which, and why
+        """
+        wrong = ~np.isfinite(points.reshape(len(points), -1)).all(axis=1)
+        broken = first_of(wrong, lambda _: 'an entry is NaN or infinite') if len(points) else None
+        before = points if broken is None else points[:broken[0]]
+        found = earliest(self.first_invalid(before) if len(before) else None, broken)
+        if found is not None:
+            raise InvalidPointError(f'{self!r}: {found[1]}', found[0])
 
     @final
     def flat(self, point: np.ndarray) -> np.ndarray:
@@ -128,11 +177,10 @@ class PointSpace(ABC):
             raise self.error('an entry is NaN or infinite')
         return point
 
-    def _check_unit_norm(self, point: np.ndarray, name: str) -> str | None:
-        norm = float(np.linalg.norm(point))
-        if abs(norm - 1.0) <= self.tolerance:
-            return None
-        return f'{name} is {norm:.9g}, expected 1 within {self.tolerance:g}'
+    def _first_not_of_unit_norm(self, points: np.ndarray, name: str) -> tuple[int, str] | None:
+        norms = np.linalg.norm(points, axis=1)
+        return first_of(~(np.abs(norms - 1.0) <= self.tolerance), lambda i:
+                        f'{name} is {norms[i]:.9g}, expected 1 within {self.tolerance:g}')
 
     @classmethod
     def _check_size(cls, size: Any, least: int) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gdmp_ros.errors import ManifoldError
 from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.point_space import earliest
 
 
 class Product(Manifold):
@@ -77,12 +78,18 @@ class Product(Manifold):
     def nearest_point(self, array: np.ndarray) -> np.ndarray:
         return self.join(*(f.nearest_point(p) for f, p in zip(self._factors, self.split(array))))
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        for name, factor, part in zip(self._names, self._factors, self.split(point)):
-            reason = factor.why_invalid(part)
-            if reason is not None:
-                return f'{name}: {reason}'
-        return None
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
+        found = ((name, factor.first_invalid(part)) for name, factor, part
+                 in zip(self._names, self._factors, self._columns(points)))
+        return earliest(*((one[0], f'{name}: {one[1]}') for name, one in found if one))
+
+    def continuous(self, points: np.ndarray) -> np.ndarray:
+        return np.hstack([factor.continuous(part).reshape(len(points), -1)
+                          for factor, part in zip(self._factors, self._columns(points))])
+
+    def _columns(self, points: np.ndarray) -> list[np.ndarray]:
+        return [points[:, part].reshape(-1, *factor.point_shape)
+                for factor, part in zip(self._factors, self.point_slices)]
 
     def _given_names(self, names: Any) -> tuple[str, ...]:
         kinds = [f.kind for f in self._factors]

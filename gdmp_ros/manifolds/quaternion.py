@@ -265,12 +265,16 @@ class UnitQuaternion(Manifold):
             raise self.error('the zero quaternion has no orientation')
         return np.asarray(array / norm)
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        return self._check_unit_norm(point, 'quaternion norm')
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
+        return self._first_not_of_unit_norm(points, 'quaternion norm')
 
     def align(self, point: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """``point`` or ``-point``, the same orientation, whichever is nearer to ``reference``."""
         return -point if float(point @ reference) < 0.0 else point
+
+    def continuous(self, points: np.ndarray) -> np.ndarray:
+        turned = np.einsum('ij,ij->i', points[1:], points[:-1]) < 0.0
+        return points * np.cumprod(np.append(1.0, np.where(turned, -1.0, 1.0)))[:, None]
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw uniformly from S³."""

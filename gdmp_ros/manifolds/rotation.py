@@ -15,6 +15,7 @@ from gdmp_ros.manifolds.linalg import (
     transposed_multiply,
 )
 from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.point_space import earliest, first_of
 from gdmp_ros.manifolds.rotation_maps import (
     exp_at_identity,
     log_at_identity,
@@ -150,13 +151,13 @@ class SpecialOrthogonal(Manifold):
         left[:, -1] *= np.sign(np.linalg.det(left @ right))
         return np.ascontiguousarray(left @ right)
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        error = float(np.abs(point @ point.T - np.eye(self.size)).max())
-        if not error <= self.tolerance:
-            return f'R Rᵀ differs from I by {error:.3g}, expected at most {self.tolerance:g}'
-        if np.linalg.det(point) < 0.0:
-            return 'determinant is -1 (a reflection), expected +1'
-        return None
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
+        errors = np.abs(points @ points.transpose(0, 2, 1) - np.eye(self.size)).max(axis=(1, 2))
+        return earliest(
+            first_of(~(errors <= self.tolerance), lambda i: f'R Rᵀ differs from I by '
+                     f'{errors[i]:.3g}, expected at most {self.tolerance:g}'),
+            first_of(np.linalg.det(points) < 0.0,
+                     lambda _: 'determinant is -1 (a reflection), expected +1'))
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw uniformly (Haar measure)."""

@@ -21,6 +21,7 @@ from gdmp_ros.manifolds.linalg import (
 )
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.matrix_functions import symmetric_expm, symmetric_logm
+from gdmp_ros.manifolds.point_space import earliest, first_of
 
 
 @kernel
@@ -181,16 +182,18 @@ class SymmetricPositiveDefinite(Manifold):
         nearest = (vectors * values) @ vectors.T
         return np.asarray(0.5 * (nearest + nearest.T))
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        scale = max(float(np.abs(point).max()), EPS)
-        skew = float(np.abs(point / scale - point.T / scale).max())
-        if not skew <= self.tolerance:
-            return f'asymmetry is {skew:.3g} of the largest entry, expected <= {self.tolerance:g}'
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
         # Scaled, because the sum of two large entries may be infinite.
-        least = scale * float(np.linalg.eigvalsh(0.5 * (point / scale + point.T / scale))[0])
-        if not least > 0.0:
-            return f'smallest eigenvalue is {least:.3g}, expected > 0'
-        return None
+        scales = np.maximum(np.abs(points).max(axis=(1, 2)), EPS)
+        scaled = points / scales[:, None, None]
+        turned = scaled.transpose(0, 2, 1)
+        skew = np.abs(scaled - turned).max(axis=(1, 2))
+        least = scales * np.linalg.eigvalsh(0.5 * (scaled + turned))[:, 0]
+        return earliest(
+            first_of(~(skew <= self.tolerance), lambda i: f'asymmetry is {skew[i]:.3g} of the '
+                     f'largest entry, expected <= {self.tolerance:g}'),
+            first_of(~(least > 0.0), lambda i:
+                     f'smallest eigenvalue is {least[i]:.3g}, expected > 0'))
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw ``exp`` of a random symmetric matrix: eigenvalues around 1."""

@@ -206,8 +206,8 @@ class Sphere(Manifold):
             raise self.error('the zero vector has no direction')
         return np.asarray(array / norm)
 
-    def why_invalid(self, point: np.ndarray) -> str | None:
-        return self._check_unit_norm(point, 'norm')
+    def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
+        return self._first_not_of_unit_norm(points, 'norm')
 
     def random_point(self, rng: np.random.Generator) -> np.ndarray:
         """Draw uniformly from the sphere."""
