@@ -27,24 +27,16 @@ setup:
 demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo
 
-# Tests of nodes are judged by what happened in time: one after another, and up to twice
-# more if the machine may have paused; the summary names them.
-NODES = test/ros test/franka test/experiments/reliability
-AGAIN = --reruns 2 --reruns-delay 5
-# These compute only: their results do not depend on how fast the machine is.
-COMPUTED = test/cli test/control test/dmp test/learning test/sim
-
 test: setup lint
-	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile $(addprefix --ignore=,$(NODES))
-	@$(PY) -m pytest -m 'not long' $(AGAIN) $(NODES)
+	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile
 
 test-long: setup
-	@$(PY) -m pytest -m long -n 2 --dist loadfile $(COMPUTED)
-	@$(PY) -m pytest -m long $(AGAIN) $(addprefix --ignore=,$(COMPUTED))
+	@$(PY) -m pytest -m long -n 2 --dist loadfile
 
 lint: setup
 	@$(PY) -m ruff check .
 	@$(PY) -m mypy
+	@$(VENV)/bin/lint-imports --no-logo
 
 bench: setup
 	@$(PY) -m experiments bench all --out out/bench --jobs 2

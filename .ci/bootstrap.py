@@ -21,7 +21,7 @@ import time
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 12), (3, 13))
 #: The interpreter itself, not that of an environment: the environment may be replaced here.
-PYTHON = os.path.realpath(sys._base_executable)
+PYTHON = os.path.realpath(sys._base_executable)  # noqa: SLF001  no public name
 #: Lines of the lock file that a sourced ROS installation replaces.
 ROS_PREFIXES = ('ros-',)
 #: Newest Python for which there is a server of the protocol of a Franka.

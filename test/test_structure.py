@@ -1,21 +1,18 @@
-"""Which file imports which, what is private, and what works without ROS and without MuJoCo."""
+"""
+Rules of the structure that no linter knows.
+
+The order of the rooms and cycles: import-linter (setup.cfg). Private names: ruff.
+"""
 import ast
 import importlib
 from pathlib import Path
+import re
 import subprocess
 import sys
-
-import pytest
 
 from gdmp_ros.cli.main import PROGRAM
 
 PACKAGE = Path(__file__).parent.parent / 'gdmp_ros'
-#: A room may import from itself and from rooms before it.
-ROOMS = ('errors', 'choices', 'kernels', 'util', 'manifolds', 'dmp', 'learning', 'control',
-         'realtime', 'playback', 'data', 'sim', 'franka', 'improvement',
-         'view', 'ros', 'studio', 'demo', 'cli')
-#: Facade methods: they import from a later room when they are called (docs/design.md).
-FACADES = {('gdmp_ros.dmp.skill', 'gdmp_ros.learning.fit')}
 #: Rooms that may import a library.
 ONLY_IN = {'rclpy': {'ros'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
            'matplotlib': {'view', 'demo'}, 'rosbags': {'data', 'ros'},
@@ -59,43 +56,6 @@ def room(module):
     return module.split('.')[1] if '.' in module else 'facade'
 
 
-#: Modules of the package that each file imports.
-GRAPH = {name: {other for other in imported(tree) if other in TREES and other != name}
-         | set(LISTS.get(name, ())) for name, tree in TREES.items()}
-del GRAPH['gdmp_ros']  # its names are imported when they are used: it is above all rooms
-
-
-def test_imports_have_no_cycle():
-    finished, path = set(), []
-
-    def visit(name):
-        assert name not in path, ' -> '.join([*path[path.index(name):], name])
-        if name in finished:
-            return
-        path.append(name)
-        for other in sorted(GRAPH.get(name, ())):
-            if (name, other) not in FACADES and not (other == 'gdmp_ros' or name == other):
-                visit(other)
-        path.pop()
-        finished.add(name)
-    for name in GRAPH:
-        visit(name)
-
-
-def test_rooms_depend_on_earlier_rooms_only():
-    assert {room(name) for name in GRAPH} == set(ROOMS)
-    wrong = [f'{name} imports {other}' for name, others in GRAPH.items() for other in others
-             if other != 'gdmp_ros' and (name, other) not in FACADES
-             and ROOMS.index(room(other)) > ROOMS.index(room(name))]
-    assert not wrong
-
-
-def test_every_facade_is_used_and_named_in_the_design():
-    design = (PACKAGE.parent / 'docs' / 'design.md').read_text()
-    for name, other in FACADES:
-        assert other in GRAPH[name] and other in design
-
-
 def test_the_package_itself_is_imported_for_its_version_only():
     for name, tree in TREES.items():
         for node in runtime_nodes(tree):
@@ -103,11 +63,6 @@ def test_the_package_itself_is_imported_for_its_version_only():
                 for alias in node.names:
                     assert (alias.name == '__version__'
                             or f'gdmp_ros.{alias.name}' in TREES), f'{name}: {alias.name}'
-
-
-def test_no_import_is_relative():
-    assert not [name for name, tree in TREES.items()
-                if any(module.startswith('.') for module in imported(tree))]
 
 
 def test_imports_by_string_come_from_the_lists():
@@ -128,56 +83,27 @@ def test_libraries_are_imported_in_their_rooms():
     assert not wrong
 
 
-def private(name):
-    return name.startswith('_') and not name.startswith('__')
+def test_time_comes_from_the_clock_that_is_handed_in():
+    """Nodes, streams and control laws read and wait for `gdmp_ros.realtime.loop.Clock` only."""
+    wrong = {name for name, tree in TREES.items() if room(name) in ('ros', 'playback', 'control')
+             and {'time', 'datetime'} & {module.split('.')[0] for module in imported(tree)}}
+    assert not wrong
 
 
-def own_names(tree):
-    """Private names that a file defines itself: functions, fields, attributes of ``self``."""
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            yield node.name
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
-        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) \
-                and ast.unparse(node.value) in ('self', 'cls'):
-            yield node.attr
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value  # __slots__
+def test_nodes_reach_dds_through_the_middleware():
+    """What publishes, takes, serves, calls or waits in `rclpy` is in one file."""
+    reached = [f'{name}: {text}' for name, tree in TREES.items() if name != 'gdmp_ros.ros.dds'
+               for text in [*imported(tree), *called(tree)] if re.fullmatch(
+                   r'rclpy\.(action|executors|timer|publisher|subscription|service|client)(\..*)?'
+                   r'|.*\.create_(publisher|subscription|service|client|timer|rate)'
+                   r'|rclpy\.spin\w*', text)]
+    # rclpy's own subscription to /clock, which a node makes when it begins to use it.
+    assert reached == ['gdmp_ros.ros.lifecycle: super().create_subscription']
 
 
-def reaches(name):
-    """Private names of other modules that a file uses."""
-    tree = TREES[name]
-    own = set(own_names(tree))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('gdmp_ros'):
-            yield from (alias.name for alias in node.names if private(alias.name))
-        elif isinstance(node, ast.Attribute) and private(node.attr) and node.attr not in own \
-                and ast.unparse(node.value) not in ('self', 'cls', 'super()'):
-            yield ast.unparse(node)
-
-
-#: Private names of libraries that have no public one.
-LIBRARIES = {
-    'gdmp_ros.kernels.compile': {'compiled._cache'},
-    'gdmp_ros.kernels.intrinsics': {'made._getvalue'},
-    'gdmp_ros.ros.running': {'os._exit'},
-}
-
-
-@pytest.mark.parametrize('name', TREES)
-def test_no_module_uses_private_names_of_another(name):
-    # Methods of named tuples are public, in spite of their names.
-    found = {text for text in reaches(name)
-             if text.rpartition('.')[2] not in ('_asdict', '_replace', '_fields', '_make')}
-    assert found <= LIBRARIES.get(name, set())
-
-
-def test_files_are_short():
-    long = {str(path): lines for path in PACKAGE.rglob('*.py')
-            if (lines := len(path.read_text().splitlines())) >= 300}
-    assert not long
+def called(tree):
+    """What a file calls, as it is written."""
+    return [ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)]
 
 
 def test_the_library_works_without_ros_and_without_mujoco():

@@ -17,7 +17,7 @@ from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 if TYPE_CHECKING:
-    from gdmp_ros.ros.testbed import NodeTestbed
+    from gdmp_ros.ros.clients.testbed import NodeTestbed
 
 TITLE = '1 kHz over DDS: lateness compared with a bare sleeping loop, CPU'
 PERIOD_NS = 1_000_000
@@ -27,7 +27,7 @@ NODES = ('trajectory_server', 'panda_sim')
 def run(settings: timing.Settings) -> dict[str, Any]:
     """Stream a skill repeatedly for ``settings.seconds``, and evaluate every tick."""
     with optional_import(ROS):
-        from gdmp_ros.ros.testbed import NodeTestbed
+        from gdmp_ros.ros.clients.testbed import NodeTestbed
     with tempfile.TemporaryDirectory(prefix='gdmp-stream-') as name, Domain() as domain:
         folder = Path(name)
         with NodeTestbed(folder, domain.environment()) as bed:

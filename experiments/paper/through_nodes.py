@@ -10,7 +10,7 @@ from experiments.paper.experiment import Data
 from gdmp_ros.data.runs import Run
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.testbed import NodeTestbed, process_bed
+from gdmp_ros.ros.clients.testbed import NodeTestbed, process_bed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import contact_count
 

@@ -16,7 +16,7 @@ from experiments.reliability.trial import FRAME, goal_of, short_skill, Trial
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.statistics import punctuality_of
-from gdmp_ros.ros.testbed import ARM, process_bed, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, process_bed, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.signals import interrupt_on_sigterm

@@ -13,7 +13,7 @@ from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import lasa, run_analysis, runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.ros.testbed import NodeTestbed, SERVER
+from gdmp_ros.ros.clients.testbed import NodeTestbed, SERVER
 from gdmp_ros.sim.arm import Arm
 
 FRAME = 'panda_link0'

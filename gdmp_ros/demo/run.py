@@ -22,7 +22,7 @@ from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.testbed import NodeTestbed, process_bed, SERVER
+from gdmp_ros.ros.clients.testbed import NodeTestbed, process_bed, SERVER
 from gdmp_ros.util.atomic_write import write_json
 from gdmp_ros.util.signals import interrupt_on_sigterm
 from gdmp_ros.view.films import render_to

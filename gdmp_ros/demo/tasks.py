@@ -21,7 +21,7 @@ from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.joints_client import move_joints
 from gdmp_ros.ros.clients.teacher import Teacher
-from gdmp_ros.ros.testbed import MODULES, NodeTestbed, Opener, process_bed, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import MODULES, NodeTestbed, Opener, process_bed, TAKE_RECORDER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import CUBE_EDGE, PICK, PLACE
 from gdmp_ros.util.atomic_write import write_json
@@ -59,7 +59,7 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     Show a task to the simulated arm by hand, learn it, and let an arm execute it.
 
     :param task: ``pick`` or ``joints``
-    :param testbed: see `gdmp_ros.ros.testbed.process_bed`
+    :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
     :returns: exit code: 0 if it succeeded
     :raises GdmpError: if something does not happen in time
     """

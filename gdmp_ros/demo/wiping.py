@@ -16,7 +16,7 @@ from gdmp_ros.data.runs import Run
 from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.ros.arm_choice import ArmChoice, SIMULATED
-from gdmp_ros.ros.testbed import NodeTestbed, Opener, process_bed
+from gdmp_ros.ros.clients.testbed import NodeTestbed, Opener, process_bed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import cloth_table
@@ -78,7 +78,7 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
     """
     Show, learn and execute the wiping.
 
-    :param testbed: see `gdmp_ros.ros.testbed.process_bed`
+    :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
     :returns: exit code: 0 if the force is kept on all tables
     :raises GdmpError: if something does not happen in time
     """

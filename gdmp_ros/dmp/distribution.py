@@ -102,7 +102,8 @@ class Distribution(Generic[S]):
         """
         if context is not None:
             known = self._in_context(context)
-            return known.condition(points) if len(points) else self._make(known._skill)
+            return known.condition(points) if len(points) else self._make(
+                known._skill)  # noqa: SLF001  its own class
         wanted = self._wanted(points)
         factor = self._variation.whole_factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])

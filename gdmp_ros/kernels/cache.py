@@ -23,8 +23,8 @@ from typing import Any
 
 import numba
 from numba.core.caching import (
-    _Cache,
-    _CacheLocator,
+    _Cache,  # noqa: PLC2701  Numba has no public name for it
+    _CacheLocator,  # noqa: PLC2701
     CompileResultCacheImpl,
     FunctionCache,
 )

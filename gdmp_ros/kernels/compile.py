@@ -18,7 +18,8 @@ def kernel(function: Function, **options: Any) -> Function:
     compile_lazily: Any = numba.njit
     compiled = compile_lazily(nogil=True, error_model='numpy', no_cfunc_wrapper=True,
                               **options)(function)
-    compiled._cache = KernelCache(cast(FunctionType, function))
+    cache = KernelCache(cast(FunctionType, function))
+    compiled._cache = cache  # noqa: SLF001  Numba has no public name for it
     return cast(Function, compiled)
 
 

@@ -96,7 +96,7 @@ def _array_from(context: Any, builder: Any, kind: Any, data: Any, shape: list[An
         context.get_data_type(kind.dtype)))
     arrayobj.populate_array(made, data=builder.bitcast(data, made.data.type), shape=shape,
                             strides=strides, itemsize=size, meminfo=None)
-    return made._getvalue()
+    return made._getvalue()  # noqa: SLF001  Numba has no public name for it
 
 
 @intrinsic
@@ -140,7 +140,7 @@ def _without_refcount(typing_context, array):
         made = context.make_array(array)(context, builder, arguments[0])
         made.meminfo = cgutils.get_null_value(made.meminfo.type)
         made.parent = cgutils.get_null_value(made.parent.type)
-        return made._getvalue()
+        return made._getvalue()  # noqa: SLF001  Numba has no public name for it
 
     return array(array), build
 

@@ -241,7 +241,7 @@ def using(middleware: Middleware) -> Iterator[None]:
 
 def answered_transitions(node: Any) -> None:
     """Let ``~/change_state`` answer a transition that is not possible; rclpy raises instead."""
-    service = node._service_change_state
+    service = node._service_change_state  # noqa: SLF001  rclpy has no public name for it
 
     def change(inner: Callable[[Any, Any], Any], request: Any, reply: Any) -> Any:
         try:

@@ -5,16 +5,14 @@ import numpy as np
 from PIL import Image
 import pytest
 
-from gdmp_ros import Skill
-from gdmp_ros.data import lasa
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute
 from test.commands import gdmp
 
 
 @pytest.fixture(scope='module')
-def skill():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
+def skill(letter):
+    return letter
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from gdmp_ros import Demonstration, Euclidean, Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import episodes, foreign, lasa, lerobot, recordings, robomimic, tables
+from gdmp_ros.data import episodes, foreign, lerobot, recordings, robomimic, tables
 from gdmp_ros.data.foreign import Import
 from gdmp_ros.errors import DataError
 from test.commands import gdmp
@@ -19,8 +19,8 @@ RATE_HZ = 50.0
 
 
 @pytest.fixture(scope='module')
-def shown():
-    return lasa.robot_demonstrations('GShape')[:3]
+def shown(letters):
+    return letters[:3]
 
 
 def frames(one, rate_hz=RATE_HZ):

@@ -6,13 +6,13 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import exchange, lasa, recordings
+from gdmp_ros.data import exchange, recordings
 from gdmp_ros.errors import DataError
 
 
 @pytest.fixture(scope='module')
-def shown():
-    return lasa.robot_demonstrations('GShape')[0]
+def shown(letters):
+    return letters[0]
 
 
 @pytest.fixture(scope='module')

@@ -10,8 +10,6 @@ import threading
 
 import pytest
 
-from gdmp_ros import Skill
-from gdmp_ros.data import lasa
 from gdmp_ros.util.dds_network import Domain
 from test.commands import GDMP
 
@@ -42,9 +40,9 @@ def test_an_example_runs_and_leaves_a_picture(script, tmp_path):
 
 
 @pytest.mark.long
-def test_clients_of_running_nodes_run_and_leave_a_picture(tmp_path):
+def test_clients_of_running_nodes_run_and_leave_a_picture(letter, tmp_path):
     assert len(CLIENTS) == 2
-    Skill.learn(lasa.robot_demonstrations('GShape')[0]).save(tmp_path / 'skill.json')
+    letter.save(tmp_path / 'skill.json')
     with Domain() as domain:
         environment = domain.environment()
         nodes = subprocess.Popen([*GDMP, 'up', 'skill.json'], cwd=tmp_path, text=True,

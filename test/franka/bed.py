@@ -10,8 +10,8 @@ from gdmp_ros.ros.arm.franka_arm import FrankaArm
 from gdmp_ros.ros.arm.franka_gripper import FrankaGripperNode
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.testbed import NodeTestbed
 from gdmp_ros.ros.messages import pose_numbers
-from gdmp_ros.ros.testbed import NodeTestbed
 from test.franka.stand_in import StandIn
 from test.lockstep.bed import lockstep_bed
 from test.ros.collected import Collected

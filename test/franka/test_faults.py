@@ -9,7 +9,7 @@ from gdmp_ros.control.target import resting_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.arm_choice import FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from test.franka.bed import FAULT, FOLLOW, HOLD
 
 #: An arm that only holds moves less than this in a second [m]: MuJoCo's dry friction creeps.

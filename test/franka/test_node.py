@@ -18,8 +18,8 @@ from gdmp_ros.improvement.task import task_from_file
 from gdmp_ros.improvement.variables import Variables, Weights
 from gdmp_ros.ros.arm_choice import FRANKA
 from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.testbed import SERVER
 from gdmp_ros.ros.clients.trials_client import TrialsClient
-from gdmp_ros.ros.testbed import SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.reach import Reach
 from gdmp_ros.util.parallel import Journal

@@ -7,7 +7,7 @@ from typing import Any
 import rclpy
 from rclpy.serialization import deserialize_message
 
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
 from test.lockstep.children import LockstepChildren
 from test.lockstep.network import MemoryPublisher, Network
 

@@ -64,7 +64,7 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     from std_msgs.msg import Float64MultiArray
 
     from experiments.reliability.trial import short_skill, Trial
-    from gdmp_ros.ros.testbed import ARM, process_bed, SERVER
+    from gdmp_ros.ros.clients.testbed import ARM, process_bed, SERVER
     folder.mkdir(parents=True, exist_ok=True)
     with process_bed(Trial, folder, skill=short_skill(folder)) as trial:
         trial.start(record=False)

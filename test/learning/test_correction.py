@@ -4,7 +4,7 @@ import pytest
 
 from gdmp_ros import DataError, ParameterError, Skill, Sphere
 from gdmp_ros.control.target import POSE
-from gdmp_ros.data import lasa, skill_history
+from gdmp_ros.data import skill_history
 from gdmp_ros.dmp.basis_change import with_functions
 from gdmp_ros.learning.correction import correction, FollowedMotion, HELD
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
@@ -22,8 +22,8 @@ PUSHES = [(0.15, 0.3, [0.0, 0.0, 0.05]), (0.45, 0.6, [0.05, 0.0, 0.0]),
 
 
 @pytest.fixture(scope='module')
-def skill():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[:3])
+def skill(letters):
+    return Skill.learn(letters[:3])
 
 
 def followed(skill, pushes):

@@ -16,7 +16,6 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.data import lasa
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
@@ -27,9 +26,9 @@ SETTINGS = PlayerSettings()
 DT = 1e-3
 
 
-@pytest.fixture(scope='module')
-def skill():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
+@pytest.fixture
+def skill(letter):
+    return letter
 
 
 @pytest.fixture

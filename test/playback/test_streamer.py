@@ -5,8 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from gdmp_ros import ParameterError, Skill
-from gdmp_ros.data import lasa
+from gdmp_ros import ParameterError
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
@@ -28,9 +27,9 @@ class Source:
         return None if pose is None else (pose, self.age)
 
 
-@pytest.fixture(scope='module')
-def skill():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
+@pytest.fixture
+def skill(letter):
+    return letter
 
 
 @pytest.fixture

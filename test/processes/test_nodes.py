@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from gdmp_ros.data import bags, runs
 from gdmp_ros.ros.clients.server_client import ServerClient
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
 from test.commands import GDMP, gdmp_process

@@ -12,7 +12,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 
 from experiments.reliability.network import Quality, TwoHosts
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
 from gdmp_ros.util.dds_network import RANGE, REACH, reaching_other_machines, TRANSPORT
 
 ROOT = Path(__file__).parents[2]

@@ -10,8 +10,8 @@ from rclpy.parameter import Parameter
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.client import DISCOVERY_S
+from gdmp_ros.ros.clients.testbed import ARM, NodeTestbed, process_bed, SERVER
 from gdmp_ros.ros.middleware import latched
-from gdmp_ros.ros.testbed import ARM, NodeTestbed, process_bed, SERVER
 from test.lockstep.bed import lockstep_bed
 from test.ros.collected import Collected
 

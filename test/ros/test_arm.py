@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 import yaml
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
 from test.commands import gdmp
 from test.ros.nodes import DEACTIVATE, FRAME

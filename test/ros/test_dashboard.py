@@ -4,7 +4,7 @@ import io
 import re
 
 from gdmp_ros.cli.main import main
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from test.commands import gdmp
 from test.ros.nodes import CLEANUP, DEACTIVATE
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
 from test.ros.nodes import ACTIVATE, CONFIGURE
 

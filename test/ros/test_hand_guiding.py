@@ -9,7 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data import bags, takes
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, MODULES, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, TAKE_RECORDER
 from test.commands import gdmp
 from test.ros.nodes import FRAME
 

@@ -12,7 +12,7 @@ from trajectory_msgs.msg import JointTrajectory
 from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from gdmp_ros.sim import Arm
 from test.commands import gdmp
 from test.ros.nodes import FRAME, open_testbed

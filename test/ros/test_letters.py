@@ -4,10 +4,8 @@ from dataclasses import asdict
 import pytest
 import yaml
 
-from gdmp_ros import Skill
 from gdmp_ros.control.settings import ControllerSettings, FrictionSettings
-from gdmp_ros.data import lasa
-from gdmp_ros.ros.testbed import ARM
+from gdmp_ros.ros.clients.testbed import ARM
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.sim.plant import PlantSettings, REAL
 from test.commands import gdmp
@@ -20,7 +18,7 @@ PLANTS = {'clean': PlantSettings(), 'real': REAL}
 
 @pytest.mark.long
 @pytest.mark.parametrize('plant', PLANTS)
-def test_ten_letters_in_a_row(tmp_path, skill_file, plant):
+def test_ten_letters_in_a_row(tmp_path, skill_file, letter, plant):
     """The letters are written without nodes: a busy machine must not decide how well."""
     parameters = {f'plant_{name}': value for name, value in asdict(PLANTS[plant]).items()}
     with open_testbed(tmp_path, skill_file) as nodes:
@@ -31,7 +29,6 @@ def test_ten_letters_in_a_row(tmp_path, skill_file, plant):
         'ros__parameters']
     loop = ClosedLoop(Arm(plant=PLANTS[plant]), ControllerSettings(friction=FrictionSettings(
         tuple(found['friction_viscous']), tuple(found['friction_dry']))))
-    letter = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     for _ in range(LETTERS):
         position, rotation, last, tank = follow(letter, loop)
         print(f'{position:.2f} mm, {rotation:.4f} rad, {last:.2f} mm at the end, {tank:.2f} J')

@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 from gdmp_ros.data.bags import BagWriter, opened
 from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.recorder.record import definition
-from gdmp_ros.ros.testbed import ARM, SERVER
 from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME, open_testbed
 
 

@@ -15,9 +15,9 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from gdmp_ros.ros import composed
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
 from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.parameter_tables import NODES
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
 from test.ros.nodes import open_testbed
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data import lasa, recordings
 from gdmp_ros.manifolds.quaternion import rotation_angles
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from test.ros.nodes import FRAME
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from gdmp_ros.data.message_numbers import reference_target
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from test.ros.nodes import FRAME
 
 NS = 1_000_000_000

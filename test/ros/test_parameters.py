@@ -6,8 +6,8 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters
 
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.parameter_tables import NODES
-from gdmp_ros.ros.testbed import ARM, SERVER
 
 
 def values_of(nodes, node, *names):

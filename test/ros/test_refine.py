@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.data import lasa
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
 from test.ros.nodes import FRAME, open_testbed
 
@@ -20,8 +19,8 @@ PUSHES = [(0.15, 0.3, [0.0, 0.0, 0.09]), (0.45, 0.6, [0.09, 0.0, 0.0]),
 
 
 @pytest.fixture(scope='session')
-def skill():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[:3])
+def skill(letters):
+    return Skill.learn(letters[:3])
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from gdmp_ros.sim.arm import Arm
 from test.motions import circles
 from test.ros.nodes import FRAME, open_testbed

@@ -5,7 +5,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import SERVER
+from gdmp_ros.ros.clients.testbed import SERVER
 from test.ros.nodes import FRAME
 
 

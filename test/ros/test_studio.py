@@ -6,7 +6,7 @@ import pytest
 
 from gdmp_ros.data import recordings
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.testbed import MODULES, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import MODULES, TAKE_RECORDER
 from gdmp_ros.studio.nodes_robot import NodesRobot
 from test.studio import views
 

@@ -13,8 +13,8 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
 from gdmp_ros.ros.middleware import latched
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk
 from test.ros.nodes import open_testbed

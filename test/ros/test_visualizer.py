@@ -11,7 +11,7 @@ from gdmp_ros import Skill
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.prediction import LIKELY, Tube
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.visualizer.node import MENU
 from test.ros.nodes import CLEANUP, DEACTIVATE, FRAME
 

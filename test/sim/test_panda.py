@@ -105,15 +105,14 @@ def test_a_stream_that_begins_right_after_the_warm_up_is_followed():
     assert guard.following and guard.refused == 0
 
 
-def test_a_learned_letter_is_tracked_through_a_goal_switch():
+def test_a_learned_letter_is_tracked_through_a_goal_switch(letter):
     loop = ClosedLoop(Arm())
-    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
-    player = Player(skill, PlayerSettings())
+    player = Player(letter, PlayerSettings())
     player.start(loop.arm.measure().pose.copy())
     position, rotation, torques, error = [], [], [], np.empty(3)
     for k in range(9000):
         if k == 2400:
-            goal = skill.goal[:7].copy()
+            goal = letter.goal[:7].copy()
             goal[1] -= 0.12
             player.go_to(goal)
         target = player.tick(1e-3)
@@ -143,9 +142,8 @@ def test_external_forces_are_felt_at_the_tool():
     np.testing.assert_allclose(yielded, np.array([3.0, -2.0, 4.0]) / 400.0, atol=1e-3)
 
 
-def test_rollouts_of_the_tool_skill_stay_in_the_workspace():
-    shown = lasa.robot_demonstrations('GShape')
-    points = np.vstack([d.points[:, :3] for d in shown])
+def test_rollouts_of_the_tool_skill_stay_in_the_workspace(letters):
+    points = np.vstack([d.points[:, :3] for d in letters])
     assert 0.24 < np.ptp(points, axis=0).max() < 0.26
-    path = Rollout(Skill.learn(shown)).sample(np.linspace(0, 6, 200)).points
+    path = Rollout(Skill.learn(letters)).sample(np.linspace(0, 6, 200)).points
     assert (np.abs(path[:, :3] - lasa.CENTRE_M) < 0.2).all()

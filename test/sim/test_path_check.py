@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.data import lasa
 from gdmp_ros.errors import DataError
 from gdmp_ros.sim import Arm
 from gdmp_ros.sim.path_check import PathChecker, TOUCHING_M
@@ -11,9 +10,9 @@ from test.commands import gdmp
 
 
 @pytest.fixture(scope='module')
-def letter():
+def letter(letters):
     """Times and poses of a letter in front of the arm."""
-    shown = lasa.robot_demonstrations('GShape')[0]
+    shown = letters[0]
     return shown.times[::20], shown.points[::20, :7]
 
 
@@ -63,8 +62,8 @@ def test_a_folded_arm_touches_itself():
     assert found.clearance[0] < TOUCHING_M < apart.clearance[0]
 
 
-def test_the_command_ends_with_1_where_the_arm_cannot_follow(letter, tmp_path):
-    Skill.learn(lasa.robot_demonstrations('GShape')[0], 30).save(tmp_path / 'skill.json')
+def test_the_command_ends_with_1_where_the_arm_cannot_follow(letters, tmp_path):
+    Skill.learn(letters[0], 30).save(tmp_path / 'skill.json')
     good = gdmp('check', 'skill.json', cwd=tmp_path)
     assert good.returncode == 0 and 'can follow the whole path' in good.stdout
     bad = gdmp('check', 'skill.json', '--goal-position', 0.9, 0.3, 0.3, '--plot', 'check.png',

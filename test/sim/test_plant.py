@@ -3,9 +3,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from gdmp_ros import Skill
 from gdmp_ros.control.settings import ControllerSettings, FrictionSettings, TankSettings
-from gdmp_ros.data import lasa
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.player import Player
@@ -14,11 +12,6 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings, REAL
-
-
-@pytest.fixture(scope='module')
-def letter():
-    return Skill.learn(lasa.robot_demonstrations('GShape')[0])
 
 
 def write(skill, plant, dry):

@@ -5,10 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from gdmp_ros import Skill
 from gdmp_ros.control.settings import ControllerSettings, FrictionSettings
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.data import lasa
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -105,11 +103,10 @@ def test_while_references_are_followed_the_tool_stays():
         ToolTransform((0.0, np.nan, 0.0))
 
 
-def test_a_letter_is_written_with_a_long_tool():
-    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
+def test_a_letter_is_written_with_a_long_tool(letter):
     arm = Arm()
     arm.put_tool(ToolTransform((0.0, 0.05, 0.1)))
-    done = execute(skill, arm)
+    done = execute(letter, arm)
     away = np.linalg.norm(done.measured[:, :3] - done.references[:, :3], axis=1)
     assert 1e3 * np.sqrt(np.mean(away ** 2)) < 1.0
 
@@ -127,7 +124,7 @@ def heavier(tmp_path):
     return str(path)
 
 
-def test_a_robot_with_another_model_is_controlled_with_the_known_one(heavier):
+def test_a_robot_with_another_model_is_controlled_with_the_known_one(heavier, letter):
     arm = Arm(plant=PlantSettings(model=heavier))
     plain = Arm().measure()
     measured = arm.measure()
@@ -139,10 +136,9 @@ def test_a_robot_with_another_model_is_controlled_with_the_known_one(heavier):
     # The weight that the model does not know, as a force at the tool.
     force = np.linalg.lstsq(plain.jacobian.T, arm.data.qfrc_bias - plain.bias, rcond=None)[0]
     sag = 1e3 * np.linalg.norm(force[:3]) / 400.0
-    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     for dry, settings in ((0.0, PlantSettings(model=heavier)),
                           (1.1, dataclasses.replace(REAL, model=heavier))):
-        position, rotation, last, tank = follow(skill, loop_of(settings, dry))
+        position, rotation, last, tank = follow(letter, loop_of(settings, dry))
         assert position <= sag + 3.0 and last <= sag + 3.0 and tank >= 3.0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.data import lasa, recordings, run_analysis, run_events, runs
+from gdmp_ros.data import recordings, run_analysis, run_events, runs
 from gdmp_ros.errors import DataError
 from gdmp_ros.view import report_figures, report_page
 from test.recorded_run import NS, recorded_run
@@ -29,17 +29,16 @@ def test_ellipsoids_are_long_where_the_arm_is_stiff():
 
 
 @pytest.fixture(scope='module')
-def taken(tmp_path_factory):
+def taken(letters, tmp_path_factory):
     bag = tmp_path_factory.mktemp('report') / 'GShape_1'
-    recordings.write(bag, lasa.robot_demonstrations('GShape')[0], 'panda_link0', NS)
+    recordings.write(bag, letters[0], 'panda_link0', NS)
     return bag
 
 
-def test_a_page_shows_where_takes_like_these_would_be(taken, tmp_path):
+def test_a_page_shows_where_takes_like_these_would_be(letters, taken, tmp_path):
     several, single = tmp_path / 'several.json', tmp_path / 'single.json'
-    shown = lasa.robot_demonstrations('GShape')
-    Skill.learn(shown[:3], 40).save(several)
-    Skill.learn(shown[0], 40).save(single)
+    Skill.learn(letters[:3], 40).save(several)
+    Skill.learn(letters[0], 40).save(single)
     page = tmp_path / 'take.html'
     report_page.write(taken, page, skill=several)
     body = page.read_text().split('</script>', 1)[1]

@@ -9,7 +9,7 @@ from rosgraph_msgs.msg import Clock
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import Trial
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.util.atomic_write import write_text
 
 

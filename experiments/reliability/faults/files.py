@@ -8,7 +8,7 @@ import subprocess
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import FRAME, judge_limits, Trial
 from gdmp_ros.data import lasa, recordings, runs
-from gdmp_ros.ros.testbed import RECORDER, SERVER
+from gdmp_ros.ros.clients.testbed import RECORDER, SERVER
 
 
 def skill_file(trial: Trial, quick: bool) -> Outcome:

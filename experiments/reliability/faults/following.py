@@ -13,7 +13,7 @@ from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.data.runs import Run
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 #: Largest step of the reference from tick to tick [m].
 STEP_M = 0.5e-3

@@ -14,7 +14,7 @@ from experiments.reliability.trial import goal_of, judge_limits, Trial
 from gdmp_ros.data import run_analysis
 from gdmp_ros.data.runs import REFERENCE_TOPIC, Run
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.testbed import START_UP_S
+from gdmp_ros.ros.clients.testbed import START_UP_S
 from gdmp_ros.util.dds_network import reaching_other_machines
 
 RELIABILITIES = ('reliable', 'best_effort')

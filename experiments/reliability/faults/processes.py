@@ -15,7 +15,7 @@ from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.data import run_analysis
 from gdmp_ros.data.runs import ONE_STREAM, Run
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 
 def server_killed(trial: Trial, quick: bool) -> Outcome:

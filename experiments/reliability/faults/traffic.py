@@ -4,7 +4,7 @@ from __future__ import annotations
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import Trial
 from gdmp_ros.data import run_analysis
-from gdmp_ros.ros.testbed import ARM, SERVER
+from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 
 def goal_flood(trial: Trial, quick: bool) -> Outcome:

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.server_client import ServerClient
-from gdmp_ros.ros.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import ChildProcesses
 from gdmp_ros.util.signals import stop_event

@@ -16,7 +16,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.client import Client
 from gdmp_ros.ros.clients.joints_client import move_joints
-from gdmp_ros.ros.testbed import NodeTestbed
+from gdmp_ros.ros.clients.testbed import NodeTestbed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.atomic_write import write_text
 from gdmp_ros.util.dds_network import Domain

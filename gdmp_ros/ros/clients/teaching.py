@@ -14,7 +14,7 @@ from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.teacher import Teacher
-from gdmp_ros.ros.testbed import ARM, MODULES, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, TAKE_RECORDER
 from gdmp_ros.util.dds_network import default_environment, Domain
 from gdmp_ros.util.processes import ChildProcesses
 from gdmp_ros.util.signals import interrupt_on_sigterm

@@ -33,7 +33,7 @@ def test_fault(name, skill, tmp_path):
 def test_a_trial_that_breaks_down_has_failed(skill, tmp_path, monkeypatch):
     broken = tmp_path / 'broken.json'
     broken.write_text('{}')
-    monkeypatch.setattr('gdmp_ros.ros.testbed.START_UP_S', 4.0)
+    monkeypatch.setattr('gdmp_ros.ros.clients.testbed.START_UP_S', 4.0)
     outcome = attempt('server-killed', tmp_path / 'x', broken, True)
     assert outcome.holds is False and 'without success' in outcome.failed[0]
 
