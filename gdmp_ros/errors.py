@@ -42,5 +42,9 @@ class DataError(GdmpError, ValueError):
     """A bag, a skill file or a data set is damaged or does not hold what it should."""
 
 
+class RefusedError(GdmpError):
+    """An arm does not follow a reference; the message says why."""
+
+
 class ParameterError(GdmpError, ValueError):
     """A parameter is outside its range."""

@@ -78,7 +78,7 @@ def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
         measured = loop.wait()
         if measured is None:
             raise GdmpError(loop.stopped)
-        loop.follow(_on_circle(center, 1e-9 * (robot.arrived - begun)))
+        loop.must_follow(_on_circle(center, 1e-9 * (robot.arrived - begun)))
         loop.answer(measured)
         answered, last, worked = (time.monotonic_ns() - robot.arrived, worked,
                                   time.thread_time_ns())

@@ -125,8 +125,8 @@ def execute(skill: Skill, beginning: np.ndarray) -> Data:
     for _ in range(round((skill.duration + REST_S) / period)):
         target = player.tick(period)
         if target is None:
-            continue
-        loop.follow(target)
+            raise RuntimeError('a motion that was started has no reference')
+        loop.must_follow(target)
         tick = loop.tick()
         rows.append((target[:7].copy(), tick.measurement.pose.copy(),
                      tick.stiffness.reshape(6, 6)[:3, :3].copy(), tick.measurement.position,

@@ -14,7 +14,7 @@ from gdmp_ros.control.reference_kinds import Whereabouts
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
 from gdmp_ros.control.tick import Tick
-from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.errors import DataError, ParameterError, RefusedError
 
 
 class ArmControl:
@@ -75,6 +75,16 @@ class ArmControl:
         of_joints = np.shape(target) == (joint_target_size(len(self.joints.torque)),)
         return guard.offer(target.copy() if of_joints else whole_target(target),
                            Origin(guard.settings.frame, mode=mode))
+
+    def must_follow(self, target: np.ndarray) -> None:
+        """
+        Offer a reference of a motion that is executed by whoever calls this; see `follow`.
+
+        :raises RefusedError: if the guard does not accept it
+        """
+        if not self.follow(target):
+            guard = self.controller.guard
+            raise RefusedError(f'the arm does not follow the reference: {guard.last_refusal}')
 
     @property
     def moves_joints(self) -> bool:

@@ -61,7 +61,7 @@ class ReferenceGuard:
         self._tool = PoseReferences(pose, damping_ratio)
         self._joints = JointReferences(joints, damping_ratio)
         self._kind: ReferenceKind = self._tool
-        self._offered = NewestReference()
+        self.forget_stream()
         self.restart(pose)
 
     def restart(self, pose: np.ndarray) -> None:
@@ -77,6 +77,10 @@ class ReferenceGuard:
         self.mode = ArmMode.HOLD
         self._robot = Whereabouts(pose.copy(), np.zeros(6))
         self.hold(pose)
+
+    def forget_stream(self) -> None:
+        """Take the next reference for the first one of its stream."""
+        self._offered = NewestReference()
 
     @property
     def following(self) -> bool:

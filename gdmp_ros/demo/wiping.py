@@ -62,7 +62,7 @@ def record_wiping(bag: Path) -> None:
                            -BELOW * (down - up)]
             target[WRENCH + 2] = -FORCE * smoothstep(min(max(t + 0.5, 0.0) / 0.5, 1.0)) * (1 - up)
             target[WRENCH_GAIN + 2] = GAIN
-            loop.follow(target)
+            loop.must_follow(target)
             tick = loop.tick()
             if k % SAMPLE_EVERY:
                 continue

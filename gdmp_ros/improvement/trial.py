@@ -9,7 +9,7 @@ from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.target import POSE
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import execution_ticks
@@ -76,18 +76,20 @@ def perform(skill: Skill, loop: ClosedLoop, checker: PathChecker | None = None,
         problems = check_skill(skill, checker, POSES)[0].problems()
         if problems:
             return refused(f'not begun: {"; ".join(problems)}', count)
-    rows, guard = list[tuple[np.ndarray, ...]](), loop.controller.guard
-    before, ended = guard.refused, ''
-    for target, tick in execution_ticks(skill, loop):
-        # Copies: the arrays are those of the next tick too.
-        rows.append(tuple(part.copy() for part in (
-            target[POSE:POSE + POSE_SIZE], tick.measurement.pose, tick.stiffness, tick.wrench,
-            tick.measurement.position, tick.torque)))
-        ended = problem(tick.violation, tick.tank, tick.wrench, largest_force)
-        if guard.refused > before:
-            ended = guard.last_refusal
-        if ended:
-            break
+    rows, ended = list[tuple[np.ndarray, ...]](), ''
+    try:
+        for target, tick in execution_ticks(skill, loop):
+            # Copies: the arrays are those of the next tick too.
+            rows.append(tuple(part.copy() for part in (
+                target[POSE:POSE + POSE_SIZE], tick.measurement.pose, tick.stiffness, tick.wrench,
+                tick.measurement.position, tick.torque)))
+            ended = problem(tick.violation, tick.tank, tick.wrench, largest_force)
+            if ended:
+                break
+    except RefusedError as error:
+        ended = str(error)
+    if not rows:
+        return refused(f'not begun: {ended}', count)
     references, measured, stiffness, wrenches, joints, torques = map(np.array, zip(*rows))
     trial = Trial(loop.arm.period * np.arange(1, len(rows) + 1), references, measured,
                   stiffness.reshape(-1, 6, 6), wrenches, joints, torques, loop.others, ended)

@@ -35,14 +35,21 @@ class ClosedLoop(ArmControl):
         self.hand: Hand | None = None
         self.reset()
 
-    def reset(self, position: np.ndarray | None = None) -> None:
-        """Hold the arm at rest at ``position`` [rad], by default at its first keyframe."""
+    def reset(self, position: np.ndarray | None = None, same_stream: bool = False) -> None:
+        """
+        Hold the arm at rest at ``position`` [rad], by default at its first keyframe.
+
+        :param same_stream: whether the stream that was followed may go on: then it is not followed
+            from its middle; otherwise the next reference is taken for the first of a stream
+        """
         self.hand = None
         self.arm.reset(position)
         if self.gripper is not None:
             self.gripper.reset()
         self.arm.push(np.zeros(6))
         self.hold(self.arm.measure())
+        if not same_stream:
+            self.controller.guard.forget_stream()
 
     @property
     def others(self) -> np.ndarray:

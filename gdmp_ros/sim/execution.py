@@ -46,6 +46,7 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
     :returns: the reference (`gdmp_ros.control.target.TARGET_SIZE` numbers, valid until the next
         tick) and the tick of the controller
     :raises DataError: if the skill is not one of pose and stiffness
+    :raises RefusedError: if the arm does not follow a reference
     """
     player = Player(skill, PlayerSettings())
     if player.tool.kind is Kind.TWO_TOOLS:
@@ -57,7 +58,7 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
         target = player.tick(period)
         if target is None:
             raise RuntimeError('a motion that was started has no reference')
-        loop.follow(target)
+        loop.must_follow(target)
         yield target, loop.tick()
         if player.status is Status.HOLDING:
             left = min(left, rest_s)
@@ -65,7 +66,7 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
 
 
 def execute(skill: Skill, arm: Arm, rest_s: float = REST_S) -> Execution:
-    """Execute a skill of pose and stiffness, and collect what the arm did."""
+    """Execute a skill (`execution_ticks`), and collect what the arm did."""
     joints, references, measured = [], [], []
     for target, tick in execution_ticks(skill, ClosedLoop(arm), rest_s):
         references.append(target[POSE:POSE + 7].copy())

@@ -98,6 +98,7 @@ class TwoArms:
         :param each: called before each tick with the progress of the motion
         :param rest_s: time after the motion [s]; the motion lasts at most `LONGEST_S`
         :raises DataError: if it is no skill of two arms
+        :raises RefusedError: if an arm does not follow a reference
         """
         if not is_of_two_arms(skill):
             raise DataError(f'the skill is on {skill.manifold!r}, expected the poses of two tools')
@@ -112,7 +113,7 @@ class TwoArms:
                 raise RuntimeError('a motion that was started has no reference')
             parts = target[:TARGET_SIZE], target[TARGET_SIZE:]
             for loop, part in zip(self.loops, parts):
-                loop.follow(part)
+                loop.must_follow(part)
             ticks = self.tick()
             yield Moment(np.concatenate([part[POSE:POSE + 7] for part in parts]),
                          np.concatenate([tick.measurement.pose for tick in ticks]), ticks)

@@ -6,12 +6,13 @@ from gdmp_ros import Rollout, Skill
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.data import lasa
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.execution import execution_ticks
 
 READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
 
@@ -147,3 +148,30 @@ def test_rollouts_of_the_tool_skill_stay_in_the_workspace(letters):
     assert 0.24 < np.ptp(points, axis=0).max() < 0.26
     path = Rollout(Skill.learn(letters)).sample(np.linspace(0, 6, 200)).points
     assert (np.abs(path[:, :3] - lasa.CENTRE_M) < 0.2).all()
+
+
+def test_after_a_reset_the_next_roll_out_is_followed_like_the_first(letter):
+    loop, away = ClosedLoop(Arm()), []
+    for _ in range(2):
+        loop.reset()
+        away.append([np.linalg.norm(tick.measurement.pose[:3] - target[:3])
+                     for target, tick in execution_ticks(letter, loop, rest_s=0.1)])
+    assert max(away[0]) < 5e-3
+    np.testing.assert_allclose(away[1], away[0], atol=1e-9)
+    assert loop.controller.guard.refused == 0
+
+
+def test_an_arm_that_does_not_follow_is_an_error(skill):
+    loop = ClosedLoop(Arm())
+    loop.controller.guard.fault('a test')
+    with pytest.raises(RefusedError, match=r'does not follow .*a fault \(a test\)'):
+        next(execution_ticks(skill, loop))
+    # A stream that goes on over a reset is not followed from its middle.
+    loop.reset()
+    loop.controller.guard.recover()
+    ticks = execution_ticks(skill, loop)
+    for _ in range(100):
+        next(ticks)
+    loop.reset(same_stream=True)
+    with pytest.raises(RefusedError, match='began before the arm was ready'):
+        next(ticks)

@@ -72,7 +72,7 @@ def simulate(passive: bool, seconds: float = SECONDS) -> History:
         wanted = adversary(last, target)
         target[STIFFNESS:STIFFNESS + 36] = np.diag([400.0, 400.0, wanted, 30.0, 30.0, 30.0]
                                                    ).reshape(-1)
-        loop.follow(target)
+        loop.must_follow(target)
         contact = arm.data.ncon > 0
         last = loop.tick()
         measured = last.measurement

@@ -63,7 +63,7 @@ class Simulation(ArmCommands):
 
     def _reset(self) -> None:
         self.sequence = 0
-        self.loop.reset()
+        self.loop.reset(same_stream=True)
 
     def position(self) -> np.ndarray:
         return self.loop.arm.measure().position
