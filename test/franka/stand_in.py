@@ -80,6 +80,7 @@ class StandIn:
         """See `gdmp_ros.franka.robot.opened`."""
         if not (self.alive and self.reachable):
             raise RobotStopped(f'{host}: the robot does not answer: Connection refused', False)
+        self.control = None  # the motion of a client that has gone has ended with its connection
         return Robot(self)
 
     def open_hand(self, host):

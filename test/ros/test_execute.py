@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
 from test.ros.nodes import ACTIVATE, CONFIGURE
@@ -46,6 +47,23 @@ def test_ctrl_c_stops_the_motion_smoothly(running, execute):
     assert running.state.progress < 0.9
     running.wait('the reference to be at rest', lambda: not speeds(running)[-1].any())
     assert np.abs(np.diff(speeds(running), axis=0)).max() < 0.02
+
+
+def test_a_start_that_is_interrupted_before_its_answer_is_cancelled(running):
+    interrupts = iter([KeyboardInterrupt()])
+
+    def interrupt():
+        for one in interrupts:
+            raise one
+    client = ServerClient(SERVER, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            client.execute()
+        assert client.cancel()
+    finally:
+        client.close()
+    running.client.wait_status('holding', 10.0)
+    assert running.state.progress < 0.1
 
 
 def speeds(nodes):

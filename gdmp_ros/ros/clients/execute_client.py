@@ -73,7 +73,7 @@ def execute(request: ExecuteRequest) -> int:
                 return _follow_sequence(client)
             client.execute(ExecuteSkill.Goal(cycles=request.cycles))
             return _follow(client, request)
-        except (KeyboardInterrupt, GdmpError):
+        except BaseException:  # rclpy turns a KeyboardInterrupt into other exceptions
             if client.cancel():
                 print('stopped')
             raise

@@ -39,8 +39,9 @@ class ServerClient(Client):
         self._action, self._sequences = (
             self.participant.action_client(kind, f'{server}/{name}') for kind, name in (
                 (ExecuteSkill, 'execute'), (ExecuteSequence, 'execute_sequence')))
+        # A goal that was sent, and what is known of it.
+        self._sent: Any = None
         self._result: Any = None
-        self._handle: Any = None
 
     def _on_state(self, message: ServerState) -> None:
         self.state = message
@@ -67,18 +68,29 @@ class ServerClient(Client):
     def _send(self, action: ActionClient, goal: Any, timeout: float) -> None:
         self.wait('the action server', action.server_is_ready, timeout)
         self._result = None
-        sent = action.send_goal_async(goal)
-        self.wait('the goal to be accepted', sent.done, timeout)
-        if not sent.result().accepted:
+        self._sent = action.send_goal_async(goal)
+        self._answered(timeout)
+
+    def _answered(self, timeout: float) -> None:
+        """Wait for the answer to the goal that was sent."""
+        self.wait('the goal to be accepted', self._sent.done, timeout)
+        handle = self._sent.result()
+        if not handle.accepted:
+            self._sent = None
             raise GdmpError('the server rejected the goal')
-        self._handle = sent.result()
-        self._result = self._handle.get_result_async()
+        if self._result is None:
+            self._result = handle.get_result_async()
 
     def cancel(self, timeout: float = 5.0) -> bool:
-        """Cancel the motion that was started, if it has not ended; it stops smoothly."""
-        if self._handle is None or self.done():
+        """
+        Cancel the motion that was started, if it has not ended; it stops smoothly.
+
+        An interrupted start is waited for: nothing that was sent goes on.
+        """
+        if self._sent is None or self.done():
             return False
-        request = self._handle.cancel_goal_async()
+        self._answered(timeout)
+        request = self._sent.result().cancel_goal_async()
         self.wait('the motion to be cancelled', request.done, timeout)
         return True
 
