@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from gdmp_ros.control.joint_motion import check_follows
 from gdmp_ros.control.measurement import JointLimits, Measurement
@@ -156,6 +155,7 @@ class FrictionIdentification:
         mean = totals / counts
         friction = 0.5 * (mean[:, :, 1] - mean[:, :, 0])
         speeds = np.array(self._speeds)
+        from scipy.optimize import nnls  # slow to import
         found = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
                           for row in friction])
         return JointFriction(found[:, 0], found[:, 1])

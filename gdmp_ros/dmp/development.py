@@ -8,7 +8,6 @@ the covariant derivatives of the curve, and it can be interpolated like any othe
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from gdmp_ros.errors import CutLocusError, DataError
 from gdmp_ros.kernels import kernel
@@ -132,6 +131,7 @@ class Development:
         :param at: times wanted, within those of the samples
         :returns: flat points, shape ``(len(at), point_size)``
         """
+        from scipy.interpolate import CubicSpline  # slow to import
         unrolled = self.unrolled
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 2)
         wanted = CubicSpline(times, unrolled)(at)
@@ -147,6 +147,7 @@ class Development:
         The frequency response is ``1 / (1 + (f / cutoff)⁴)`` without delay: 50 % of the amplitude
         at ``cutoff`` [Hz], 94 % at half of it, 6 % at twice. Stamps may be irregular.
         """
+        from scipy.interpolate import make_smoothing_spline  # slow to import
         spacing = np.gradient(times)
         mean = (times[-1] - times[0]) / (len(times) - 1)
         penalty = 1.0 / (mean * (2.0 * np.pi * cutoff) ** 4)

@@ -11,7 +11,6 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from gdmp_ros.dmp.primitive import Gains, MIN_STEPS, Primitive
 from gdmp_ros.dmp.rollout import Rollout
@@ -71,6 +70,7 @@ def response_to(target: np.ndarray, gains: Gains) -> np.ndarray:
     """
     ratio = 0.25 * gains.alpha_z / MIN_STEPS
     before, after = [ratio / (1.0 + ratio)] * 2, [1.0, (ratio - 1.0) / (1.0 + ratio)]
+    from scipy.signal import lfilter  # slow to import
     once = lfilter(before, after, target, axis=0)
     return np.asarray(lfilter(before, after, once, axis=0))
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import minimize
 
 from gdmp_ros.dmp.contexts import ContextModel, correlations, kriging
 from gdmp_ros.errors import DataError, ParameterError
@@ -136,6 +135,7 @@ class ContextFit:
 
     def _chosen(self) -> tuple[np.ndarray, float]:
         """One length for all numbers: one for each would be chosen from too few takes."""
+        from scipy.optimize import minimize  # slow to import
         found = min((minimize(self._unlikelihood, np.log(start), method='L-BFGS-B',
                               bounds=np.log([LENGTHS, NOISES])) for start in STARTS),
                     key=lambda one: float(one.fun))

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import detrend, find_peaks
 
 from gdmp_ros.errors import DataError
 
@@ -80,6 +79,7 @@ def _repetition(curve: np.ndarray, dt: float) -> tuple[float, float]:
     # The maximum at 0 ends where the correlation has become small.
     small = np.flatnonzero(correlation < 0.5)
     least = max(SHORTEST / dt, FEWEST_SAMPLES, float(small[0]) if len(small) else np.inf)
+    from scipy.signal import find_peaks  # slow to import
     peaks = find_peaks(correlation)[0]
     peaks = peaks[peaks >= least]
     if not len(peaks):
@@ -92,7 +92,7 @@ def _repetition(curve: np.ndarray, dt: float) -> tuple[float, float]:
 
 def _autocorrelation(curve: np.ndarray) -> np.ndarray:
     """Correlation of a curve with itself, by lag, up to half of its length."""
-    centred = detrend(curve, axis=0, type='constant')
+    centred = curve - curve.mean(axis=0)
     count = len(centred)
     size = next_fast_len(2 * count, real=True)
     power = (np.abs(rfft(centred, size, axis=0)) ** 2).sum(axis=1)

@@ -10,7 +10,6 @@ from typing import Any
 
 from gdmp_msgs.srv import LearnSkill
 
-from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
 from gdmp_ros.dmp.primitive import check_connection
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
@@ -33,6 +32,8 @@ def skill_from_parameters(parameters: Parameters, logger: Any) -> tuple[Skill, s
         logger.info('no skill yet: waiting for ~/load_skill or ~/learn_skill')
         return None
     logger.info(f'learning from {len(bags)} demonstrations')
+    # Slow to import, and a server that loads its skill does not need it.
+    from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
     settings = LearningSettings(
         n_basis=parameters.n_basis or 'auto', connection=parameters.connection,
         stiffness=parameters.learned_stiffness, frame=parameters.frame_id)
