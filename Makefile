@@ -5,6 +5,9 @@ VENV ?= .venv
 # With a sourced ROS installation, python-ros sets its environment.
 PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || echo $(VENV)/bin/python)
 
+# Tests start many processes: without compiled files each of them would compile the package.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: help setup demo test test-long lint bench paper faults soak fuzz docs clean
 
 help:

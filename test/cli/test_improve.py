@@ -11,7 +11,7 @@ from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 
 #: Much tried is not needed to see that it works.
-LITTLE = ('--updates', '3', '--samples', '4', '--situations', '1', '--held-out', '2', '--weights',
+LITTLE = ('--updates', '2', '--samples', '3', '--situations', '1', '--held-out', '2', '--weights',
           '3')
 SCORE = """
 import numpy as np
@@ -49,13 +49,13 @@ def test_a_python_file_scores_and_a_killed_run_is_resumed(folder):
     better = Skill.load(folder / 'better.json')
     source = better.provenance['improved']
     assert source['task'] == 'reach.py' and source['skill'] == {'by': 'hand'}
-    assert source['rollouts'] == 12
+    assert source['rollouts'] == 6
     page = (folder / 'better.html').read_text()
     assert 'Cost over roll-outs' in page and 'http-equiv="refresh"' not in page
 
     lines = (folder / 'made.jsonl').read_text().splitlines()
-    assert len(lines) == 1 + 12 + 4
-    (folder / 'made.jsonl').write_text('\n'.join(lines[:6]) + '\n["1/')
+    assert len(lines) == 1 + 6 + 4
+    (folder / 'made.jsonl').write_text('\n'.join(lines[:5]) + '\n["1/')
     done = gdmp(*words, '-o', 'again.json', cwd=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads((folder / 'again.json').read_text()) == json.loads(

@@ -40,7 +40,7 @@ def drive(loop, way, speed, seconds, stiffness):
 
 
 @on_every_plant
-@pytest.mark.parametrize('translation', [400.0, 2000.0])
+@pytest.mark.parametrize('translation', [pytest.param(400.0, marks=pytest.mark.long), 2000.0])
 @pytest.mark.parametrize('way', [(-1, 0, 0, 0, 0, 0), (0, 0, -1, 0, 0, 0), (1, 1, 0, 0, 0, 0),
                                  (0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0)])
 def test_slow_references_drive_no_joint_into_its_limit(way, translation, plant):

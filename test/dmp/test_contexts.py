@@ -68,7 +68,9 @@ def path_of(skill):
     return skill.rollout().sample(np.linspace(0.0, skill.duration, SAMPLES)).points
 
 
-@pytest.mark.parametrize('manifold', MANIFOLDS, ids=repr)
+@pytest.mark.parametrize('manifold', [
+    *(pytest.param(one, marks=pytest.mark.long) for one in MANIFOLDS[:-1]), MANIFOLDS[-1]],
+    ids=repr)
 def test_sixteen_takes_know_as_much_as_a_dense_sampling(manifold, rng, tmp_path):
     family, shown = Family(manifold), grid(4)
     Skill.learn([family.take(*one) for one in shown], 60, contexts={

@@ -38,7 +38,7 @@ CASES = {
     'distance S2': Product(Sphere(2), Sphere(2)),
     'distance S3': Product(UnitQuaternion(), UnitQuaternion()),
     'distance SPD3': Product(SymmetricPositiveDefinite(3), SymmetricPositiveDefinite(3))}
-RUNS = 25  # of each case: 200
+RUNS = 8  # of each case: 64
 
 
 def arm_path(noise=0.0, seed=0):

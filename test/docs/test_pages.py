@@ -291,6 +291,7 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(there), f'{page}: {target}'
 
 
+@pytest.mark.long
 def test_the_site_is_built_without_a_warning(tmp_path):
     done = subprocess.run([sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-d',
                            str(tmp_path / 'doctrees'), str(ROOT / 'docs'),

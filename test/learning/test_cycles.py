@@ -37,7 +37,8 @@ def _orbit_error(skill, curve):
 
 
 @pytest.mark.parametrize('manifold', MANIFOLDS, ids=str)
-@pytest.mark.parametrize('sd, dt', [(0.001, 0.01), (0.01, 0.01), (0.01, 0.002)])
+@pytest.mark.parametrize('sd, dt', [(0.001, 0.01), (0.01, 0.01),
+                                    pytest.param(0.01, 0.002, marks=pytest.mark.long)])
 def test_noise_changes_the_cycle_by_no_more_than_its_sd(manifold, sd, dt, rng):
     curve = cycle(manifold, rng)
     shown = recorded_cycles(manifold, curve, PERIOD, 8.4, dt, sd * curve.span, rng)

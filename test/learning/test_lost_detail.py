@@ -48,7 +48,9 @@ def test_takes_out_of_phase():
     assert not said([grating(40, 0.1 * k, seed=k) for k in range(5)], 'auto', align=False)
 
 
-@pytest.mark.parametrize('letter', ['GShape', 'Sine', 'WShape', 'Trapezoid', 'Leaf_1'])
+@pytest.mark.parametrize('letter', [
+    'GShape', *(pytest.param(name, marks=pytest.mark.long)
+                for name in ('Sine', 'WShape', 'Trapezoid', 'Leaf_1'))])
 def test_recorded_letters_are_no_cause(letter):
     """Seven hand-drawn takes with orientation and stiffness differ, as takes do."""
     assert not said(lasa.robot_demonstrations(letter), 60)

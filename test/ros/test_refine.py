@@ -32,8 +32,8 @@ def shared_nodes(tmp_path_factory, skill_file):
 
 def execute_and_push(running):
     """A hand takes the tool three times, and lets go."""
-    references, hand = [], running.publisher(PoseStamped, f'{ARM}/hand_pose')
-    running.subscribe(Reference, f'{SERVER}/reference', references.append)
+    hand = running.publisher(PoseStamped, f'{ARM}/hand_pose')
+    references = running.collect(Reference, f'{SERVER}/reference')
     running.client.execute()
 
     def moved():

@@ -76,7 +76,7 @@ def test_the_page_of_a_run_tells_what_happened_and_which_limits_were_active():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason='no Chromium')
-@pytest.mark.parametrize('what', ['run', 'demonstration'])
+@pytest.mark.parametrize('what', ['run', pytest.param('demonstration', marks=pytest.mark.long)])
 def test_a_browser_opens_it_without_an_error(taken, tmp_path, monkeypatch, what):
     path, picture = tmp_path / 'page.html', tmp_path / 'page.png'
     if what == 'run':
