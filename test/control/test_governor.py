@@ -41,8 +41,10 @@ def drive(loop, way, speed, seconds, stiffness):
 
 @on_every_plant
 @pytest.mark.parametrize('translation', [pytest.param(400.0, marks=pytest.mark.long), 2000.0])
-@pytest.mark.parametrize('way', [(-1, 0, 0, 0, 0, 0), (0, 0, -1, 0, 0, 0), (1, 1, 0, 0, 0, 0),
-                                 (0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0)])
+@pytest.mark.parametrize('way', [
+    (-1, 0, 0, 0, 0, 0), (1, 1, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0),
+    *(pytest.param(one, marks=pytest.mark.long)
+      for one in ((0, 0, -1, 0, 0, 0), (0, 0, 0, 0, 0, 1), (0, 0, 0, 1, 0, 0)))])
 def test_slow_references_drive_no_joint_into_its_limit(way, translation, plant):
     loop = plant.loop(limits=LimitSettings(workspace_min=(-1.0, -1.0, -0.5)))
     speed = 0.1 if any(way[:3]) else 0.3

@@ -37,8 +37,9 @@ def _orbit_error(skill, curve):
 
 
 @pytest.mark.parametrize('manifold', MANIFOLDS, ids=str)
-@pytest.mark.parametrize('sd, dt', [(0.001, 0.01), (0.01, 0.01),
-                                    pytest.param(0.01, 0.002, marks=pytest.mark.long)])
+@pytest.mark.parametrize('sd, dt', [
+    (0.01, 0.01), *(pytest.param(*one, marks=pytest.mark.long)
+                    for one in ((0.001, 0.01), (0.01, 0.002)))])
 def test_noise_changes_the_cycle_by_no_more_than_its_sd(manifold, sd, dt, rng):
     curve = cycle(manifold, rng)
     shown = recorded_cycles(manifold, curve, PERIOD, 8.4, dt, sd * curve.span, rng)

@@ -73,7 +73,8 @@ def test_the_demonstrated_wrench_is_part_of_the_skill(learned, tmp_path):
     np.testing.assert_array_equal(again.reproduce(0.01).points, skill.reproduce(0.01).points)
 
 
-@pytest.mark.parametrize('height', [-0.01, 0.0, 0.01])
+@pytest.mark.parametrize('height', [
+    -0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.01))])
 def test_a_table_that_is_elsewhere_is_wiped_with_the_demonstrated_force(bag, learned, height):
     forces, _, loop = wipe(learned.skill, height)
     middle = slice(round(0.5 * len(forces)), round(0.75 * len(forces)))

@@ -17,6 +17,7 @@ LOW, HIGH = np.array([0.42, -0.6]), np.array([0.54, 0.6])
 CLEARANCE, DEPTH = 0.003, 0.03
 SAMPLES, DURATION = 200, 3.0
 TOOL = tool_manifold(None)
+pytestmark = pytest.mark.long
 
 
 def place(distance, direction):
@@ -87,7 +88,6 @@ def test_pegs_go_into_holes_that_were_not_shown(skill, rng):
         assert inserted(path, context)[1] > DEPTH - 0.002
 
 
-@pytest.mark.long
 def test_sixteen_holes_teach_as_much_as_a_dense_sampling(skill, rng):
     dense = grid(8)
     between = LinearNDInterpolator(dense, [shown_to_the_arm(one).reshape(-1) for one in dense])

@@ -32,7 +32,7 @@ def skills():
     return joined, joined.coupled(coupling_of(joined, pose_on_stand()))
 
 
-@pytest.mark.parametrize('side', [0, 1])
+@pytest.mark.parametrize('side', [0, pytest.param(1, marks=pytest.mark.long)])
 def test_the_arms_keep_the_relation_while_the_goal_of_one_is_switched(skills, side):
     _, skill = skills
     arms, coupling = TwoArms(World(bases())), skill.couplings[0]

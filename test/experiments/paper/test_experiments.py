@@ -228,6 +228,7 @@ def taught():
     return fig11.teach()
 
 
+@pytest.mark.long
 def test_the_stiffness_of_the_hand_is_estimated_from_forces(taught):
     _, mean = fig11.learn(taught)
     spd = SymmetricPositiveDefinite(3)
@@ -239,6 +240,7 @@ def test_the_stiffness_of_the_hand_is_estimated_from_forces(taught):
     assert spd.distance(own[0], own[300]) > 0.8
 
 
+@pytest.mark.long
 def test_the_can_is_dipped_and_the_tray_is_not_touched(taught):
     skill, mean = fig11.learn(taught)
     data = fig11.execute(skill, taught['beginning'])
@@ -250,6 +252,7 @@ def test_the_can_is_dipped_and_the_tray_is_not_touched(taught):
         mean.points[:, 7:]).reshape(-1, 3, 3)}).holds
 
 
+@pytest.mark.long
 def test_the_null_space_term_improves_manipulability_and_contacts_are_counted():
     taught = fig12.guide(0, 12)
     skill = Skill.learn(fig12.learn(taught))

@@ -30,6 +30,7 @@ def test_fault(name, skill, tmp_path):
     assert len(outcome.measured) >= 3
 
 
+@pytest.mark.long
 def test_a_trial_that_breaks_down_has_failed(skill, tmp_path, monkeypatch):
     broken = tmp_path / 'broken.json'
     broken.write_text('{}')
@@ -100,6 +101,7 @@ def received(hosts):
     return int(count), float(age)
 
 
+@pytest.mark.long
 def test_a_cable_loses_delays_and_is_cut():
     try:
         hosts = TwoHosts(Quality()).__enter__()
