@@ -38,7 +38,8 @@ def test_one_take_has_no_distribution(rng):
     assert Skill.learn(shown).distribution is not None
 
 
-@pytest.mark.parametrize('connection', ['parallel', 'published'])
+@pytest.mark.parametrize('connection', [
+    'parallel', pytest.param('published', marks=pytest.mark.long)])
 @pytest.mark.parametrize('manifold', MANIFOLDS, ids=repr)
 def test_conditions_are_met(manifold, connection, rng):
     shown = takes(manifold, 6, rng)

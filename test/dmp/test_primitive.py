@@ -56,7 +56,7 @@ def distances(manifold, a, b):
 
 @pytest.mark.parametrize('connection', CONNECTIONS)
 @pytest.mark.parametrize('mapping', [*lasa.MAPPINGS, lasa.COVARIANCES])
-@pytest.mark.parametrize('name', ['GShape', 'Sine'])
+@pytest.mark.parametrize('name', ['GShape', pytest.param('Sine', marks=pytest.mark.long)])
 def test_handwriting_is_reproduced_for_any_dt(name, mapping, connection):
     shown = lasa.data_set(name, mapping)[0]
     skill = Skill.learn(shown, n_basis=60, connection=connection, end='moving')

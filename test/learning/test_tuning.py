@@ -107,6 +107,7 @@ def test_a_missing_folder_and_a_force_of_zero_are_refused(tmp_path, capsys):
     assert 'force' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_number_suggested_for_letters_is_sensible():
     shown = [Demonstration(d.times, d.points[:, :7], tool_manifold(None))
              for d in lasa.robot_demonstrations('GShape')[:3]]

@@ -104,8 +104,6 @@ def test_nodes_find_each_other_in_any_order_and_a_command_finds_them(nodes, skil
         executing.kill()
         executing.wait()
     nodes.client.wait_status('holding', 20.0)
-    done = gdmp_process('execute')
-    assert done.returncode == 0 and 'the goal was reached' in done.stdout, done.stderr
 
 
 def test_qualities_of_service(nodes):

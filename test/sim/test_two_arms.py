@@ -58,14 +58,17 @@ def test_the_arms_keep_the_relation_while_the_goal_of_one_is_switched(skills, si
     assert np.abs(last.measured - last.reference).max() < 2e-3
 
 
-def test_the_tray_is_carried_and_not_without_the_coupling(skills):
-    joined, coupled = skills
-    coupling = coupled.couplings[0]
-    together, _ = carry(coupled, coupling)
-    apart, _ = carry(joined, coupling)
+def test_the_tray_is_carried(skills):
+    together, _ = carry(skills[1], skills[1].couplings[0])
     assert together['ball_on_tray'] and together['finished'] and together['tilt_rad'] < 0.01
+    assert together['squeeze_n'] < 1.0
+
+
+@pytest.mark.long
+def test_without_the_coupling_the_tray_is_not_carried(skills):
+    apart, _ = carry(skills[0], skills[1].couplings[0])
     assert not apart['ball_on_tray'] and apart['tilt_rad'] > 0.05
-    assert together['squeeze_n'] < 1.0 < apart['squeeze_n']
+    assert apart['squeeze_n'] > 1.0
 
 
 def test_a_stream_of_one_arm_refuses_a_skill_of_two(skills):

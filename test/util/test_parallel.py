@@ -36,6 +36,7 @@ def test_finished_tasks_are_not_done_again(tmp_path):
         Journal(path, 'cubes')
 
 
+@pytest.mark.long
 def test_a_local_cluster_of_two_workers_does_the_same(tmp_path):
     from distributed import LocalCluster
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
