@@ -25,7 +25,7 @@ from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
-from test.commands import GDMP, gdmp_process
+from test.commands import GDMP
 from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME
 
 PRESETS = Path(__file__).parents[2] / 'config' / 'presets'
