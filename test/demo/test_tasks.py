@@ -1,0 +1,32 @@
+"""Tasks that are shown by hand, learned and executed, with the nodes in lockstep."""
+import json
+
+import pytest
+
+from gdmp_ros.demo.tasks import run_task
+from gdmp_ros.demo.wiping import run_wiping
+from gdmp_ros.ros.arm_choice import ArmChoice
+from test.lockstep.bed import lockstep_bed
+
+pytestmark = pytest.mark.long
+
+
+def report(folder):
+    return json.loads((folder / 'report.json').read_text())
+
+
+def test_a_pick_is_shown_learned_and_executed(tmp_path):
+    assert run_task('pick', tmp_path, ArmChoice(), lockstep_bed) == 0
+    made = report(tmp_path)
+    assert made['succeeded'] and made['task'] == 'pick' and not made.get('error')
+
+
+def test_a_skill_of_the_joints_is_shown_learned_and_executed(tmp_path):
+    assert run_task('joints', tmp_path, ArmChoice(), lockstep_bed) == 0
+    assert report(tmp_path)['succeeded']
+
+
+def test_wiping_is_shown_learned_and_executed(tmp_path):
+    assert run_wiping(tmp_path, ArmChoice(), lockstep_bed) == 0
+    made = report(tmp_path)
+    assert made['succeeded'] and len(made['tables']) == 6
