@@ -31,7 +31,8 @@ def press(gain, height, force=10.0, seconds=3.0, plant=CLEAN, **settings):
 
 
 @on_every_plant
-@pytest.mark.parametrize('height', [-0.005, 0.0, 0.02])
+@pytest.mark.parametrize('height', [
+    -0.005, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.02))])
 def test_a_force_is_kept_although_the_height_of_the_table_is_not_known(height, plant):
     kept, ticks = press(5.0, height, plant=plant)
     plain, _ = press(0.0, height, plant=plant)

@@ -134,7 +134,8 @@ def test_a_stream_that_rests_is_never_begun_with():
     assert guard.refused == 0 and guard.mode is ArmMode.HOLD
 
 
-@pytest.mark.parametrize('plant', [None, REAL], ids=['clean', 'real'])
+@pytest.mark.parametrize('plant', [
+    pytest.param(None, marks=pytest.mark.long), REAL], ids=['clean', 'real'])
 def test_references_beyond_a_limit_keep_their_distance(plant):
     loop = loop_of(plant)
     home, violated = posture(loop), 0.0

@@ -55,7 +55,8 @@ def test_the_tool_is_where_it_was_put_and_the_payload_stays(rng, payload):
 
 @pytest.mark.parametrize('plant', [PlantSettings(payload=1.0), PlantSettings(
     1.1, 0.2, 0.001, 1e-5, 2e-3, 1.0)], ids=['clean', 'real'])
-@pytest.mark.parametrize('tool', [LONG, ToolTransform((0.0, 0.0, -0.1))])
+@pytest.mark.parametrize('tool', [
+    LONG, pytest.param(ToolTransform((0.0, 0.0, -0.1)), marks=pytest.mark.long)])
 def test_an_arm_that_holds_a_load_does_not_notice(plant, tool):
     """The spring holds 10 N, and must go on to do so with another lever."""
     loop = loop_of(plant)
