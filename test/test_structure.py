@@ -124,6 +124,7 @@ PROGRAM.parse(['learn', 'bag', '-o', 'skill.json'])
 t = np.linspace(0, 1, 50)
 skill = gdmp_ros.Skill.learn(gdmp_ros.Demonstration(t, t[:, None] ** 2, gdmp_ros.Euclidean(1)))
 assert abs(skill.reproduce(0.1).points[-1, 0] - 1) < 1e-2
+assert set(gdmp_ros.__all__) <= set(dir(gdmp_ros))
 """
     subprocess.run([sys.executable, '-c', code], check=True)
 

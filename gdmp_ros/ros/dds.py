@@ -34,6 +34,7 @@ from gdmp_ros.ros.middleware import (
     ServiceClient,
     Subscription,
 )
+from gdmp_ros.util.signals import held_interrupts
 
 #: Longest wait for a message before a loop looks whether it is to end [ns].
 WAIT_NS = 50_000_000
@@ -198,7 +199,8 @@ class DdsClient(DdsParticipant):
         self._executor.add_node(self.node)
 
     def spin(self, seconds: float) -> None:
-        self._executor.spin_once(timeout_sec=seconds)
+        with held_interrupts():
+            self._executor.spin_once(timeout_sec=seconds)
 
     def close(self) -> None:
         self._executor.shutdown()

@@ -22,18 +22,41 @@ def stop_event() -> threading.Event:
     return stop
 
 
+#: Held calls of the main thread; a Ctrl-C during them comes at their end.
+_held, _came = threading.Event(), threading.Event()
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """
+    Let Ctrl-C raise KeyboardInterrupt at the end of this short piece of work, not inside of it.
+
+    Compiled code, such as that of rclpy, turns a KeyboardInterrupt into other exceptions, or drops
+    it. Acts inside of `noted_interrupts`, in the main thread.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _held.set()
+    try:
+        yield
+    finally:
+        _held.clear()
+        if _came.is_set():
+            _came.clear()
+            raise KeyboardInterrupt
+
+
 @contextmanager
 def noted_interrupts() -> Iterator[threading.Event]:
-    """
-    Set an event when Ctrl-C raises KeyboardInterrupt.
-
-    Compiled code, such as that of rclpy, turns a KeyboardInterrupt into other exceptions.
-    """
+    """Set an event when Ctrl-C raises KeyboardInterrupt."""
     noted = threading.Event()
 
     def interrupt(*_: object) -> None:
         noted.set()
-        raise KeyboardInterrupt
+        if not _held.is_set():
+            raise KeyboardInterrupt
+        _came.set()
 
     # Another handler, or none in a background job, is left as it is.
     before = signal.getsignal(signal.SIGINT)

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.control.joint_constraints import JOINT_STOP
+from gdmp_ros.control.joint_constraints import _change, JOINT_STOP
 from gdmp_ros.control.posture import RATE
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.target import resting_target, STIFFNESS
@@ -151,3 +151,10 @@ def test_a_posture_that_the_arm_does_not_have_is_refused(position, reason):
         loop.controller.posture.want(position)
     with pytest.raises(ParameterError, match=reason):
         loop.controller.configure(ControllerSettings(posture=tuple(position)))
+
+
+def test_a_constraint_changes_the_velocity_by_what_is_needed(rng):
+    twist, gradient = rng.standard_normal((2, 6))
+    before = gradient @ twist
+    _change(twist, gradient, -0.3)
+    assert gradient @ twist == pytest.approx(before - 0.3)

@@ -6,6 +6,8 @@ from gdmp_ros.data import recordings, takes
 from gdmp_ros.data.bags import BagWriter, NS
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from test.commands import gdmp
+from test.pictures import drawn
 
 START = 1_700_000_000 * NS
 
@@ -45,6 +47,8 @@ def test_an_outlier_is_found_with_its_reason(tmp_path, bad, reason):
     compared = takes.compare(shown(tmp_path))
     assert [bool(one.outlier) for one in compared] == [False] * 4 + [True]
     assert reason in compared[-1].outlier
+    done = gdmp('takes', '.', '--plot', 'takes.png', cwd=tmp_path)
+    assert done.returncode == 0 and drawn(tmp_path / 'takes.png') > 0.01, done.stderr
 
 
 def test_an_outlier_among_three_takes_is_found(tmp_path):

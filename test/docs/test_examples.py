@@ -1,4 +1,4 @@
-"""The scripts in examples/ are short, run, and leave their picture; the gallery shows them all."""
+"""The scripts in examples/ run, and leave their picture; the gallery shows them all."""
 import ast
 import os
 from pathlib import Path
@@ -12,6 +12,7 @@ import pytest
 
 from gdmp_ros.util.dds_network import Domain
 from test.commands import GDMP
+from test.pictures import drawn
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / 'examples').glob('*.py'))
@@ -28,7 +29,7 @@ def run(script, folder, **environment):
                           text=True, timeout=300,
                           env={**os.environ, 'MPLBACKEND': 'Agg', **environment})
     assert done.returncode == 0, done.stderr[-3000:]
-    assert (folder / f'{script.stem}.png').stat().st_size > 8_000
+    assert drawn(folder / f'{script.stem}.png') > 0.01
     return done.stdout
 
 
@@ -60,11 +61,9 @@ def test_clients_of_running_nodes_run_and_leave_a_picture(letter, tmp_path):
     assert int(said[1].split()[0]) > 5000 and said[1].strip().endswith(', 0 lost')
 
 
-def test_examples_are_short_and_in_the_gallery():
+def test_examples_are_in_the_gallery():
     page = (ROOT / 'docs' / 'examples.md').read_text()
     for script in EXAMPLES:
-        lines = script.read_text().splitlines()
-        assert len(lines) <= 60, script
-        idea = ast.get_docstring(ast.parse('\n'.join(lines)))
+        idea = ast.get_docstring(ast.parse(script.read_text()))
         assert idea in page and f'pictures/examples/{script.stem}.png' in page, script
         assert (ROOT / 'docs' / 'pictures' / 'examples' / f'{script.stem}.png').is_file()

@@ -140,5 +140,6 @@ def test_the_adapter_makes_trajectories_of_them(running):
         np.testing.assert_allclose(made[-1].points[0].positions, running.robot[-1].position,
                                    atol=0.01)
         assert made[0].points[0].time_from_start.nanosec == 30_000_000
+        assert running.log('adapter').count('the joints of the robot are known') == 1
     finally:
         running.children.stop('adapter')

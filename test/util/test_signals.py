@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from gdmp_ros.cli import describe, main
-from gdmp_ros.util.signals import noted_interrupts
+from gdmp_ros.util.signals import held_interrupts, noted_interrupts
 
 
 @pytest.fixture(autouse=True)
@@ -52,3 +52,18 @@ def test_a_verb_that_fails_because_of_ctrl_c_was_interrupted(monkeypatch, capsys
     monkeypatch.setattr(describe, 'run', fails)
     with pytest.raises(RuntimeError, match='unable to convert'):
         main.main(['describe'])
+
+
+def test_ctrl_c_comes_at_the_end_of_what_it_must_not_interrupt():
+    done = []
+    with noted_interrupts() as noted:
+        with pytest.raises(KeyboardInterrupt), held_interrupts():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append('not interrupted')
+        assert noted.is_set() and done
+        with held_interrupts():
+            done.append('once')
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append('interrupted')
+    assert done == ['not interrupted', 'once']

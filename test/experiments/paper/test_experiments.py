@@ -37,13 +37,6 @@ from test.commands import experiments
 paper = partial(experiments, 'paper', GDMP_LETTERS='')
 
 
-def test_every_experiment_has_the_shared_shape():
-    for name in IDS:
-        module = report.module(name)
-        assert module.CLAIM.endswith('.') and '[GDMP]' in module.SOURCE
-        assert all(callable(getattr(module, part)) for part in ('run', 'verdict', 'draw'))
-
-
 def test_the_help_names_every_experiment_and_an_unknown_one_is_refused():
     told = paper('--help').stdout
     assert all(f'\n{name} ' in told for name in IDS)
