@@ -180,9 +180,9 @@ class DdsParticipant:
         return sorted(ANOTHER_NODE if one.node_name == _NAMELESS
                       else f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
 
-    def nodes(self) -> set[str]:
-        return {f'{space.rstrip("/")}/{name}'
-                for name, space in self._node.get_node_names_and_namespaces()}
+    def nodes(self) -> list[str]:
+        return [f'{space.rstrip("/")}/{name}'
+                for name, space in self._node.get_node_names_and_namespaces()]
 
 
 class DdsClient(DdsParticipant):

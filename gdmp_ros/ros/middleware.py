@@ -238,8 +238,8 @@ class Participant(Protocol):
     def publishers(self, topic: str) -> list[str]:
         """Names of the known nodes that publish a topic, or `ANOTHER_NODE`; sorted."""
 
-    def nodes(self) -> set[str]:
-        """Names of the known nodes, with their namespaces."""
+    def nodes(self) -> list[str]:
+        """Names of the known nodes, with their namespaces; each as often as there are nodes."""
 
 
 class ClientParticipant(Participant, Protocol):

@@ -553,7 +553,7 @@ class Participant:
                       if isinstance(made, MemoryPublisher) and made.topic == name)
 
     def nodes(self):
-        return {one.name for one in self.network.participants}
+        return [one.name for one in self.network.participants]
 
 
 class ClientParticipant(Participant):

@@ -132,7 +132,7 @@ def test_a_skill_that_the_arm_cannot_follow_is_loaded_with_a_warning(running, sk
     reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'behind.json'))
     assert reply.success
     assert 'the arm cannot follow' in reply.message and 'out of reach' in reply.message
-    running.wait_log('trajectory_server', 'out of reach', 5.0)
+    running.wait('the warning', lambda: 'out of reach' in running.log(SERVER), 5.0)
     reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'good.json'))
     assert reply.success and reply.message == ''
 

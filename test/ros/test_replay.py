@@ -8,7 +8,7 @@ from gdmp_ros.data import runs
 from gdmp_ros.data.references import read_references
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
-from test.ros.nodes import CLEANUP, DEACTIVATE
+from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE
 
 
 @pytest.fixture(scope='module')
@@ -25,19 +25,27 @@ def recorded(shared_nodes, tmp_path_factory):
     return bag, run
 
 
+def put_server(nodes, active):
+    """Let the server be active, or unconfigured."""
+    if (nodes.lifecycle_state(SERVER) == 'active') != active:
+        assert nodes.transition(SERVER, *((CONFIGURE, ACTIVATE) if active
+                                          else (DEACTIVATE, CLEANUP)))
+
+
 def distance_of(references, path):
     """Largest distance of a reference from a path [m]."""
     return max(np.linalg.norm(path - pose[:3], axis=1).min() for pose in references[::20])
 
 
 def test_a_replay_while_the_server_publishes_is_refused(shared_nodes, recorded):
+    put_server(shared_nodes, active=True)
     done = gdmp('replay', recorded[0])
     assert done.returncode == 1
     assert 'trajectory_server publishes on /trajectory_server/reference' in done.stderr
 
 
 def test_a_replay_far_from_the_robot_moves_nothing(shared_nodes, recorded):
-    assert shared_nodes.transition(SERVER, DEACTIVATE, CLEANUP)
+    put_server(shared_nodes, active=False)
     before = len(shared_nodes.robot)
     done = gdmp('replay', recorded[0])
     assert done.returncode == 1
@@ -51,6 +59,7 @@ def test_a_replay_far_from_the_robot_moves_nothing(shared_nodes, recorded):
 
 def test_a_replay_that_begins_at_the_robot_is_followed_to_its_end(shared_nodes, recorded):
     bag, run = recorded
+    put_server(shared_nodes, active=False)
     assert shared_nodes.call(Trigger, f'{ARM}/reset_world').success
     shared_nodes.spend(0.5)
     # The first pose of the arm is the one at which the motion was begun.
@@ -67,7 +76,7 @@ def test_a_replay_that_begins_at_the_robot_is_followed_to_its_end(shared_nodes, 
 
 
 def test_a_transition_that_is_not_possible_is_answered(shared_nodes, recorded):
-    # The server is unconfigured.
+    put_server(shared_nodes, active=False)
     request = ChangeState.Request()
     request.transition.id = DEACTIVATE
     reply = shared_nodes.call(ChangeState, f'{SERVER}/change_state', transition=request.transition)

@@ -1,4 +1,6 @@
-"""A skill of two arms, streamed to two arms over DDS."""
+"""A skill of two arms, streamed to two arms."""
+from contextlib import contextmanager
+
 from gdmp_msgs.msg import Reference, RobotState
 from gdmp_msgs.srv import LoadSkill
 from geometry_msgs.msg import PoseStamped, TransformStamped
@@ -41,9 +43,9 @@ def skill():
     return joined.coupled(Coupling.at('pose', first, second, joined.manifold, joined.start))
 
 
-@pytest.fixture(scope='module')
-def shared_nodes(tmp_path_factory, skill):
-    folder = tmp_path_factory.mktemp('two_arms')
+@contextmanager
+def two_arms(folder, skill):
+    """Two arms and a server, which does not know where the right one is."""
     skill.save(folder / 'skill.json')
     _skill_of(HOME).save(folder / 'one.json')
     with open_testbed(folder, folder / 'skill.json') as made:
@@ -55,6 +57,23 @@ def shared_nodes(tmp_path_factory, skill):
                           measured_pose_topic=f'/left/{ARM}/measured_pose', tf_timeout=5.0,
                           second_measured_pose_topic=f'/right/{ARM}/measured_pose')
         yield made
+
+
+@pytest.fixture(scope='module')
+def shared_nodes(tmp_path_factory, skill):
+    with two_arms(tmp_path_factory.mktemp('two_arms'), skill) as made:
+        say_where_the_right_arm_is(made)
+        yield made
+
+
+@pytest.fixture
+def running(shared_nodes):
+    """The nodes, with the skill of two arms."""
+    shared_nodes.client.wait_status('holding', 30.0)
+    reply = shared_nodes.call(LoadSkill, f'{SERVER}/load_skill',
+                              path=str(shared_nodes.skill_file))
+    assert reply.success, reply.message
+    return shared_nodes
 
 
 def say_where_the_right_arm_is(running):
@@ -69,17 +88,21 @@ def in_common_frame(message):
     return compose(BASE, messages.pose_numbers(message.pose))
 
 
-def test_two_arms_follow_one_skill_while_the_goal_of_the_second_is_switched(shared_nodes, skill):
-    running, coupling = shared_nodes, skill.couplings[0]
-    running.wait('the server', lambda: running.client.state is not None, 60.0)
-    # Where the second arm is, is not known: nothing is streamed.
-    assert 'no_robot' in running.state.flags
-    with pytest.raises(Exception, match='no measured pose of both arms'):
-        running.client.execute()
-        running.client.wait('the refusal', running.client.done, 5.0)
-        running.client.check_failure()
-    say_where_the_right_arm_is(running)
-    running.client.wait_status('holding', 30.0)
+def test_nothing_is_streamed_before_it_is_known_where_the_second_arm_is(tmp_path, skill):
+    with two_arms(tmp_path, skill) as running:
+        running.wait('the server', lambda: running.client.state is not None, 60.0)
+        running.spend(1.0)
+        assert 'no_robot' in running.state.flags
+        with pytest.raises(Exception, match='no measured pose of both arms'):
+            running.client.execute()
+            running.client.wait('the refusal', running.client.done, 5.0)
+            running.client.check_failure()
+        say_where_the_right_arm_is(running)
+        running.client.wait_status('holding', 30.0)
+
+
+def test_two_arms_follow_one_skill_while_the_goal_of_the_second_is_switched(running, skill):
+    coupling = skill.couplings[0]
     streams = [running.collect(Reference, f'/{SERVER}/{topic}')
                for topic in ('reference', 'second/reference')]
     measured = [running.collect(RobotState, f'/{side}/{ARM}/state') for side in SIDES]
@@ -119,8 +142,7 @@ def stamp_of(message):
     return message.header.stamp.sec, message.header.stamp.nanosec
 
 
-def test_goals_that_one_of_the_arms_cannot_have_are_refused(shared_nodes, skill):
-    running = shared_nodes
+def test_goals_that_one_of_the_arms_cannot_have_are_refused(running, skill):
     running.client.wait_status('holding', 30.0)
     running.client.execute()
     running.wait_progress(0.1)
@@ -134,8 +156,7 @@ def test_goals_that_one_of_the_arms_cannot_have_are_refused(shared_nodes, skill)
     assert result.error_code == result.SUCCESSFUL
 
 
-def test_the_stream_of_the_second_arm_ends_with_a_skill_of_one(shared_nodes):
-    running = shared_nodes
+def test_the_stream_of_the_second_arm_ends_with_a_skill_of_one(running):
     running.client.wait_status('holding', 30.0)
     second = running.collect(Reference, f'/{SERVER}/second/reference')
     goals = running.publisher(PoseStamped, f'/{SERVER}/second/goal_pose')
@@ -155,8 +176,7 @@ def test_the_stream_of_the_second_arm_ends_with_a_skill_of_one(shared_nodes):
     running.client.result(30.0)
 
 
-def test_without_a_second_arm_the_skill_is_refused(shared_nodes):
-    running = shared_nodes
+def test_without_a_second_arm_the_skill_is_refused(running):
     running.children.start_node('alone', MODULES[SERVER], {
         'skill': str(running.skill_file), 'start_from': 'skill'}, ['-r', '__node:=alone'])
     running.wait_log('alone', 'there is no second arm', 60.0)

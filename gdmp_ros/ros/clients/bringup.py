@@ -53,11 +53,7 @@ def up(wanted: Bringup) -> None:
         client = ServerClient()
         stack.callback(client.close)
         client.spend(1.0)  # other nodes are discovered
-        running = {name.rpartition('/')[2] for name in client.participant.nodes()}
-        taken = running & {ARM, SERVER, TAKE_RECORDER}
-        if taken:
-            raise GdmpError(f'{", ".join(sorted(taken))} run already in this DDS domain '
-                            '(ROS_DOMAIN_ID chooses another one)')
+        _refuse_others(client, own=0)
         children = stack.enter_context(ChildProcesses(environment, logs))
         print('starting the simulated arm, the server and the recorder', flush=True)
         _start(children, wanted)
@@ -65,6 +61,7 @@ def up(wanted: Bringup) -> None:
         while not ends.is_set() and not _is_ready(client):
             children.check()
             client.spend(LOOK_S)
+            _refuse_others(client, own=1)  # on a busy machine they are found later
             waited += LOOK_S
             if waited > START_UP_S:
                 raise GdmpError(f'waited {START_UP_S:g} s for {SERVER} and the pose of the arm, '
@@ -76,6 +73,20 @@ def up(wanted: Bringup) -> None:
             children.check()
             client.spend(LOOK_S)
     print('ended')
+
+
+def _refuse_others(client: ServerClient, own: int) -> None:
+    """
+    Look for other nodes of these names.
+
+    :param own: how many of each name may run
+    :raises GdmpError: if there are more
+    """
+    running = [name.rpartition('/')[2] for name in client.participant.nodes()]
+    taken = [name for name in sorted((ARM, SERVER, TAKE_RECORDER)) if running.count(name) > own]
+    if taken:
+        raise GdmpError(f'{", ".join(taken)} run already in this DDS domain (ROS_DOMAIN_ID '
+                        'chooses another one)')
 
 
 def _is_ready(client: ServerClient) -> bool:
