@@ -154,7 +154,9 @@ def test_a_posture_that_the_arm_does_not_have_is_refused(position, reason):
 
 
 def test_a_constraint_changes_the_velocity_by_what_is_needed(rng):
-    twist, gradient = rng.standard_normal((2, 6))
+    numbers = rng.standard_normal(18)
+    kept, twist, gradient = numbers.copy(), numbers[:6], numbers[12:18].copy()
     before = gradient @ twist
     _change(twist, gradient, -0.3)
     assert gradient @ twist == pytest.approx(before - 0.3)
+    np.testing.assert_array_equal(numbers[6:], kept[6:])

@@ -1,4 +1,6 @@
 """Manipulability, its gradient and the law that tracks it."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,18 @@ def test_the_null_space_term_does_not_accelerate_the_tool(rng):
     assert np.abs(pushed - plain).max() > 0.1
     acceleration = state.jacobian @ np.linalg.solve(state.inertia, pushed - plain)
     assert np.abs(acceleration).max() < 1e-9 * np.abs(pushed - plain).max()
+
+
+def test_the_friction_of_the_wanted_motion_is_compensated(rng):
+    arm = Arm()
+    arm.reset(arm.data.qpos + 0.2 * rng.standard_normal(7))
+    state, velocity = arm.linear_state(), 0.1 * rng.standard_normal(3)
+    target = PositionTarget(state.position, velocity, np.zeros(3))
+    gains = PositionGains(400.0 * np.eye(3), singularity=0.0)
+    none, some = (position_torque(replace(state, friction=np.full(7, friction)), target, gains)
+                  for friction in (0.0, 2.0))
+    # 2 Nm s/rad at the velocity of each joint, of which that of the tool results.
+    assert state.jacobian @ (0.5 * (some - none)) == pytest.approx(velocity)
 
 
 def test_jdot_qdot_is_the_acceleration_at_constant_joint_velocity(rng):

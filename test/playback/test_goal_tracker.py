@@ -32,6 +32,17 @@ def test_position_and_velocity_are_estimated_with_jitter_and_drop_outs(rng):
             assert np.abs(goal.twist - BELT).max() < 0.02
 
 
+def test_the_first_poses_count_alike(rng):
+    """The estimate is the line of least squares through them."""
+    times, tracker = 0.005 * np.arange(8), GoalTracker()
+    places = 0.2 * times + 1e-3 * rng.standard_normal(8)
+    for time, place in zip(times, places):
+        goal = tracker.update(POSE + [place, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], time, time)
+    slope, at = np.polyfit(times - times[-1], places, 1)
+    assert goal.twist[0] == pytest.approx(slope)
+    assert goal.pose[0] - POSE[0] == pytest.approx(at)
+
+
 def test_a_goal_at_rest_has_no_velocity_and_is_where_it_was_seen(rng):
     tracker = GoalTracker()
     for time in np.arange(0.0, 2.0, 0.033):

@@ -12,6 +12,7 @@ from gdmp_ros.data import lasa
 from gdmp_ros.playback.prediction import LIKELY, Tube
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
+from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros.visualizer.node import MENU
 from test.ros.nodes import CLEANUP, DEACTIVATE, FRAME
 
@@ -175,3 +176,12 @@ def test_the_arm_is_guided_by_the_handle_of_the_hand(running, viewer):
     running.wait('the tool to follow', lambda: running.tool()[1] - begun[1] > 0.06)
     viewer.use('hand', FEEDBACK.MOUSE_UP, pose)
     running.wait_rest(0.01)
+
+
+def test_a_frame_has_arrows_along_its_axes():
+    pose = np.array([0.1, 0.2, 0.3, np.cos(0.25 * np.pi), 0.0, 0.0, np.sin(0.25 * np.pi)])
+    ends = [np.array([[p.x, p.y, p.z] for p in arrow.points])
+            for arrow in markers.frame('base', pose, 0.5)]
+    for (tail, tip), axis in zip(ends, ([0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0])):
+        np.testing.assert_allclose(tail, pose[:3])
+        np.testing.assert_allclose(tip - tail, 0.5 * np.array(axis), atol=1e-12)
