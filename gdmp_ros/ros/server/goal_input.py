@@ -55,10 +55,3 @@ class GoalInput:
                 return
             self._refuse(f'{self.topic}: {error}')
         self._waiting = None
-
-    def use_or_refuse(self, data: bytes) -> None:
-        """Use a goal, or refuse it at once."""
-        try:
-            self._use(data, 0.0)
-        except GdmpError as error:
-            self._refuse(f'{self.topic}: {error}')

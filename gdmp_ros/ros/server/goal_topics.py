@@ -61,12 +61,6 @@ class GoalTopics:
         for one in self._inputs:
             one.poll(timeout)
 
-    def take(self, topic: str, data: bytes) -> None:
-        """Use the serialised message of a topic, or refuse it."""
-        for one in self._inputs:
-            if one.topic == topic:
-                one.use_or_refuse(data)
-
     def _use_pose(self, data: bytes, age: float, side: int = 0) -> None:
         self._commands.goal_pose(self._poses.read(data), self._streamer.now,
                                  self._age(data, age), side)
