@@ -6,6 +6,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
+from gdmp_ros.control.friction import friction_torque
 from gdmp_ros.control.impedance import damping_design, impedance_torque
 from gdmp_ros.control.settings import ControllerSettings, FrictionSettings, ImpedanceGains
 from gdmp_ros.control.spring import left_jacobian_inverse
@@ -156,3 +157,14 @@ def test_a_spring_is_helped_over_friction_as_far_as_a_delay_allows(dry, stiffnes
             speeds.append(arm.data.qvel[:7].copy())
     assert np.linalg.norm(tick.measurement.pose[:3] - wanted[:3]) < farthest
     assert np.sqrt(np.mean(np.square(speeds))) < fastest
+
+
+def test_dry_friction_is_compensated_once_at_rest_and_in_motion():
+    viscous, dry, smoothing, at_rest, scale = 0.5, 1.2, 0.01, 0.9, 0.3
+    moving = friction_torque(viscous, dry, 1.0, 5.0, smoothing, at_rest, scale)
+    assert moving == pytest.approx(viscous + dry)
+    resting = friction_torque(viscous, dry, 0.0, 5.0, smoothing, at_rest, scale)
+    assert resting == pytest.approx(at_rest * dry, rel=1e-6)
+    # Between them, no more than the whole of it.
+    assert friction_torque(viscous, dry, smoothing, 5.0, smoothing, at_rest, scale) < (
+        viscous * smoothing + dry)
