@@ -1,6 +1,7 @@
 """What every test may ask for, and what none may leave behind."""
 import contextlib
 import ctypes
+import signal
 
 import numpy as np
 import psutil
@@ -52,6 +53,12 @@ def skill_file(skill, tmp_path_factory):
 def _adopt_orphans():
     """Processes whose parent has gone become this one's, so that they can be found."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _with_ctrl_c():
+    """Children would ignore it, as this process does if it is a job in the background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _left_running():

@@ -3,7 +3,6 @@ Nodes as processes over DDS: how they start, are found, and end.
 
 What nodes do is tested in lockstep. Here nothing depends on how fast the machine is.
 """
-import os
 from pathlib import Path
 import re
 import signal
@@ -200,9 +199,9 @@ def test_a_take_is_kept_when_the_recorder_is_ended_in_the_middle_of_it(nodes, tm
 
 def test_ctrl_c_ends_a_node_that_is_being_configured(tmp_path):
     """Its kernels are compiled meanwhile, which takes much longer than what `launch` waits."""
-    environment = {**os.environ, 'GDMP_CACHE': str(tmp_path / 'cache')}
-    with Domain() as domain, ChildProcesses(
-            {**environment, **domain.environment()}, tmp_path / 'logs') as children:
+    with Domain() as domain, ChildProcesses({
+            **domain.environment(), 'GDMP_CACHE': str(tmp_path / 'cache')},
+            tmp_path / 'logs') as children:
         children.start_node(ARM, MODULES[ARM], {})
         process, ends = children.processes[ARM], time.monotonic() + 120.0
         while not list((tmp_path / 'cache').rglob('*.nb*')):
