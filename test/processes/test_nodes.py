@@ -24,7 +24,7 @@ from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
-from test.commands import GDMP
+from test.commands import GDMP, gdmp_process
 from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, FRAME
 
 PRESETS = Path(__file__).parents[2] / 'config' / 'presets'
@@ -225,3 +225,15 @@ def test_two_clients_are_served_at_once(nodes):
         assert re.match('stopped on request', other.result(30.0).error_string)
     finally:
         other.close()
+
+
+@pytest.mark.long
+def test_a_teaching_session_at_the_terminal(nodes, tmp_path):
+    """Start and stop a take, discard it, ask for help, discard again, end."""
+    folder = tmp_path / 'takes'
+    done = gdmp_process('teach', '-o', folder, '--by-hand', '--no-window',
+                        given='\n\nd\nx\nd\nq\n')
+    assert done.returncode == 0, done.stderr
+    assert 'recording take_001' in done.stdout and 'dropped/take_001' in done.stdout
+    assert 'no take of this session' in done.stdout and 'start or stop a take' in done.stdout
+    assert not list(folder.glob('take_*'))

@@ -4,13 +4,11 @@ from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import RecorderState, RobotState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-import pytest
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.data import bags, takes
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, TAKE_RECORDER
-from test.commands import gdmp
 from test.ros.nodes import FRAME
 
 
@@ -95,14 +93,3 @@ def test_a_guided_arm_refuses_references_and_releases_a_hand_that_is_silent(runn
     # A motion begins at the robot, so it is followed.
     running.client.execute()
     running.wait('the arm to follow', lambda: running.robot[-1].mode == RobotState.FOLLOW)
-
-
-@pytest.mark.long
-def test_a_session_at_the_terminal(nodes, tmp_path):
-    """Start and stop a take, discard it, ask for help, discard again, end."""
-    folder = tmp_path / 'takes'
-    done = gdmp('teach', '-o', folder, '--by-hand', '--no-window', given='\n\nd\nx\nd\nq\n')
-    assert done.returncode == 0, done.stderr
-    assert 'recording take_001' in done.stdout and 'dropped/take_001' in done.stdout
-    assert 'no take of this session' in done.stdout and 'start or stop a take' in done.stdout
-    assert not list(folder.glob('take_*'))
