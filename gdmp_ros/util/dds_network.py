@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 import fcntl
 import os
 from pathlib import Path
@@ -52,25 +53,35 @@ def reaching_other_machines(environment: Mapping[str, str]) -> dict[str, str]:
     return {**kept, RANGE: 'SUBNET', 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
 
 
+def locked(name: str) -> IO[str] | None:
+    """
+    Lock a name on this machine, until the returned file is closed or the process ends.
+
+    :returns: None if another process of this user has it
+    :raises PermissionError: if the name belongs to another user
+    """
+    folder = Path(tempfile.gettempdir()) / 'gdmp_ros-domains'
+    folder.mkdir(exist_ok=True)
+    handle = (folder / f'{name}.lock').open('a')
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        handle.close()
+        return None
+    return handle
+
+
 class Domain:
     """A domain id claimed by a file lock, until `release` or the end of the process."""
 
     def __init__(self) -> None:
         """:raises GdmpError: if all ids are taken"""
-        folder = Path(tempfile.gettempdir()) / 'gdmp_ros-domains'
-        folder.mkdir(exist_ok=True)
         for number in DOMAIN_IDS:
-            try:
-                handle = (folder / f'{number}.lock').open('a')
-            except PermissionError:  # the lock of another user
-                continue
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                handle.close()
-                continue
-            self.id, self._handle = number, handle
-            return
+            with suppress(PermissionError):  # the lock of another user
+                handle = locked(str(number))
+                if handle is not None:
+                    self.id, self._handle = number, handle
+                    return
         raise GdmpError(f'no DDS domain is free: all ids from {DOMAIN_IDS[0]} to '
                         f'{DOMAIN_IDS[-1]} are claimed')
 

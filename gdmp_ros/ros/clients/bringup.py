@@ -1,7 +1,7 @@
 """Arm, server and recorder of takes as processes in the user's own DDS domain."""
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.client import START_UP_S
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
-from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.dds_network import default_environment, locked
 from gdmp_ros.util.processes import ChildProcesses
 from gdmp_ros.util.signals import stop_event
 
@@ -50,6 +50,12 @@ def up(wanted: Bringup) -> None:
     os.environ.update(environment)
     with ExitStack() as stack:
         logs = wanted.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
+        # Another one of this machine is known at once, whatever DDS has discovered.
+        with suppress(PermissionError):
+            claim = locked(f'up-{os.environ.get("ROS_DOMAIN_ID", "0")}')
+            if claim is None:
+                raise _taken([ARM, SERVER, TAKE_RECORDER])
+            stack.callback(claim.close)
         client = ServerClient()
         stack.callback(client.close)
         client.spend(1.0)  # other nodes are discovered
@@ -85,8 +91,12 @@ def _refuse_others(client: ServerClient, own: int) -> None:
     running = [name.rpartition('/')[2] for name in client.participant.nodes()]
     taken = [name for name in sorted((ARM, SERVER, TAKE_RECORDER)) if running.count(name) > own]
     if taken:
-        raise GdmpError(f'{", ".join(taken)} run already in this DDS domain (ROS_DOMAIN_ID '
-                        'chooses another one)')
+        raise _taken(taken)
+
+
+def _taken(names: list[str]) -> GdmpError:
+    return GdmpError(f'{", ".join(names)} run already in this DDS domain (ROS_DOMAIN_ID chooses '
+                     'another one)')
 
 
 def _is_ready(client: ServerClient) -> bool:
