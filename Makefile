@@ -30,11 +30,8 @@ setup:
 demo: setup
 	@$(VENV)/bin/gdmp demo --out out/demo
 
-# Tests that wait for processes first, and one worker more than cores: others compute meanwhile.
-PARALLEL = -n 3 --dist loadfile --no-loadscope-reorder test/processes test/franka test/studio test
-
 test: setup lint
-	@$(PY) -m pytest -m 'not long' $(PARALLEL)
+	@$(PY) -m pytest -m 'not long' -n 2 --dist loadfile
 
 test-long: setup
 	@$(PY) -m pytest -m long -n 2 --dist loadfile
