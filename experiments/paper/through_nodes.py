@@ -9,7 +9,6 @@ import numpy as np
 from experiments.paper.experiment import Data
 from gdmp_ros.data.runs import Run
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.testbed import NodeTestbed, process_bed
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import contact_count
@@ -37,11 +36,10 @@ def execute_skill(skill: Skill, scene: Path, folder: Path, rotational: float) ->
             'rotational_stiffness': [rotational] * 3})
         testbed.spend(1.0)
         testbed.client.execute()
-        result = testbed.client.result(60.0)
+        testbed.client.result(60.0)
         testbed.spend(_TAIL_S)
         run = testbed.recorded()
-    if result.error_code != result.SUCCESSFUL:
-        raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}')
+        testbed.client.check_failure()
     return _by_tick(run, scene)
 
 

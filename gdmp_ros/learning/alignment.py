@@ -112,7 +112,7 @@ def mean_path(manifold: Manifold, points: np.ndarray, near: np.ndarray) -> np.nd
     :param points: flat, shape ``(takes, samples, point_size)``
     :param near: flat points near the mean, to begin with, shape ``(samples, point_size)``
     """
-    mean = np.array(near)
+    mean = near
     for _ in range(2):
         tangents = np.mean([log_each(manifold, mean, path)[0] for path in points], axis=0)
         mean = exp_each(manifold, mean, tangents)

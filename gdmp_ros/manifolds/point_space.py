@@ -12,13 +12,13 @@ from gdmp_ros.errors import InvalidPointError, ManifoldError
 
 #: Largest size parameter: above it the frames do not fit into memory.
 MAX_SIZE = 1000
+_NOT_FINITE = 'an entry is NaN or infinite'
 
 
 def kernel_array(array: np.ndarray) -> np.ndarray:
     """Contiguous, writable float64, as kernels are compiled for; copied only if needed."""
-    made = np.ascontiguousarray(array, dtype=np.float64)
-    # One with no dimension became a vector of one number.
-    return made.reshape(np.shape(array)) if made.flags.writeable else made.copy()
+    made = np.asarray(array, dtype=np.float64, order='C')
+    return made if made.flags.writeable else made.copy()
 
 
 def first_of(wrong: np.ndarray, reason: Callable[[int], str]) -> tuple[int, str] | None:
@@ -122,10 +122,8 @@ class PointSpace(ABC):
 
         :raises ManifoldError: if it is not a point within `tolerance`; the message says why
         """
-        point = self._finite(array)
-        found = self.first_invalid(point[None])
-        if found is not None:
-            raise self.error(found[1])
+        point = self.flat(array).reshape(self.point_shape)
+        self.check_points(point[None])
         return point
 
     @final
@@ -136,10 +134,11 @@ class PointSpace(ABC):
         :param points: shape ``(count, *point_shape)``
         :raises InvalidPointError: if one is not a point within `tolerance`; says which, and why
         """
-        wrong = ~np.isfinite(points.reshape(len(points), -1)).all(axis=1)
-        broken = first_of(wrong, lambda _: 'an entry is NaN or infinite') if len(points) else None
-        before = points if broken is None else points[:broken[0]]
-        found = earliest(self.first_invalid(before) if len(before) else None, broken)
+        finite = np.isfinite(points.reshape(len(points), -1)).all(axis=1)
+        count = len(points) if finite.all() else int(np.argmin(finite))
+        found = self.first_invalid(points[:count]) if count else None
+        if found is None and count < len(points):
+            found = count, _NOT_FINITE
         if found is not None:
             raise InvalidPointError(f'{self!r}: {found[1]}', found[0])
 
@@ -174,7 +173,7 @@ class PointSpace(ABC):
     def _finite(self, array: np.ndarray) -> np.ndarray:
         point = self.flat(array).reshape(self.point_shape)
         if not np.isfinite(point).all():
-            raise self.error('an entry is NaN or infinite')
+            raise self.error(_NOT_FINITE)
         return point
 
     def _first_not_of_unit_norm(self, points: np.ndarray, name: str) -> tuple[int, str] | None:

@@ -22,7 +22,7 @@ def stop_event() -> threading.Event:
     return stop
 
 
-#: Held calls of the main thread; a Ctrl-C during them comes at their end.
+#: Whether Ctrl-C is held back at present, and whether it has come meanwhile.
 _held, _came = threading.Event(), threading.Event()
 
 

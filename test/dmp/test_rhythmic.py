@@ -49,7 +49,7 @@ def _stays(skill, curve, periods):
     manifold = skill.manifold
     for _ in range(5):
         pair = [one.advance(0.37 * skill.duration).point for one in (early, late)]
-        # 10.37 periods and so many more: the same phase.
+        # Both are at the same phase, many periods apart.
         assert manifold.distance(*pair) < 1e-6 * curve.span
 
 

@@ -37,7 +37,7 @@ class StudioProcess:
         for line in self.process.stdout:
             self.lines.append(line)
             found = re.search(r'studio: (http://\S+)', line)
-            if found is not None and found is not False:
+            if found is not None:
                 self.address = found.group(1)
                 return
         raise AssertionError(''.join(self.lines))
