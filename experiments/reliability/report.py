@@ -61,7 +61,7 @@ def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
 
 
 def _verdict(outcome: Outcome) -> str:
-    detail = outcome.missing or '; '.join(outcome.failed)
+    detail = outcome.missing or '; '.join(outcome.failed + outcome.late)
     return WORDS[outcome.holds] + (f': {detail}' if detail else '')
 
 
@@ -73,7 +73,8 @@ def _figures(outcome: Outcome) -> str:
 
 def _write(folder: Path, outcomes: dict[str, Outcome]) -> None:
     document = {name: {'fault': (fault(name).__doc__ or '').strip(), 'holds': one.holds,
-                       'measured': one.measured, 'failed': one.failed, 'missing': one.missing}
+                       'measured': one.measured, 'failed': one.failed, 'late': one.late,
+                       'missing': one.missing}
                 for name, one in outcomes.items()}
     lines = ['| fault | measured | verdict |', '|---|---|---|']
     lines += [f'| {entry["fault"]} | {_figures(one)} | {_verdict(one)} |'

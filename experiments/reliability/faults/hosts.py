@@ -114,10 +114,10 @@ def _judge(run: Run, output: str, trial: Trial, outcome: Outcome, which: str,
     age = 1e3 * _ages(run)
     median, high = np.percentile(age, [50.0, 99.0])
     outcome.need(f'{which}references that arrived [%]', 100.0 * arrived,
-                 lambda v: arrive is None or v >= 100.0 * arrive)
+                 lambda v: arrive is None or v >= 100.0 * arrive, of_speed=True)
     outcome.measured[f'{which}median age of a followed reference [ms]'] = float(median)
     outcome.need(f'{which}99 % age of a followed reference [ms]', float(high),
-                 lambda v: late_ms is None or v <= late_ms)
+                 lambda v: late_ms is None or v <= late_ms, of_speed=True)
     final = float(np.abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
     outcome.need(f'{which}final distance from the goal [m]', final, lambda v: v < 0.002)
     judged = Outcome()

@@ -37,7 +37,7 @@ def server_killed(trial: Trial, quick: bool) -> Outcome:
                  float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
                  lambda v: v == 0)
     rest = run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed)
-    outcome.need('time to rest [s]', rest, lambda v: v < 2.5)
+    outcome.need('time to rest [s]', rest, lambda v: v < 2.5, of_speed=True)
     judge_limits(run, outcome)
     return outcome
 
@@ -58,7 +58,7 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     trial.children.kill(ARM)
     trial.spend(1.0)
     outcome.need('references a second without the arm', trial.state.ticks - ticks,
-                 lambda v: v > 900)
+                 lambda v: v > 900, of_speed=True)
     trial.start_arm()
     trial.wait('the new arm', lambda: trial.log(ARM).count('the arm follows') == 2, 60.0)
     trial.stays_and_begins_again(outcome)

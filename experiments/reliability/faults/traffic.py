@@ -32,14 +32,15 @@ def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
     after = trial.state
     trial.children.stop('flood')
     sent = int(trial.log('flood').split()[-1])
-    outcome.need('messages sent', sent, lambda v: v > 500 * seconds)
+    outcome.need('messages sent', sent, lambda v: v > 500 * seconds, of_speed=True)
     ticks, missed = after.ticks - before.ticks, after.missed - before.missed
-    outcome.need('fraction of missed ticks', missed / (ticks + missed), lambda v: v < 0.25)
+    outcome.need('fraction of missed ticks', missed / (ticks + missed),
+                 lambda v: v < 0.25, of_speed=True)
     outcome.claim('the motion reaches a goal', trial.succeeded())
     if what == 'invalid':
         outcome.need('goals refused', after.refused - before.refused, lambda v: v > 100)
         outcome.claim('the server reports what it refuses', 'refused' in trial.log(SERVER))
     run = trial.finish(outcome, None)
     outcome.need('consecutive ticks of the arm without a valid reference',
-                 run_analysis.longest_wait(run), lambda v: v < 100)
+                 run_analysis.longest_wait(run), lambda v: v < 100, of_speed=True)
     return outcome

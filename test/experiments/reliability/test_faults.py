@@ -1,4 +1,8 @@
-"""`experiments faults`: each fault once, quickly, with the requirements of the long run."""
+"""
+`experiments faults`: each fault once, quickly, with the requirements of the long run.
+
+Whether the nodes are fast enough is judged by `make faults`, on a machine with nothing else to do.
+"""
 import json
 import os
 import subprocess
@@ -47,6 +51,12 @@ def test_an_outcome_does_not_hold_with_a_value_that_is_nan():
     assert outcome.holds is False and outcome.failed == ['speed: nan']
     assert Outcome(missing='no root').holds is None
     assert Outcome(measured={'a': 1.0}).holds is True
+
+
+def test_an_outcome_does_not_hold_if_something_is_late():
+    outcome = Outcome()
+    outcome.need('missed ticks [%]', 3.0, lambda v: v < 1.0, of_speed=True)
+    assert outcome.holds is False and outcome.failed == [] and outcome.late
 
 
 def test_the_command_names_faults_and_refuses_others(capsys, tmp_path):

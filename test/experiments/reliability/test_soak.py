@@ -38,7 +38,7 @@ def document(minutes=0.4):
 
 def test_a_soak_in_which_everything_went_well_holds():
     outcome = soak.judge(document())
-    assert outcome.holds is True and outcome.failed == []
+    assert outcome.holds is True and outcome.failed + outcome.late == []
     assert outcome.measured['ticks'] == 24_000 and outcome.measured['motions'] == 3
 
 
@@ -60,7 +60,8 @@ def test_a_soak_in_which_something_went_wrong_does_not_hold(spoil, reason):
     spoiled = document()
     spoil(spoiled)
     outcome = soak.judge(spoiled)
-    assert outcome.holds is False and any(reason in text for text in outcome.failed)
+    assert outcome.holds is False and any(
+        reason in text for text in outcome.failed + outcome.late)
 
 
 def test_memory_that_grows_is_seen_in_a_run_long_enough():
@@ -83,7 +84,7 @@ def test_minutes_are_checked(capsys, tmp_path):
 def test_a_short_soak_holds_and_leaves_report_and_picture(tmp_path):
     code = PROGRAM.main(['soak', '--minutes', '0.4', '--out', str(tmp_path)])
     found = json.loads((tmp_path / 'soak.json').read_text())
-    assert found['failed'] == [] and code == 0
+    assert found['failed'] == [] and code == (1 if found['late'] else 0)
     assert found['measured']['ticks'] >= 23_000
     assert found['measured']['references lost'] == 0
     assert found['seen']['received'] > 23_000 and found['seen']['states'] > 20_000
@@ -92,7 +93,7 @@ def test_a_short_soak_holds_and_leaves_report_and_picture(tmp_path):
     assert not (tmp_path / 'monitor.json').exists()
     # The other tests judge runs with the same entries.
     made = document()
-    assert set(found) == {*made, 'measured', 'failed', 'holds'}
+    assert set(found) == {*made, 'measured', 'failed', 'late', 'holds'}
     for key in ('actions', 'seen', 'bare'):
         assert set(found[key]) == set(made[key]), key
     assert set(found['samples'][0]) == set(made['samples'][0])
