@@ -11,7 +11,6 @@ from scipy.signal import savgol_filter
 from gdmp_ros import choices
 from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import exp_each
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.mixture import Mixture
 from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
@@ -83,12 +82,7 @@ def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonst
         tangents = lifted[:, [0, 2, 1]] * [1.0, np.sqrt(2.0), 1.0]
     else:
         raise DataError(f'mapping {mapping!r} is unknown, expected one of {", ".join(MAPPINGS)}')
-    return Demonstration(stroke.times, _exp_at(manifold, base, tangents), manifold)
-
-
-def _exp_at(manifold: Manifold, base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    bases = np.tile(manifold.flat(base), (len(tangents), 1))
-    return exp_each(manifold, bases, tangents).reshape(-1, *manifold.point_shape)
+    return Demonstration(stroke.times, manifold.exp(base, tangents), manifold)
 
 
 def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) -> Demonstration:
@@ -159,4 +153,4 @@ def _inclined(times: np.ndarray, path: np.ndarray) -> np.ndarray:
     velocity = savgol_filter(path, window, 3, deriv=1, delta=times[1] - times[0], axis=0)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     rotations = LEAN_RAD * np.cross([0.0, 0.0, 1.0], velocity) / (speed + 0.5 * speed.mean())
-    return _exp_at(UnitQuaternion(), down, 0.5 * rotations)
+    return UnitQuaternion().exp(down, 0.5 * rotations)

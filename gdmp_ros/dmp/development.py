@@ -18,18 +18,9 @@ from gdmp_ros.manifolds.factors import (
     RENORMALIZE_EVERY,
     renormalize_frame,
     transport_frame,
-    work_array,
 )
 from gdmp_ros.manifolds.linalg import copy_into
-from gdmp_ros.manifolds.point_space import kernel_array
-from gdmp_ros.manifolds.rows import (
-    exp_rows,
-    frame_point_rows,
-    log_in_frame_rows,
-    log_rows,
-    project_tangent_rows,
-    transport_frame_rows,
-)
+from gdmp_ros.manifolds.manifold import kernel_array
 from gdmp_ros.util.profiles import minimum_jerk
 
 
@@ -48,22 +39,6 @@ def _develop(factors, frame, points, targets, frames, steps, to_target, distance
             transport_frame(factors, frame, steps[i], work)
             if i % RENORMALIZE_EVERY == RENORMALIZE_EVERY - 1:
                 renormalize_frame(factors, frame, work)
-
-
-def log_each(manifold: Manifold, bases: np.ndarray,
-              points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithm of each row, and distances from the cut locus."""
-    table = manifold.factor_table
-    out, distances = np.empty((len(bases), manifold.tangent_size)), np.empty(len(bases))
-    log_rows(table, kernel_array(bases), kernel_array(points), out, distances, work_array(table))
-    return out, distances
-
-
-def exp_each(manifold: Manifold, bases: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    """Flat point reached from each row of ``bases`` with the tangent of the same row."""
-    table, points = manifold.factor_table, np.empty(np.shape(bases))
-    exp_rows(table, kernel_array(bases), kernel_array(tangents), points, work_array(table))
-    return points
 
 
 def _check_steps(manifold: Manifold, distances: np.ndarray) -> None:
@@ -104,9 +79,8 @@ class Development:
         self.to_target = np.empty((count, size))
         distances = np.full((2, count), np.inf)
         ends = np.broadcast_to(self.points[-1], points.shape) if targets is None else targets
-        table = manifold.factor_table
-        _develop(table, frame.copy(), self.points, kernel_array(ends), self.frames, self.steps,
-                 self.to_target, distances, work_array(table))
+        _develop(manifold.factor_table, frame.copy(), self.points, kernel_array(ends), self.frames,
+                 self.steps, self.to_target, distances, manifold.scratch())
         _check_steps(manifold, distances[0])
         if not np.isfinite(self.steps).all():
             at = int(np.argmin(np.isfinite(self.steps).all(axis=1)))
@@ -136,9 +110,10 @@ class Development:
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 2)
         wanted = CubicSpline(times, unrolled)(at)
         before, after = (self.moved(wanted - unrolled[i], i) for i in (index, index + 1))
-        way, _ = log_each(self.manifold, before, after)
-        way *= minimum_jerk((at - times[index]) / np.diff(times)[index])[:, None]
-        return exp_each(self.manifold, before, way)
+        manifold, before = self.manifold, self.manifold.unflat(before)
+        tangents, _ = manifold.log_anyway(before, manifold.unflat(after))
+        tangents *= minimum_jerk((at - times[index]) / np.diff(times)[index])[:, None]
+        return manifold.flat(manifold.exp(before, tangents))
 
     def smooth(self, times: np.ndarray, cutoff: float) -> np.ndarray:
         """
@@ -163,11 +138,7 @@ class Development:
 
         :param points: flat, shape ``(samples, point_size)``
         """
-        table = self.manifold.factor_table
-        ways = np.empty((len(points), self.manifold.tangent_size))
-        log_in_frame_rows(table, self.frames, kernel_array(points), ways, np.empty(len(points)),
-                          work_array(table))
-        return ways
+        return self.manifold.log_in_frame(self.frames, self.manifold.unflat(points))[0]
 
     def moved(self, offsets: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """
@@ -177,12 +148,9 @@ class Development:
         :param index: of the samples; all by default
         :returns: flat points
         """
-        table = self.manifold.factor_table
-        moved = self.frames.copy() if index is None else self.frames[index]
-        points, work = np.empty((len(moved), self.manifold.point_size)), work_array(table)
-        transport_frame_rows(table, moved, kernel_array(offsets), work)
-        frame_point_rows(table, moved, points, work)
-        return points
+        manifold, frames = self.manifold, self.frames if index is None else self.frames[index]
+        moved = manifold.transport_frame(frames, offsets)
+        return manifold.flat(manifold.frame_point(moved))
 
 
 def differentiate(steps: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -215,14 +183,12 @@ def published_derivatives(manifold: Manifold, points: np.ndarray, targets: np.nd
     :param targets: a flat point for each
     :raises CutLocusError: as `Development`
     """
-    forward, distances = log_each(manifold, points[:-1], points[1:])
+    points = manifold.unflat(points)
+    forward, distances = manifold.log_anyway(points[:-1], points[1:])
     _check_steps(manifold, distances)
-    backward, _ = log_each(manifold, points[1:], points[:-1])
-    to_target, distances = log_each(manifold, points, targets)
+    backward, _ = manifold.log_anyway(points[1:], points[:-1])
+    to_target, distances = manifold.log_anyway(points, manifold.unflat(targets))
     _check_targets(manifold, distances)
-    table, work = manifold.factor_table, work_array(manifold.factor_table)
-    projected = []
-    for vectors in differentiate(0.5 * (forward - backward), dt):
-        projected.append(np.empty_like(vectors))
-        project_tangent_rows(table, kernel_array(points), vectors, projected[-1], work)
-    return projected[0], projected[1], to_target
+    velocities, accelerations = differentiate(0.5 * (forward - backward), dt)
+    return (manifold.project_tangent(points, velocities),
+            manifold.project_tangent(points, accelerations), to_target)

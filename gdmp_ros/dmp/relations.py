@@ -22,7 +22,6 @@ from gdmp_ros.manifolds.factors import (
     factor_log_in_frame,
     factor_to_frame,
     frame_point,
-    work_array,
 )
 from gdmp_ros.manifolds.linalg import copy_numbers, norm
 from gdmp_ros.manifolds.quaternion import multiply as multiply_quaternions
@@ -235,6 +234,6 @@ class Term(NamedTuple):
         record[0] = (self.kind, self.first, self.second, self.carrier, 0, self.distance, 0, 0)
         related = np.zeros(manifold.point_size)
         related[manifold.point_slices[self.second]] = self.element
-        table = manifold.factor_table
-        partner_points(record, 0, related, table, point, target, work_array(table))
+        partner_points(record, 0, related, manifold.factor_table, point, target,
+                       manifold.scratch())
         return target

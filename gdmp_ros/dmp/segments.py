@@ -21,9 +21,8 @@ import numpy as np
 
 from gdmp_ros.kernels import kernel, noinline, numbers_at
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import factor_exp, factor_log, work_array
+from gdmp_ros.manifolds.factors import factor_exp, factor_log
 from gdmp_ros.manifolds.linalg import copy_numbers
-from gdmp_ros.manifolds.rows import log_rows
 from gdmp_ros.util.profiles import smoothstep
 
 #: Longest way within a segment [rad]: point and target stay far from each other's cut locus.
@@ -103,10 +102,10 @@ def targets(manifold: Manifold, segments: Segments, goal: np.ndarray, s: np.ndar
     if len(segments) == 1:
         out[:] = goal
         return out
-    table = manifold.factor_table
-    _target_rows(table, np.array(segments.split, dtype=np.float64), segments.ends.copy(),
-                 np.array(segments.waypoints), np.array(goal), np.array(s, dtype=np.float64), out,
-                 np.empty(manifold.tangent_size), work_array(table))
+    _target_rows(manifold.factor_table, np.array(segments.split, dtype=np.float64),
+                 segments.ends.copy(), np.array(segments.waypoints), np.array(goal),
+                 np.array(s, dtype=np.float64), out, np.empty(manifold.tangent_size),
+                 manifold.scratch())
     return out
 
 
@@ -119,21 +118,14 @@ def cut_locus_distances(manifold: Manifold, points: np.ndarray,
     :returns: distances [rad], shape ``(factors, samples)`` (inf where there is no cut locus), and
         distances between neighbours, shape ``(factors, samples - 1)``
     """
-    table = manifold.factor_table
-    distances = np.full((len(table), len(points)), np.inf)
-    spacing = np.zeros((len(table), len(points) - 1))
-    for i, factor in enumerate(manifold.factors):
-        if not factor.has_cut_locus:
-            continue
-        columns = slice(table[i]['point'], table[i]['point_end'])
-        part = np.array(points[:, columns], order='C')
-        end = np.array(np.broadcast_to(goal[columns], part.shape), order='C')
-        own, out = factor.factor_table, np.empty((len(part), factor.tangent_size))
-        log_rows(own, part, end, out, distances[i], work_array(own))
-        log_rows(own, part[:-1].copy(), part[1:].copy(), out[1:], np.empty(len(part) - 1),
-                 work_array(own))
-        # SO(m) too: the norm of the coordinates is the distance.
-        spacing[i] = np.linalg.norm(out[1:], axis=1)
+    factors = manifold.factors
+    distances = np.full((len(factors), len(points)), np.inf)
+    spacing = np.zeros((len(factors), len(points) - 1))
+    for i, (factor, part) in enumerate(zip(factors, manifold.point_slices)):
+        if factor.has_cut_locus:
+            path = factor.unflat(points[:, part])
+            distances[i] = factor.log_anyway(path, factor.unflat(goal[part]))[1]
+            spacing[i] = factor.distance(path[:-1], path[1:])
     return distances, spacing
 
 

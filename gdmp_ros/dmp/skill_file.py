@@ -16,8 +16,7 @@ from gdmp_ros.dmp.primitive import Gains, Primitive
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.manifolds import from_spec, Manifold
-from gdmp_ros.manifolds.registry import KINDS
+from gdmp_ros.manifolds import from_spec, KINDS, Manifold
 from gdmp_ros.util.atomic_write import write_text
 from gdmp_ros.util.small_file import read_text
 

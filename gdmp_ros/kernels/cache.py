@@ -117,6 +117,8 @@ def _add_function(digest: Any, function: FunctionType, seen: set[int]) -> None:
     seen.add(id(function))
     # Functions of a library do not change between two runs.
     own = {_package(function), __name__.partition('.')[0]}
+    # The machine code names the module in which a function was compiled.
+    digest.update(function.__module__.encode())
     _add_code(digest, function.__code__)
     cells = {name: cell.cell_contents for name, cell
              in zip(function.__code__.co_freevars, function.__closure__ or ())}

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import Development, exp_each, log_each
+from gdmp_ros.dmp.development import Development
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import Manifold
 
@@ -112,11 +112,10 @@ def mean_path(manifold: Manifold, points: np.ndarray, near: np.ndarray) -> np.nd
     :param points: flat, shape ``(takes, samples, point_size)``
     :param near: flat points near the mean, to begin with, shape ``(samples, point_size)``
     """
-    mean = near
+    mean, paths = manifold.unflat(near), manifold.unflat(points)
     for _ in range(2):
-        tangents = np.mean([log_each(manifold, mean, path)[0] for path in points], axis=0)
-        mean = exp_each(manifold, mean, tangents)
-    return mean
+        mean = manifold.exp(mean, manifold.log_anyway(mean, paths)[0].mean(axis=0))
+    return manifold.flat(mean)
 
 
 def _at(take: Demonstration, progress: np.ndarray) -> np.ndarray:

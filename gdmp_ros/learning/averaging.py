@@ -3,10 +3,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.development import exp_each, log_each
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
@@ -30,11 +27,11 @@ def averaged(demonstration: Demonstration) -> Samples:
     if size < 2:
         return Samples(demonstration, (0.0, 1.0, count))
     manifold, groups = demonstration.manifold, count // size
-    points = demonstration.flat_points[:groups * size]
-    middles = np.repeat(points[size // 2::size], size, axis=0)
-    tangents = log_each(manifold, middles, points)[0]
-    made = exp_each(manifold, middles[::size], tangents.reshape(groups, size, -1).mean(axis=1))
+    points = demonstration.points[:groups * size].reshape(groups, size, *manifold.point_shape)
+    middles = points[:, size // 2]
+    tangents, _ = manifold.log_anyway(middles[:, None], points)
+    averages = manifold.exp(middles, tangents.mean(axis=1))
     times = demonstration.times[:groups * size].reshape(groups, size).mean(axis=1)
     progress = (times - demonstration.times[0]) / demonstration.duration
-    return Samples(Demonstration(times, made.reshape(groups, *manifold.point_shape), manifold),
+    return Samples(Demonstration(times, averages, manifold),
                    (float(progress[0]), float(progress[-1]), groups))

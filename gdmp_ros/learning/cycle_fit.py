@@ -18,8 +18,7 @@ from gdmp_ros.errors import CutLocusError, DataError
 from gdmp_ros.learning.cycles import Cycles, FEWEST_SAMPLES, find_cycles, find_period
 from gdmp_ros.learning.fourier import columns, Series, Smoother
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT, work_array
-from gdmp_ros.manifolds.rows import log_in_frame_rows
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 
 #: Most harmonics, and fewest samples of a cycle for each of them.
 MOST_HARMONICS, SAMPLES_PER_HARMONIC = 60, 3
@@ -291,9 +290,4 @@ def coordinates(manifold: Manifold, centre: np.ndarray, points: np.ndarray
 
     :param points: flat, shape ``(count, point_size)``
     """
-    table = manifold.factor_table
-    out, distances = np.empty((len(points), manifold.tangent_size)), np.empty(len(points))
-    frames = np.repeat(manifold.frame(centre)[None], len(points), axis=0)
-    log_in_frame_rows(table, frames, np.ascontiguousarray(points), out, distances,
-                      work_array(table))
-    return out, distances
+    return manifold.log_in_frame(manifold.frame(centre), manifold.unflat(points))

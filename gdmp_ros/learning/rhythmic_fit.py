@@ -21,8 +21,6 @@ from gdmp_ros.learning.preparation import (
     warn_tolerance,
 )
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.factors import work_array
-from gdmp_ros.manifolds.rows import frame_point_rows, log_in_frame_rows, transport_frame_rows
 from gdmp_ros.util.blas import one_thread
 
 #: Numbers of basis functions that ``n_basis='auto'`` tries, and the largest number.
@@ -141,15 +139,12 @@ class _Curve:
         :returns: the forcing term in the frame of the centre, and the velocity by progress at the
             start, a tangent there
         """
-        manifold, table = self._manifold, self._manifold.factor_table
-        away = self._series.at(progress)
-        frames, work = _carried(manifold, self._frame, away), work_array(table)
+        manifold, away = self._manifold, self._series.at(progress)
+        frames = manifold.transport_frame(self._frame, away)
         near = {}
         for step in (-2, -1, 1, 2):
             points = _points(manifold, self._frame, self._series.at(progress + step * _STEP))
-            out = np.empty((len(progress), manifold.tangent_size))
-            log_in_frame_rows(table, frames, points, out, np.empty(len(progress)), work)
-            near[step] = out
+            near[step], _ = manifold.log_in_frame(frames, manifold.unflat(points))
         velocity = (8.0 * (near[1] - near[-1]) - (near[2] - near[-2])) / (12.0 * _STEP)
         acceleration = (16.0 * (near[1] + near[-1]) - (near[2] + near[-2])) / (12.0 * _STEP ** 2)
         forcing = away + (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
@@ -158,16 +153,7 @@ class _Curve:
 
 def _points(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
     """Flat points at coordinates, shape ``(count, point_size)``."""
-    table, out = manifold.factor_table, np.empty((len(away), manifold.point_size))
-    frame_point_rows(table, _carried(manifold, frame, away), out, work_array(table))
-    return out
-
-
-def _carried(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """A frame that is carried to each of the coordinates, shape ``(count, frame_size)``."""
-    table, frames = manifold.factor_table, np.repeat(frame[None], len(away), axis=0)
-    transport_frame_rows(table, frames, np.ascontiguousarray(away), work_array(table))
-    return frames
+    return manifold.flat(manifold.frame_point(manifold.transport_frame(frame, away)))
 
 
 def _interpolated(values: np.ndarray) -> Series:

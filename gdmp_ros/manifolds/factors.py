@@ -19,9 +19,12 @@ import numpy as np
 from gdmp_ros.kernels import (
     always_inline,
     call_kernel,
+    kernel,
     measure_with_kernel,
+    numbers_at,
 )
 from gdmp_ros.kernels.intrinsics import kernel_signature
+from gdmp_ros.manifolds.linalg import copy_into, norm
 
 #: Within this distance [rad] of the cut locus the shortest geodesic counts as not unique.
 CUT_LOCUS_LIMIT = 1e-6
@@ -117,11 +120,6 @@ def factor_table(factors: Sequence[Any]) -> np.ndarray:
         for name, address in zip(Kernels._fields, _addresses(factor.kernels)):
             row[name] = address
     return table
-
-
-def work_array(table: np.ndarray) -> np.ndarray:
-    """Scratch memory for all kernels of a table."""
-    return np.empty(int(table['work'].max()))
 
 
 # Each operation on one factor. Points, tangents and frames are those of the whole product.
@@ -260,3 +258,86 @@ def project_tangent(factors, point, vector, tangent, work):
         call_kernel(f.project_tangent, f.size, (
             point, f.point, f.point_end, vector, f.tangent, f.tangent_end,
             tangent, f.tangent, f.tangent_end, work, 0, f.work))
+
+
+# Each operation on every row of matrices, called from Python.
+
+@always_inline
+def _row(matrix, i):
+    return numbers_at(matrix, i * matrix.shape[1], matrix.shape[1])
+
+
+@kernel
+def exp_rows(factors, bases, tangents, points, work):
+    """`exp` of each row."""
+    for i in range(len(bases)):
+        exp(factors, _row(bases, i), _row(tangents, i), _row(points, i), work)
+
+
+@kernel
+def log_rows(factors, bases, points, tangents, distances, work):
+    """`log` of each row; ``distances`` are what it returns."""
+    for i in range(distances.size):
+        distances[i] = log(factors, _row(bases, i), _row(points, i), _row(tangents, i), work)
+
+
+@kernel
+def frame_rows(factors, points, frames, work):
+    """`frame_at` of each row."""
+    for i in range(len(points)):
+        frame_at(factors, _row(points, i), _row(frames, i), work)
+
+
+@kernel
+def frame_point_rows(factors, frames, points, work):
+    """`frame_point` of each row."""
+    for i in range(len(points)):
+        frame_point(factors, _row(frames, i), _row(points, i), work)
+
+
+@kernel
+def transport_frame_rows(factors, frames, coordinates, moved, work):
+    """`transport_frame` of each row, to ``moved``."""
+    for i in range(len(frames)):
+        copy_into(_row(frames, i), _row(moved, i))
+        transport_frame(factors, _row(moved, i), _row(coordinates, i), work)
+
+
+@kernel
+def log_in_frame_rows(factors, frames, points, coordinates, distances, work):
+    """`log_in_frame` of each row; ``distances`` are what it returns."""
+    for i in range(distances.size):
+        distances[i] = log_in_frame(factors, _row(frames, i), _row(points, i),
+                                    _row(coordinates, i), work)
+
+
+@kernel
+def distance_rows(factors, a, b, distances, frame, coordinates, work):
+    """Length of the geodesic in each factor, for each row of points."""
+    for i in range(len(distances)):
+        frame_at(factors, _row(a, i), frame, work)
+        log_in_frame(factors, frame, _row(b, i), coordinates, work)
+        for j in range(factors.size):
+            first, end = factors[j].tangent, factors[j].tangent_end
+            distances[i, j] = norm(end - first, numbers_at(coordinates, first, end - first))
+
+
+@kernel
+def from_frame_rows(factors, frames, coordinates, tangents, work):
+    """`from_frame` of each row."""
+    for i in range(len(frames)):
+        from_frame(factors, _row(frames, i), _row(coordinates, i), _row(tangents, i), work)
+
+
+@kernel
+def to_frame_rows(factors, frames, tangents, coordinates, work):
+    """`to_frame` of each row."""
+    for i in range(len(frames)):
+        to_frame(factors, _row(frames, i), _row(tangents, i), _row(coordinates, i), work)
+
+
+@kernel
+def project_tangent_rows(factors, points, vectors, tangents, work):
+    """`project_tangent` of each row."""
+    for i in range(len(points)):
+        project_tangent(factors, _row(points, i), _row(vectors, i), _row(tangents, i), work)

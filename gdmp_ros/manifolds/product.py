@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.errors import ManifoldError
-from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.point_space import earliest
+from gdmp_ros.manifolds.manifold import earliest, Manifold
 
 
 class Product(Manifold):
@@ -79,9 +78,10 @@ class Product(Manifold):
         return self.join(*(f.nearest_point(p) for f, p in zip(self._factors, self.split(array))))
 
     def first_invalid(self, points: np.ndarray) -> tuple[int, str] | None:
-        found = ((name, factor.first_invalid(part)) for name, factor, part
-                 in zip(self._names, self._factors, self._columns(points)))
-        return earliest(*((one[0], f'{name}: {one[1]}') for name, one in found if one))
+        results = ((name, factor.first_invalid(part)) for name, factor, part
+                   in zip(self._names, self._factors, self._columns(points)))
+        return earliest(*((result[0], f'{name}: {result[1]}') for name, result in results
+                          if result))
 
     def continuous(self, points: np.ndarray) -> np.ndarray:
         return np.hstack([factor.continuous(part).reshape(len(points), -1)

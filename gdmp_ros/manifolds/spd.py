@@ -19,9 +19,8 @@ from gdmp_ros.manifolds.linalg import (
     scratch,
     to_mandel,
 )
-from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.manifolds.matrix_functions import symmetric_expm, symmetric_logm
-from gdmp_ros.manifolds.point_space import earliest, first_of
+from gdmp_ros.manifolds.manifold import earliest, first_of, Manifold
+from gdmp_ros.manifolds.spectral import symmetric_expm, symmetric_logm
 
 
 @kernel

@@ -13,8 +13,8 @@ from gdmp_ros.control.settings import ControllerSettings, GuardSettings, LimitSe
 from gdmp_ros.control.target import HOLD_STIFFNESS, TARGET_SIZE
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
+from gdmp_ros.manifolds import from_spec
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.registry import from_spec
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.sphere import Sphere
 from gdmp_ros.sim.arm import Arm

@@ -34,9 +34,9 @@ def outer(x):
 """
 
 
-def outer_of(text):
+def outer_of(text, module='example'):
     """The kernel ``outer`` of a module with this text."""
-    names = {'kernel': kernel, '__name__': 'gdmp_ros.example'}
+    names = {'kernel': kernel, '__name__': f'gdmp_ros.{module}'}
     exec(compile(text, 'example.py', 'exec'), names)
     return names['outer']
 
@@ -63,6 +63,17 @@ def test_text_that_is_not_code_does_not_change_the_hash(old, new):
 def test_an_edit_of_a_kernel_or_of_what_it_uses_changes_the_hash(old, new):
     assert old in SOURCE
     assert hash_of(SOURCE.replace(old, new)) != hash_of(SOURCE)
+
+
+def test_a_kernel_that_calls_one_of_another_module_has_another_hash_when_that_moves():
+    """Its machine code names the module: it cannot be loaded when there is no such module."""
+    inner, moved = (outer_of(SOURCE, module).py_func.__globals__['inner'] for module in ('here', 'there'))
+    outer = outer_of(SOURCE)
+    hashes = set()
+    for called in (inner, moved):
+        outer.py_func.__globals__['inner'] = called
+        hashes.add(cache.code_hash(outer.py_func))
+    assert len(hashes) == 2
 
 
 def kernels():

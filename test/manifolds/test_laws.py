@@ -9,13 +9,13 @@ from gdmp_ros.errors import CutLocusError, ManifoldError
 from gdmp_ros.manifolds import (
     Euclidean,
     from_spec,
+    KINDS,
     Product,
     SpecialOrthogonal,
     Sphere,
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.manifolds.registry import KINDS
 
 EPS = np.finfo(float).eps
 LISTED = [Euclidean(1), Euclidean(3), Sphere(1), Sphere(2), Sphere(5), UnitQuaternion(),
@@ -273,3 +273,29 @@ def test_product_splits_and_joins(rng):
         manifold.check_point(manifold.join(np.zeros(3), np.array([2.0, 0, 0, 0])))
     with pytest.raises(ManifoldError, match='different names'):
         Product(Euclidean(1), Euclidean(1), names=['a', 'a'])
+
+
+def test_every_operation_accepts_axes_in_front(manifold, rng):
+    """Each point of an array of points gives what it gives alone; axes are broadcast."""
+    base = manifold.random_point(rng)
+    v = np.array([[0.1 * manifold.random_tangent(base, rng) for _ in range(2)] for _ in range(3)])
+    points = manifold.exp(base, v)
+    frames = manifold.frame(points)
+    moved, left = manifold.log_in_frame(frames, base)
+    assert points.shape == (3, 2, *manifold.point_shape) and left.shape == (3, 2)
+    assert manifold.transport(base, points, v).shape == v.shape
+    for i, j in np.ndindex(3, 2):
+        point, frame = points[i, j], frames[i, j]
+        np.testing.assert_array_equal(point, manifold.exp(base, v[i, j]))
+        np.testing.assert_array_equal(frame, manifold.frame(point))
+        np.testing.assert_array_equal(manifold.log(base, points)[i, j], manifold.log(base, point))
+        np.testing.assert_array_equal(moved[i, j], manifold.log_in_frame(frame, base)[0])
+        np.testing.assert_array_equal(manifold.transport_frame(frames, moved)[i, j],
+                                      manifold.transport_frame(frame, moved[i, j]))
+        np.testing.assert_array_equal(manifold.transport(base, points, v)[i, j],
+                                      manifold.transport(base, point, v[i, j]))
+        assert manifold.distance(base, points)[i, j] == manifold.distance(base, point)
+        assert manifold.inner(points, v, v)[i, j] == manifold.inner(point, v[i, j], v[i, j])
+    with pytest.raises(ManifoldError, match='axes in front'):
+        manifold.exp(points, v[:2])
+    assert manifold.exp(points[:0], v[:0]).shape == (0, 2, *manifold.point_shape)
