@@ -47,8 +47,8 @@ setup(
     },
     zip_safe=False,
     entry_points={'console_scripts': [
-        'adapter = gdmp_ros.ros.adapter.node:main',
-        'composed = gdmp_ros.ros.composed:main',
+        'adapter = gdmp_ros.ros.adapter:main',
+        'composed = gdmp_ros.ros.running:main',
         'franka_arm = gdmp_ros.ros.arm.franka_arm:main',
         'franka_gripper = gdmp_ros.ros.arm.franka_gripper:main',
         'gdmp = gdmp_ros.cli.start:main',

@@ -6,12 +6,12 @@ from matplotlib import pyplot as plt
 import numpy as np
 
 from gdmp_ros import Skill
-from gdmp_ros.data import episodes, exchange, lasa, lerobot
+from gdmp_ros.data import episodes, foreign, lasa, lerobot
 
 plt.figure(layout='constrained')
 skill = Skill.learn(lasa.robot_demonstrations('GShape'), 30)
 rng = np.random.default_rng(0)
-motions = [exchange.motion(skill.distribution.sample(rng), 0.01) for _ in range(10)]
+motions = [foreign.motion(skill.distribution.sample(rng), 0.01) for _ in range(10)]
 folder = Path('15_letters')
 shutil.rmtree(folder, ignore_errors=True)
 lerobot.write(folder, motions, rate_hz=30, task='write a G')

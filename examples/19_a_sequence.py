@@ -4,8 +4,7 @@ import numpy as np
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import lasa
-from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SkillSequence
-from gdmp_ros.dmp.sequence_rollout import SequenceRollout
+from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SequenceRollout, SkillSequence
 
 figure, (above, timed) = plt.subplots(2, layout='constrained')
 letter = Skill.learn(lasa.robot_demonstrations('GShape')[0])

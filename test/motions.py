@@ -10,7 +10,7 @@ from gdmp_ros import (
     SymmetricPositiveDefinite,
     UnitQuaternion,
 )
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 
 TOOL = Product(Euclidean(3), UnitQuaternion(), SymmetricPositiveDefinite(3),

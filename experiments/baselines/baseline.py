@@ -16,7 +16,7 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.forcing import basis, forcing
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.kernels.compile import kernel
+from gdmp_ros.kernels.cache import kernel
 from gdmp_ros.learning.regression import regress
 from gdmp_ros.manifolds.factors import work_size
 

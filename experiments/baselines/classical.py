@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
-from gdmp_ros.kernels.compile import kernel
+from gdmp_ros.kernels.cache import kernel
 
 
 @kernel

@@ -9,8 +9,7 @@ import numpy as np
 
 from experiments import timing
 from experiments.bench.peers import CartesianPeer
-from gdmp_ros.dmp.batch import Batch
-from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.rollout import Batch, Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 

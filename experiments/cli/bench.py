@@ -105,7 +105,7 @@ def _measure(what: str, settings: Settings) -> dict[str, Any]:
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
-    from gdmp_ros.util.atomic_write import write_json
+    from gdmp_ros.util.files import write_json
     try:
         write_json(path, document)
     except OSError as error:

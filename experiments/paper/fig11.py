@@ -10,7 +10,7 @@ from scipy.signal import savgol_filter
 from experiments.paper.experiment import Data, Settings, spd_distances, Verdict
 from gdmp_ros.data.lasa import TOOL
 from gdmp_ros.dmp import Demonstration, Skill
-from gdmp_ros.learning.force_stiffness import force_stiffness, ForceRecords
+from gdmp_ros.learning.stiffness import force_stiffness, ForceRecords
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
 from gdmp_ros.view import plots

@@ -64,7 +64,7 @@ def run(settings: Settings) -> Data:
 
 def _nearest(shown: Demonstration) -> float:
     """Distance of a motion from the antipode of its goal [rad]."""
-    return min(S2.distance(point, -shown.points[-1]) for point in shown.points)
+    return float(S2.distance(shown.points, -shown.points[-1]).min())
 
 
 def travelled(points: np.ndarray) -> float:

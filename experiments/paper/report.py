@@ -18,7 +18,7 @@ import numpy as np
 from experiments.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros import __version__
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.util.atomic_write import write_archive, write_json, write_text
+from gdmp_ros.util.files import write_archive, write_json, write_text
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view import plots
 

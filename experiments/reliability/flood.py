@@ -11,8 +11,8 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.client import Client
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.ros.clients.server_client import Client
+from gdmp_ros.util.processes import stop_event
 
 FRAME = 'panda_link0'
 CENTRE = np.array([0.5, 0.0, 0.42, 0.0, 1.0, 0.0, 0.0])

@@ -10,15 +10,14 @@ from gdmp_msgs.msg import Reference, RobotState
 import numpy as np
 
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.data.run_analysis import STATE_GAP_NS
-from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_TOPIC
+from gdmp_ros.data.runs import REFERENCE_TOPIC, STATE_GAP_NS, STATE_TOPIC
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.client import Client
+from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.recorder.record import DRAIN_S
 from gdmp_ros.ros.serialized import SerializedTemplate, stamp_ns_of
-from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.util.files import write_json
+from gdmp_ros.util.processes import stop_event
 
 JOINTS = 7
 #: Length of the windows of the extreme values [s].

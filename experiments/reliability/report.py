@@ -12,8 +12,8 @@ from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import short_skill, Trial
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.clients.testbed import process_bed
-from gdmp_ros.util.atomic_write import write_json, write_text
-from gdmp_ros.util.signals import interrupt_on_sigterm
+from gdmp_ros.util.files import write_json, write_text
+from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.util.terminal import table
 
 WORDS = {True: 'holds', False: 'FAILS', None: 'not tried'}

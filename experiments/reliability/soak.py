@@ -18,8 +18,8 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.statistics import punctuality_of
 from gdmp_ros.ros.clients.testbed import ARM, process_bed, SERVER
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.signals import interrupt_on_sigterm
+from gdmp_ros.util.files import write_json
+from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.util.terminal import progress, table
 from gdmp_ros.view import plots
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.reliability.outcome import Outcome
 from gdmp_ros.control.settings import LimitSettings
-from gdmp_ros.data import lasa, run_analysis, runs
+from gdmp_ros.data import lasa, runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.ros.clients.testbed import NodeTestbed, SERVER
@@ -37,7 +37,7 @@ def goal_of(skill: Path) -> np.ndarray:
 
 def judge_limits(run: runs.Run, outcome: Outcome) -> None:
     """Require that the arm stayed inside its limits."""
-    limits, figures = LimitSettings(), run_analysis.limit_figures(run, Arm().limits)
+    limits, figures = LimitSettings(), runs.limit_figures(run, Arm().limits)
     for name, value, smallest, largest in (
             ('torque [fraction of the limit]', figures.torque, 0.0, 1.0),
             ('torque rate [Nm per tick]', figures.torque_rate, 0.0,
@@ -91,7 +91,7 @@ class Trial(NodeTestbed):
         run = self.recorded()
         if follows:
             outcome.need('final distance from the last reference [m]',
-                         run_analysis.final_distance(run), lambda v: v < 0.01)
+                         runs.final_distance(run), lambda v: v < 0.01)
         if distance is not None:
             final = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
             outcome.need('final distance from the goal [m]', final, lambda v: v < distance)

@@ -42,8 +42,7 @@ def run(options: argparse.Namespace) -> int:
     skill = Skill.load(options.skill)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
-        from gdmp_ros.sim.path_check import PathChecker
-        from gdmp_ros.sim.skill_check import check_skill
+        from gdmp_ros.sim.path_check import check_skill, PathChecker
     if options.goal_position is not None:
         skill = _with_goal_at(skill, options.goal_position)
     found, positions = check_skill(skill, PathChecker(Arm(options.model)))

@@ -97,11 +97,11 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _convert(options: argparse.Namespace, target: str) -> None:
-    from gdmp_ros.data import exchange, lerobot, robomimic
+    from gdmp_ros.data import foreign, lerobot, robomimic
     from gdmp_ros.dmp.skill import Skill
     output = options.output
     if target == 'movement_primitives':
-        deviation = exchange.to_movement_primitives(output, _skill(_only(options.sources)))
+        deviation = foreign.to_movement_primitives(output, _skill(_only(options.sources)))
         print(f'the pose only; its motion deviates by at most {1e3 * deviation:.1f} mm')
         return
     found = [one for source in options.sources for one in _demonstrations(options, source)]
@@ -118,7 +118,7 @@ def _convert(options: argparse.Namespace, target: str) -> None:
     elif target == 'robomimic':
         robomimic.write(output, shown, options.fps)
     else:
-        write = exchange.write_csv if target == 'csv' else exchange.write_npz
+        write = foreign.write_csv if target == 'csv' else foreign.write_npz
         write(output, _only(shown))
 
 
@@ -150,7 +150,7 @@ def _skill(source: Path) -> Skill:
 def _demonstrations(options: argparse.Namespace, source: Path
                     ) -> list[tuple[Demonstration, str]]:
     """The demonstrations in a source, and their frames."""
-    from gdmp_ros.data import episodes, exchange, recordings, takes
+    from gdmp_ros.data import episodes, foreign, recordings, takes
     if episodes.is_foreign(source):
         return [(_imported(one, options), options.frame) for one in episodes.sources(source)]
     if not source.exists():
@@ -158,8 +158,8 @@ def _demonstrations(options: argparse.Namespace, source: Path
     if source.is_dir():
         read = [recordings.read(bag) for bag in takes.bags_in(source)]
         return [(one.demonstration, one.frame) for one in read]
-    if exchange.is_foreign(source):
-        return [(exchange.from_movement_primitives(source), options.frame)]
+    if foreign.is_foreign(source):
+        return [(foreign.from_movement_primitives(source), options.frame)]
     return _motions(options, source)
 
 
@@ -188,14 +188,14 @@ def _motions(options: argparse.Namespace, source: Path) -> list[tuple[Demonstrat
     """The motion of a skill, or several that vary as its takes did."""
     import numpy as np
 
-    from gdmp_ros.data import exchange
+    from gdmp_ros.data import foreign
     from gdmp_ros.dmp.skill import Skill
     skill, step = Skill.load(source), 1.0 / (options.rate_hz or RATE_HZ)
     frame = skill.provenance.get('frame', options.frame)
     if options.rollouts == 1:
-        return [(exchange.motion(skill, step), frame)]
+        return [(foreign.motion(skill, step), frame)]
     around, rng = skill.distribution, np.random.default_rng(0)
     if around is None:
         raise DataError(f'{source}: a skill of a single take does not know how takes vary: '
                         '--rollouts needs one of several')
-    return [(exchange.motion(around.sample(rng), step), frame) for _ in range(options.rollouts)]
+    return [(foreign.motion(around.sample(rng), step), frame) for _ in range(options.rollouts)]

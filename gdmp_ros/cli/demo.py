@@ -49,8 +49,7 @@ def run(options: argparse.Namespace) -> int:
         return run_tray(options.out)
     with optional_import(ROS):
         from gdmp_ros.demo.run import run_demo
-        from gdmp_ros.demo.tasks import run_task
-        from gdmp_ros.demo.wiping import run_wiping
+        from gdmp_ros.demo.tasks import run_task, run_wiping
         arm = arm_choice(options)
     if options.task == 'wipe':
         return run_wiping(options.out, arm)

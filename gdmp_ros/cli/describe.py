@@ -38,6 +38,6 @@ def run(options: argparse.Namespace) -> None:
     if options.output is None:
         print(text, end='')
         return
-    from gdmp_ros.util.atomic_write import write_text
+    from gdmp_ros.util.files import write_text
     write_text(options.output, text)
     print(f'wrote {options.output}')

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
             raise DataError(f'{name!r} is not in the gallery, expected one of '
                             f'{", ".join(GALLERY)}')
     from gdmp_ros.data import gallery
-    from gdmp_ros.util.atomic_write import write_text
+    from gdmp_ros.util.files import write_text
     from gdmp_ros.view import plots, skill_plots
     learned = {}
     try:

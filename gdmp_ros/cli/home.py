@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):
-        from gdmp_ros.ros.clients.client import Client
-        from gdmp_ros.ros.clients.joints_client import move_joints
+        from gdmp_ros.ros.clients.arm_client import move_joints
+        from gdmp_ros.ros.clients.server_client import Client
     client = Client('joints_client')
     try:
         move_joints(client, options.arm, options.position, options.speed)

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
         raise DataError(f'{options.output}: cannot be written: {folder} is no folder that may be '
                         'written to')
     with optional_import(ROS):
-        from gdmp_ros.ros.clients.friction_client import identify, identify_alone
+        from gdmp_ros.ros.clients.arm_client import identify, identify_alone
     if options.arm == 'franka':
         options.friction = None
         found = identify_alone(arm_choice(options), options.output)

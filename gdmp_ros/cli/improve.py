@@ -137,19 +137,19 @@ def _improve(options: argparse.Namespace, task: Task, variables: Variables, exec
     """Improve, and write the skill and the page."""
     from gdmp_ros.improvement.session import improve
     with optional_import(extra('report')):
-        from gdmp_ros.view import improvement_page
+        from gdmp_ros.view import pages
     state: Improvement | None = None
     for state in improve(task, variables, execute, _effort(options), options.search,
                          options.seed):
-        improvement_page.write(state, page, done=False)
+        pages.write_improvement(state, page, done=False)
         _tell(state)
     if state is None:
         return
-    improvement_page.write(state, page, done=True)
+    pages.write_improvement(state, page, done=True)
     state.skill().save(options.output)
     for name, judged in (('before', state.before), ('after', state.after)):
         if judged is not None:
-            print(f'{name}: {improvement_page.described(judged)}')
+            print(f'{name}: {pages.described(judged)}')
     print(f'wrote {options.output} and {page}')
 
 
@@ -186,7 +186,7 @@ def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variab
         from gdmp_ros.ros.clients.trials_client import TrialsClient
     from gdmp_ros.improvement.one_by_one import OneByOne, Quit, RobotTask
     from gdmp_ros.sim.arm import Arm
-    from gdmp_ros.sim.reach import Reach
+    from gdmp_ros.sim.path_check import Reach
     reach, start = Reach(Arm(options.model)), variables.skill.start[:7]
     with tempfile.TemporaryDirectory() as folder:
         robot = TrialsClient(options.server, options.arm, Path(folder), options.force)

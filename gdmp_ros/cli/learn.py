@@ -31,7 +31,7 @@ from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
 if TYPE_CHECKING:
-    from gdmp_ros.data.skill_from_bags import LearningSettings
+    from gdmp_ros.data.skills import LearningSettings
     from gdmp_ros.learning.report import Fit
 
 
@@ -102,7 +102,7 @@ def _count(text: str) -> int | str:
 
 def run(options: argparse.Namespace) -> None:
     """Learn, write the skill and report how accurately it reproduces the demonstrations."""
-    from gdmp_ros.data.skill_from_bags import LearningSettings
+    from gdmp_ros.data.skills import LearningSettings
     from gdmp_ros.data.takes import bags_in
     if not options.each:
         check_output(options.output)
@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> None:
 def learn(bags: list[Path], settings: LearningSettings, output: Path,
           step: Any = lambda: None) -> tuple[Fit, float]:
     """Learn one skill from ``bags`` and write it; its fit and its duration."""
-    from gdmp_ros.data.skill_from_bags import skill_from_bags
+    from gdmp_ros.data.skills import skill_from_bags
     from gdmp_ros.learning.report import fit_report
     learned = skill_from_bags(bags, settings, step)
     learned.skill.save(output)

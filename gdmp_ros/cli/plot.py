@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.view import plots, skill_plots
     if options.skill.suffix in ('.yaml', '.yml'):
         from gdmp_ros.data.sequences import read_sequence
-        from gdmp_ros.view.sequence_plots import sequence_figure
+        from gdmp_ros.view.skill_plots import sequence_figure
         plots.save(sequence_figure(read_sequence(options.skill)), options.output)
         print(f'wrote {options.output}')
         return

@@ -89,7 +89,7 @@ def _write_bags(options: argparse.Namespace) -> None:
 
 def _write_archives(options: argparse.Namespace) -> None:
     from gdmp_ros.data import lasa
-    from gdmp_ros.util.atomic_write import write_archive
+    from gdmp_ros.util.files import write_archive
     names = LASA_CLASSES if options.name == 'all' else (options.name,)
     targets = {name: options.output / f'{name}_{options.manifold}.npz' for name in names}
     _check_free(list(targets.values()), options.force)

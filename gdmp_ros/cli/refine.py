@@ -41,11 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Show the correction, and keep it if asked."""
-    from gdmp_ros.data import skill_history
+    from gdmp_ros.data import skills
     if options.undo:
         if options.run or options.keep or options.output or options.plot:
             raise ParameterError('--undo takes a skill only')
-        skill_history.undo(options.skill)
+        skills.undo(options.skill)
         print(f'{options.skill}: the version before the last correction is back')
         return
     if options.run is None:
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> None:
     check_output(options.plot, '.png', '.pdf', '.svg')
     check_output(options.output, '.json')
     from gdmp_ros.data import runs
-    from gdmp_ros.data.followed import followed_motion
+    from gdmp_ros.data.runs import followed_motion
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.learning.correction import correction
     skill = Skill.load(options.skill)
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
            for one in found.pushes])
     if options.plot is not None:
         from gdmp_ros.view import plots
-        from gdmp_ros.view.correction_plots import correction_figure
+        from gdmp_ros.view.skill_plots import correction_figure
         plots.save(correction_figure(skill, found), options.plot)
         print(f'wrote {options.plot}')
     corrected = Skill.of(found.primitive)
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> None:
         corrected.save(options.output)
         print(f'wrote {options.output}')
     elif options.keep:
-        skill_history.replace(options.skill, corrected)
+        skills.replace(options.skill, corrected)
         print(f'{options.skill}: corrected; gdmp refine {options.skill} --undo goes back')
     else:
         print('nothing was written: --keep replaces the skill, -o writes another file')

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Replay."""
     check_number('--wait', options.wait, 0.0)
-    from gdmp_ros.data.references import read_references
+    from gdmp_ros.data.runs import read_references
     from gdmp_ros.util.dds_network import default_environment
     references = read_references(options.bag, options.topic)
     os.environ.update(default_environment())

@@ -31,6 +31,6 @@ def run(options: argparse.Namespace) -> None:
     """Write the page."""
     check_output(options.output, '.html')
     with optional_import(extra('report')):
-        from gdmp_ros.view import report_page
-    what = report_page.write(options.bag, options.output, options.robot, options.skill)
+        from gdmp_ros.view import pages
+    what = pages.write_report(options.bag, options.output, options.robot, options.skill)
     print(f'wrote {options.output}, about {what}')

@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
              *_stiffness(recorded, poses, options.force)]
     print(f'learn with:\n  {shlex.join(words)}')
     if options.write:
-        from gdmp_ros.util.atomic_write import write_text
+        from gdmp_ros.util.files import write_text
         write_text(options.write, _parameters(fastest))
         print(f'wrote {options.write}: for trajectory_server and panda_sim, '
               f'--ros-args --params-file {options.write}')

@@ -38,6 +38,6 @@ def run(options: argparse.Namespace) -> None:
     if options.skill is not None and not options.skill.is_file():
         raise DataError(f'{options.skill}: there is no such skill file')
     with optional_import(ROS):
-        from gdmp_ros.ros.clients.bringup import Bringup, up
+        from gdmp_ros.ros.clients.testbed import Bringup, up
     up(Bringup(options.skill, options.takes, options.model, options.gripper, options.window,
                options.logs))

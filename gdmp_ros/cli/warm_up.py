@@ -48,8 +48,7 @@ def compile_motion() -> None:
     import numpy as np
 
     from gdmp_ros.data.gallery import learned
-    from gdmp_ros.dmp.batch import Batch
-    from gdmp_ros.dmp.rollout import Rollout
+    from gdmp_ros.dmp.rollout import Batch, Rollout
     from gdmp_ros.playback.player import Player
     from gdmp_ros.playback.player_settings import PlayerSettings
     from gdmp_ros.playback.prediction import prediction

@@ -1,9 +1,4 @@
-"""
-Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed.
-
-Every sample is checked; a `DataError` names the bag, the topic, the sample and the reason.
-Quaternions are (x, y, z, w) in messages only, (w, x, y, z) everywhere else.
-"""
+"""Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,8 +16,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from gdmp_ros import choices
+from gdmp_ros.control import target as layout
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
-from gdmp_ros.data.message_numbers import pose_numbers, vector_numbers
 from gdmp_ros.errors import DataError, GdmpError
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -34,6 +29,59 @@ GRIPPER = 'gdmp_msgs/msg/GripperCommand'
 NS = 1_000_000_000
 #: Largest number of unused bytes at the end of a message: four for each of its sequences.
 MOST_UNUSED = 32
+
+
+def pose_numbers(pose: Any) -> list[float]:
+    """(x, y, z, qw, qx, qy, qz) of a pose."""
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def vector_numbers(first: Any, second: Any) -> list[float]:
+    """Six numbers of two vectors, as of a twist or a wrench."""
+    return [first.x, first.y, first.z, second.x, second.y, second.z]
+
+
+def reference_target(message: Any) -> np.ndarray:
+    """The numbers of a reference as a target (`gdmp_ros.control.target`)."""
+    target = np.zeros(layout.TARGET_SIZE)
+    target[layout.POSE:layout.TWIST] = pose_numbers(message.pose)
+    target[layout.TWIST:layout.ACCELERATION] = vector_numbers(
+        message.twist.linear, message.twist.angular)
+    target[layout.ACCELERATION:layout.STIFFNESS] = vector_numbers(
+        message.acceleration.linear, message.acceleration.angular)
+    target[layout.STIFFNESS:layout.DAMPING_RATIO] = message.stiffness
+    target[layout.DAMPING_RATIO] = message.damping_ratio
+    if hasattr(message, 'wrench'):  # older recordings have none
+        target[layout.WRENCH:layout.WRENCH_GAIN] = vector_numbers(
+            message.wrench.force, message.wrench.torque)
+        target[layout.WRENCH_GAIN:] = message.wrench_gain
+    return target
+
+
+def joint_target(message: Any) -> np.ndarray:
+    """The numbers of a reference of the joints (`gdmp_ros.control.joint_target`)."""
+    joints = message.joints[0]
+    return np.concatenate([joints.position, joints.velocity, joints.stiffness,
+                           [message.damping_ratio]])
+
+
+def joint_positions(message: Any, names: Sequence[str] = ()) -> np.ndarray:
+    """
+    Positions of a JointState [rad].
+
+    :param names: of the joints that are wanted, in their order; by default all as they come
+    :raises DataError: if one is missing, or a number is not finite
+    """
+    found = dict(zip(message.name, message.position))
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise DataError(f'joint {missing[0]!r} is missing; there are '
+                        f'{", ".join(message.name) or "none"}')
+    position = np.array([found[name] for name in names] if names else message.position, float)
+    if not np.isfinite(position).all():
+        raise DataError('a position of a joint is NaN or infinite')
+    return position
 
 
 class Series(NamedTuple):

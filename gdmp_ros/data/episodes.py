@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from gdmp_ros.data import exchange, foreign, lerobot, robomimic, tables
+from gdmp_ros.data import foreign, lerobot, robomimic, tables
 from gdmp_ros.data.foreign import Import, Imported
 from gdmp_ros.errors import DataError
 
@@ -44,8 +44,8 @@ def read(source: Path, settings: Import | None = None) -> Imported:
     path, number = _parts(source)
     settings = settings or Import()
     if (number is None and settings == Import(rate_hz=settings.rate_hz)
-            and exchange.is_own(path)):
-        own = exchange.read_csv if path.suffix == '.csv' else exchange.read_npz
+            and foreign.is_own(path)):
+        own = foreign.read_csv if path.suffix == '.csv' else foreign.read_npz
         return Imported(own(path), ())
     found = _episodes(path, _stamp(path))
     if not 0 <= (number or 0) < len(found):

@@ -8,9 +8,9 @@ import numpy as np
 
 from gdmp_ros.choices import GALLERY
 from gdmp_ros.data import lasa
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 
 _SAMPLES = 400

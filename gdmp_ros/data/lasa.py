@@ -9,13 +9,12 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from gdmp_ros import choices
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
-from gdmp_ros.learning.mixture import Mixture
-from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from gdmp_ros.learning.stiffness import Mixture, stiffness_at_samples
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.rotation import SpecialOrthogonal
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite

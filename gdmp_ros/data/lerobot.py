@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.data.exchange import columns, frames, next_of, stiffness_size_of
+from gdmp_ros.data.foreign import columns, frames, next_of, stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import

@@ -5,21 +5,144 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
+from typing import NamedTuple
 import warnings
 
 import numpy as np
+from rosbags.highlevel import AnyReader
 
+from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.data import bags, episodes
-from gdmp_ros.data.gripper_events import commands_in, during
-from gdmp_ros.data.resting import without_rest
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.data.bags import GRIPPER, message_of, NS
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.errors import DataError, GdmpError, GdmpWarning, InvalidPointError
-from gdmp_ros.learning.take_stiffness import stiffness_of_each
+from gdmp_ros.learning.alignment import align
+from gdmp_ros.learning.stiffness import stiffness_of_each
 from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+
+#: Rest at the ends of a demonstration is cut off if it is longer than this [s]. At rest every
+#: factor stays within its goal tolerance.
+REST_S = 0.1
+#: Rest longer than this is cut off with a note [s].
+TOLD_S = 1.0
+
+
+def without_rest(demonstration: Demonstration, where: str) -> slice:
+    """The samples without rest longer than `REST_S` at either end, but for one sample of it."""
+    times, points = demonstration.times, demonstration.flat_points
+    first = _resting(demonstration.manifold, times, points)
+    last = len(times) - 1 - _resting(demonstration.manifold, -times[::-1], points[::-1])
+    if last - first < 2:
+        raise DataError(f'{where}: nothing moves: every sample is within the goal '
+                        'tolerance of the first')
+    before, after = times[first] - times[0], times[-1] - times[last]
+    if before + after > TOLD_S:
+        warnings.warn(f'{where}: rest is cut off: {before:.1f} s before the motion, {after:.1f} s '
+                      'after it', GdmpWarning, stacklevel=3)
+    return slice(first, last + 1)
+
+
+def _resting(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> int:
+    """Index of the last sample of the rest at the beginning; 0 without rest."""
+    tolerances = [factor.goal_tolerance for factor in manifold.factors]
+    origin = np.broadcast_to(points[0], points.shape)
+    moved = (manifold.factor_distances(origin, points) > tolerances).any(axis=1)
+    last = int(np.argmax(moved)) - 1 if moved.any() else len(points) - 1
+    return last if times[last] - times[0] > REST_S else 0
+
+
+#: Commands that are this close after one another in time and equal are one [s].
+REPEATED_S = 0.1
+
+
+class RecordedCommand(NamedTuple):
+    """
+    A command that was recorded.
+
+    :ivar stamp: [ns]
+    :ivar width: [m]
+    :ivar force: [N]
+    :ivar speed: [m/s]
+    """
+
+    stamp: int
+    width: float
+    force: float
+    speed: float
+
+
+def commands_in(reader: AnyReader, bag: str) -> list[RecordedCommand]:
+    """
+    Commands for a gripper in an open bag.
+
+    :raises DataError: if there are several topics with such commands
+    """
+    connections = [c for c in reader.connections if c.msgtype == GRIPPER]
+    topics = sorted({c.topic for c in connections})
+    if len(topics) > 1:
+        raise DataError(f'{bag}: there are commands for several grippers: {", ".join(topics)}')
+    result: list[RecordedCommand] = []
+    for connection, bag_time, raw in reader.messages(connections) if connections else ():
+        message = message_of(reader, connection, raw)
+        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec or bag_time
+        command = RecordedCommand(stamp, float(message.width), float(message.force),
+                                  float(message.speed) or DEFAULT_SPEED)
+        if result and result[-1][1:] == command[1:] and (
+                command.stamp - result[-1].stamp < REPEATED_S * NS):
+            continue
+        result.append(command)
+    return result
+
+
+def during(commands: Sequence[RecordedCommand], first: int, last: int
+           ) -> tuple[GripperEvent, ...]:
+    """
+    The commands as events of the demonstration between two stamps [ns].
+
+    Those before it count at its beginning (of several the last one), those after it at its end.
+    """
+    result: list[GripperEvent] = []
+    for one in commands:
+        progress = float(np.clip((one.stamp - first) / (last - first), 0.0, 1.0))
+        if progress == 0.0 and result:
+            result.clear()
+        result.append(GripperEvent(progress, one.width, one.force, one.speed))
+    return tuple(result)
+
+
+def common_events(takes: Sequence[Demonstration], names: Sequence[str],
+                  events: Sequence[tuple[GripperEvent, ...]]) -> tuple[GripperEvent, ...]:
+    """
+    Events of several takes, at their usual progress after the alignment of the takes in time.
+
+    :param names: of the takes, for messages
+    :param events: of each take
+    :raises DataError: if the takes do not have the same commands in the same order
+    """
+    kinds = [[event.force > 0.0 for event in one] for one in events]
+    for name, kind in zip(names, kinds):
+        if kind != kinds[0]:
+            raise DataError(f'{name}: the gripper was told {_words(kind)}, in {names[0]} '
+                            f'{_words(kinds[0])}: a skill needs the same commands in all takes')
+    if not kinds[0]:
+        return ()
+    found = align(takes)
+    places = np.array([[np.interp(event.progress, warp, found.progress) for event in one]
+                       for one, warp in zip(events, found.warps)])
+    numbers = np.median(np.array([[event[1:] for event in one] for one in events]), axis=0)
+    usual = np.maximum.accumulate(np.median(places, axis=0))
+    return tuple(GripperEvent(float(progress), *map(float, row))
+                 for progress, row in zip(usual, numbers))
+
+
+def _words(kind: Sequence[bool]) -> str:
+    return ', '.join('to hold' if holds else 'to move' for holds in kind) or 'nothing'
+
 
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
 #: ``frame_id`` of poses without one.

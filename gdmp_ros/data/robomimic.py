@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.data.exchange import frames, next_of, stiffness_size_of
+from gdmp_ros.data.foreign import frames, next_of, stiffness_size_of
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import

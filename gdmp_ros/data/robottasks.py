@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import tool_manifold
 
 #: Duration that is assumed [s].
 DURATION = 5.0

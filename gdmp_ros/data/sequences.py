@@ -8,11 +8,11 @@ import numpy as np
 import yaml
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
-from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence, Step
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.util.small_file import read_text
+from gdmp_ros.util.files import read_text
 
 #: Larger files are refused [bytes], and so are more steps.
 MAX_BYTES, MAX_STEPS = 1_000_000, 1000

@@ -1,23 +1,27 @@
-"""What the demonstration reports: figures of stream, tracking, goal and robot."""
+"""What the demonstration reports: figures of stream, tracking, goal and robot, and pictures."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import platform
 from typing import Any
 
+from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros import __version__
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LimitSettings
-from gdmp_ros.data import run_analysis, runs
+from gdmp_ros.data import runs
+from gdmp_ros.data.runs import Run, tracking
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST
 from gdmp_ros.util.terminal import table
+from gdmp_ros.view import plots
 
 PERIOD_NS = 1_000_000
 
@@ -69,7 +73,7 @@ def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm:
     :raises GdmpError: if the arm has told nothing of itself
     """
     began = int(run.reference_stamps[int(np.argmax(run.moving))])
-    goal = run_analysis.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
+    goal = runs.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
         'stream': _stream_figures(folder, run, timeline),
         'tracking': _tracking_figures(run, began, timeline.finished),
@@ -115,16 +119,16 @@ def _micros(figures: Punctuality) -> dict[str, float]:
 
 
 def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, float]:
-    tracked = run_analysis.tracking(run, began, finished)
-    return {'position_rmse_m': run_analysis.rms(tracked.position),
-            'rotation_rmse_rad': run_analysis.rms(tracked.rotation),
+    tracked = runs.tracking(run, began, finished)
+    return {'position_rmse_m': runs.rms(tracked.position),
+            'rotation_rmse_rad': runs.rms(tracked.rotation),
             'position_max_m': float(tracked.position.max()),
             'rotation_max_rad': float(tracked.rotation.max()),
-            'stiffness_rel_error': run_analysis.stiffness_error(run, tracked)}
+            'stiffness_rel_error': runs.stiffness_error(run, tracked)}
 
 
 def _limits(run: runs.Run, joints: JointLimits) -> dict[str, bool]:
-    figures = run_analysis.limit_figures(run, joints)
+    figures = runs.limit_figures(run, joints)
     return {'torque_ok': figures.torque <= 1.0,
             'torque_rate_ok': figures.torque_rate <= 1e-3 * LimitSettings().torque_slew + 1e-9,
             'joint_ok': figures.joint_distance >= 0.0}
@@ -159,3 +163,76 @@ def print_table(document: dict[str, Any]) -> None:
                                        f'{g["final_rotation_error_rad"]:.4f} rad, '
                                        f'stiffness {g["final_stiffness_distance"]:.4f}', ''],
         ['limits', f'exceeded: {limits}' if limits else 'all kept', '']])
+
+
+def draw(run: Run, folder: Path, switch_s: float, ends_ns: int,
+         lateness: Mapping[str, np.ndarray]) -> None:
+    """Write path, tracking, stiffness and lateness pictures."""
+    plots.save(_path(run), folder / 'path.png')
+    plots.save(_tracking(run, switch_s, ends_ns), folder / 'tracking.png')
+    plots.save(_stiffness(run, switch_s), folder / 'stiffness.png')
+    plots.save(_lateness(lateness), folder / 'lateness.png')
+
+
+def _began(run: Run) -> int:
+    """Stamp of the first reference that moves [ns]."""
+    return int(run.reference_stamps[int(np.argmax(run.moving))])
+
+
+def _seconds(run: Run, stamps: np.ndarray) -> np.ndarray:
+    return np.asarray((stamps - _began(run)) * 1e-9)
+
+
+def _path(run: Run) -> Figure:
+    figure = Figure(figsize=(7, 6), layout='constrained')
+    axes = figure.add_subplot(projection='3d')
+    matrices = run.stiffness.reshape(-1, 6, 6)[:, :3, :3]
+    plots.path_with_ellipsoids(axes, run.poses[::5, :3], matrices[::5])
+    axes.plot(*run.references[::20, :3].T, '--', color=plots.INK[1], lw=1.0, label='reference')
+    axes.legend(loc='upper left')
+    return figure
+
+
+def _tracking(run: Run, switch_s: float, ends_ns: int) -> Figure:
+    tracked = tracking(run, _began(run), ends_ns)
+    times = _seconds(run, run.state_stamps[tracked.states])
+    figure = Figure(figsize=(8, 5), layout='constrained')
+    rows = ((tracked.position * 1e3, 'position error [mm]'), (tracked.rotation, 'rotation [rad]'))
+    for i, (values, label) in enumerate(rows):
+        axes = figure.add_subplot(2, 1, i + 1)
+        axes.plot(times, values, color=plots.INK[0], lw=1.2, label='arm − reference')
+        _mark_switch(axes, switch_s)
+        axes.set(xlabel='time since the motion began [s]', ylabel=label)
+        axes.legend()
+    return figure
+
+
+def _stiffness(run: Run, switch_s: float) -> Figure:
+    figure = Figure(figsize=(8, 3.2), layout='constrained')
+    axes = figure.add_subplot()
+    times = _seconds(run, run.state_stamps)
+    values = np.linalg.eigvalsh(run.stiffness.reshape(-1, 6, 6)[::10, :3, :3])
+    plots.series(axes, times[::10], values, ['smallest', 'middle', 'largest'],
+                 'applied stiffness, eigenvalues [N/m]')
+    _mark_switch(axes, switch_s)
+    axes.set_xlabel('time since the motion began [s]')
+    axes.legend()
+    return figure
+
+
+def _mark_switch(axes: object, switch_s: float) -> None:
+    axes.axvline(switch_s, color='black', ls=':', lw=1.0,  # type: ignore[attr-defined]
+                 label='goal switch')
+
+
+def _lateness(lateness: Mapping[str, np.ndarray]) -> Figure:
+    figure = Figure(figsize=(7, 3.6), layout='constrained')
+    axes = figure.add_subplot()
+    for i, (name, values) in enumerate(lateness.items()):
+        ordered = np.sort(np.maximum(values, 1.0))
+        share = 1.0 - np.arange(len(ordered)) / len(ordered)
+        axes.plot(ordered, share, ls=plots.STYLES[i], color=plots.INK[i], lw=1.4, label=name)
+    axes.set(xscale='log', yscale='log', xlabel='lateness of a tick [µs]',
+             ylabel='share of ticks at least this late')
+    axes.legend()
+    return figure

@@ -12,8 +12,7 @@ import psutil
 
 from gdmp_ros.data import lasa, recordings, runs
 from gdmp_ros.data.bags import NS
-from gdmp_ros.demo import pictures
-from gdmp_ros.demo.report import print_table, report, Switch, Timeline, window
+from gdmp_ros.demo.report import draw, print_table, report, Switch, Timeline, window
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
@@ -21,10 +20,10 @@ from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.ros.arm_choice import ArmChoice
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import NodeTestbed, process_bed, SERVER
-from gdmp_ros.util.atomic_write import write_json
-from gdmp_ros.util.signals import interrupt_on_sigterm
+from gdmp_ros.util.files import write_json
+from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.view.films import render_to
 
 FRAME = 'panda_link0'
@@ -169,7 +168,7 @@ def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, A
     lateness = {'trajectory_server': window(folder, 'server', timeline)[:, 1] * 1e-3,
                 document['arm']: window(folder, 'sim', timeline)[:, 1] * 1e-3,
                 'bare sleeping loop': window(folder, 'bare', timeline)[:, 1] * 1e-3}
-    pictures.draw(run, folder, document['goal_switch']['at_s'], timeline.finished, lateness)
+    draw(run, folder, document['goal_switch']['at_s'], timeline.finished, lateness)
     missing = render_to(folder / 'arm.png', run.joints[-1], run.poses[::100, :3])
     if missing:
         print(missing)

@@ -14,8 +14,15 @@ from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.playback.pair_skill import one_of_two
 from gdmp_ros.playback.player import Player
-from gdmp_ros.sim.tray import ball_is_on_tray, hold_tray, pose_on_stand, SIDES, tilt, tool_poses
-from gdmp_ros.util.atomic_write import write_json, write_text
+from gdmp_ros.sim.two_arms import (
+    ball_is_on_tray,
+    hold_tray,
+    pose_on_stand,
+    SIDES,
+    tilt,
+    tool_poses,
+)
+from gdmp_ros.util.files import write_json, write_text
 from gdmp_ros.util.profiles import smoothstep
 from gdmp_ros.util.terminal import progress, table
 from gdmp_ros.view import plots

@@ -215,8 +215,8 @@ def _part(manifold: Manifold, point: np.ndarray, factors: list[int]) -> np.ndarr
 
 def _distance(manifold: Manifold, point: np.ndarray, first: int, second: int) -> float:
     factor = manifold.factors[first]
-    return factor.distance(*(point[manifold.point_slices[i]].reshape(factor.point_shape)
-                             for i in (first, second)))
+    return float(factor.distance(*(factor.unflat(point[manifold.point_slices[i]])
+                                   for i in (first, second))))
 
 
 def _relative(first: np.ndarray, second: np.ndarray, factor: Manifold) -> np.ndarray:

@@ -15,13 +15,12 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.contexts import Context
-from gdmp_ros.dmp.ends import shifted, turned_variation, turns
+from gdmp_ros.dmp.changes import shifted, turned_variation, turns
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.variation import Variation
+from gdmp_ros.dmp.variation import Context, Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
 

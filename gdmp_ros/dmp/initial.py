@@ -1,19 +1,19 @@
-"""How a roll-out begins: its memory, its scalars, a start anywhere and in motion."""
+"""How a roll-out begins: its memory, scalars, relations; a start anywhere and in motion."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.arrival import STILL_TOLERANCES
-from gdmp_ros.dmp.coupled_motion import relation_count, write_deviations, write_relations
-from gdmp_ros.dmp.cycle import periodic_basis
-from gdmp_ros.dmp.forcing import basis, forcing
-from gdmp_ros.dmp.goal import switch_goal
-from gdmp_ros.dmp.layout import blank, Motion, parts, SCALARS
+from gdmp_ros.dmp.coupling import Coupling
+from gdmp_ros.dmp.forcing import basis, forcing, periodic_basis
+from gdmp_ros.dmp.goal import STILL_TOLERANCES, switch_goal
+from gdmp_ros.dmp.layout import blank, Motion, parts, RELATION, SCALARS
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.primitive import carry_frame, Primitive
+from gdmp_ros.dmp.relations import DISTANCE
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
@@ -212,3 +212,44 @@ def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: S
     tangents.start_correction[:] = ((second + skill.gains.alpha_z * first) / scalars.stiffness
                                     - begins)
     scalars.correction_end = _CORRECTION
+
+
+def relation_count(couplings: Sequence[Coupling], manifold: Manifold) -> int:
+    """How many relations between two factors they are."""
+    return sum(len(coupling.terms(manifold)) for coupling in couplings)
+
+
+def write_relations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold) -> None:
+    """Write couplings to the memory of a motion (`relation_count`)."""
+    row = 0
+    for coupling in couplings:
+        for term in coupling.terms(manifold):
+            # How fast the relative motion answers to a force: the inverse masses add.
+            mobility = 1.0 if coupling.leads else 2.0
+            if term.carrier >= 0 and not coupling.leads:
+                mobility += 4.0 * float(term.element @ term.element)
+            values = (term.kind, term.first, term.second, term.carrier, int(coupling.leads),
+                      term.distance, coupling.rate ** 2 / mobility, 2.0 * coupling.rate / mobility)
+            for name, value in zip(RELATION.names or (), values):
+                setattr(motion.relations[row], name, value)
+            motion.related[row, manifold.point_slices[term.second]] = term.element
+            row += 1
+
+
+def write_deviations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold,
+                     frame: np.ndarray, start: np.ndarray) -> None:
+    """
+    Write the deviations at a start, which fade out.
+
+    :param frame: at the start
+    """
+    row = 0
+    for coupling in couplings:
+        for term in coupling.terms(manifold):
+            there = term.partners(manifold, manifold.flat(start))
+            way, _ = manifold.log_in_frame(frame, there)
+            if term.kind == DISTANCE:
+                length = np.linalg.norm(way[manifold.tangent_slices[term.second]])
+                way *= 1.0 - term.distance / length if length > 0.0 else 0.0
+            motion.deviations[row] = way
+            row += 1

@@ -1,11 +1,11 @@
 """
-The compiled integrator: leapfrog steps on a fixed grid of progress.
+The compiled integrator: leapfrog steps on a fixed grid of progress, and the state between nodes.
 
-Progress is ``s = ∫ dt/τ``; node k lies at s = k / K. Within an interval the point drifts half a
-step with the old velocity; the velocity is advanced by the exact solution of its linear part, with
-goal, logarithm and forcing term in the middle; the point drifts on with the new velocity. Between
-the nodes the state is interpolated (`gdmp_ros.dmp.interpolation`). The path is therefore the same
-for any sequence of `advance`, and has a continuous velocity.
+Progress is ``s = ∫ dt/τ`` with a speed that changes at a bounded rate; node k lies at s = k / K.
+Within an interval the point drifts half a step with the old velocity; the velocity is advanced by
+the exact solution of its linear part, with goal, logarithm and forcing term in the middle; the
+point drifts on with the new velocity. Between the nodes the state is interpolated. The path is
+therefore the same for any sequence of `advance`, and has a continuous velocity.
 
 Everything that a roll-out knows and changes lies in one flat array (`gdmp_ros.dmp.layout`).
 """
@@ -13,14 +13,18 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.dmp.arrival import BEFORE_END, LOOK_EVERY, update_arrival
-from gdmp_ros.dmp.cycle import update_cycle
-from gdmp_ros.dmp.forcing import forcing
-from gdmp_ros.dmp.goal import carry_waypoint, move_goal, update_lead, update_start_to_goal
-from gdmp_ros.dmp.interpolation import write_state
+from gdmp_ros.dmp.forcing import forcing, update_cycle
+from gdmp_ros.dmp.goal import (
+    BEFORE_END,
+    carry_waypoint,
+    LOOK_EVERY,
+    move_goal,
+    update_arrival,
+    update_lead,
+    update_start_to_goal,
+)
 from gdmp_ros.dmp.layout import motion_view, state_size, total_size
 from gdmp_ros.dmp.obstacles import avoid_obstacles
-from gdmp_ros.dmp.phase import pass_time
 from gdmp_ros.dmp.relations import keep_relations
 from gdmp_ros.dmp.segments import target_at
 from gdmp_ros.kernels import always_inline, inlined, kernel, noinline, numbers_at, without_refcount
@@ -30,14 +34,146 @@ from gdmp_ros.manifolds.factors import (
     factor_log,
     factor_log_in_frame,
     frame_at,
+    frame_point,
+    from_frame,
+    log_in_frame,
     project_tangent,
     renormalize,
     RENORMALIZE_EVERY,
     renormalize_frame,
+    to_frame,
     transport_frame,
 )
 from gdmp_ros.manifolds.linalg import copy_numbers
 from gdmp_ros.util.profiles import smoothstep
+
+#: Time constant with which the speed follows its ramp, so that its rate is continuous [s].
+SPEED_LAG = 0.02
+#: Below this difference the speed is set to that of the ramp.
+_ARRIVED = 1e-5
+
+
+@always_inline
+def _follow_ramp(scalars, rate, dt):
+    """
+    Let the speed follow its ramp, which changes by ``rate``, for ``dt``; return the time passed.
+
+    The ramp is continuous with a bounded rate. Behind a first-order lag the speed has a bounded
+    and continuous rate, and never leaves the range of the ramp. In closed form, so that the result
+    does not depend on how time is cut into steps.
+    """
+    ramp, speed = scalars.speed_ramp, scalars.speed
+    scalars.speed_ramp = ramp + rate * dt
+    if rate == 0.0 and abs(speed - ramp) < _ARRIVED:
+        scalars.speed, scalars.speed_slope = ramp, 0.0
+        return ramp * dt
+    gap = speed - ramp + rate * SPEED_LAG
+    decay = math.exp(-dt / SPEED_LAG)
+    scalars.speed = scalars.speed_ramp - rate * SPEED_LAG + gap * decay
+    scalars.speed_slope = rate - gap * decay / SPEED_LAG
+    return ((ramp + 0.5 * rate * dt - rate * SPEED_LAG) * dt
+            - gap * SPEED_LAG * math.expm1(-dt / SPEED_LAG))
+
+
+@always_inline
+def pass_time(scalars, dt):
+    """Advance the progress by ``dt`` [s] while the speed moves to its goal at a bounded rate."""
+    goal = scalars.speed_goal * scalars.slowdown
+    left = goal - scalars.speed_ramp
+    ramp = min(dt, abs(left) / scalars.speed_rate)
+    passed = 0.0
+    if ramp > 0.0:
+        passed += _follow_ramp(scalars, math.copysign(scalars.speed_rate, left), ramp)
+    if ramp < dt or left == 0.0:
+        scalars.speed_ramp = goal
+        passed += _follow_ramp(scalars, 0.0, dt - ramp)
+    if passed > 0.0:
+        scalars.time_per_progress = scalars.duration * dt / passed
+    scalars.progress += passed / scalars.duration
+    scalars.time += dt
+
+
+@always_inline
+def _interpolate(motion, u):
+    """Write the frame at fraction ``u`` of the interval, and in it both derivatives by s."""
+    frames, points, tangents, work = motion.frames, motion.points, motion.tangents, motion.work
+    h, n = 1.0 / motion.scalars.steps, motion.sizes.tangent
+    offset, rate, curvature = tangents.offset, tangents.rate, tangents.curvature
+    if motion.scalars.parallel == 1:
+        for i in range(n):
+            first = tangents.velocity_before[i]
+            change = tangents.velocity[i] - first
+            offset[i] = h * (first * (u - 0.5) + 0.5 * change * u * u)
+            rate[i] = first + change * u
+            curvature[i] = change / h
+        copy_numbers(motion.sizes.frame, frames.mid, frames.now)
+    else:
+        frame_at(motion.factors, points.before, frames.now, work)
+        copy_numbers(motion.sizes.frame, frames.now, frames.mid)
+        log_in_frame(motion.factors, frames.mid, points.node, offset, work)
+        transport_frame(motion.factors, frames.mid, offset, work)
+        to_frame(motion.factors, frames.now, tangents.velocity_before, rate, work)
+        to_frame(motion.factors, frames.mid, tangents.velocity, curvature, work)
+        for i in range(n):
+            whole, first, last = offset[i], h * rate[i], h * curvature[i]
+            square, cube = 3.0 * whole - 2.0 * first - last, first + last - 2.0 * whole
+            offset[i] = u * (first + u * (square + u * cube))
+            rate[i] = (first + u * (2.0 * square + 3.0 * u * cube)) / h
+            curvature[i] = (2.0 * square + 6.0 * u * cube) / (h * h)
+    transport_frame(motion.factors, frames.now, offset, work)
+
+
+@always_inline
+def _write_held_point(motion, point):
+    """Write the last node that could be computed."""
+    frames, tangents = motion.frames, motion.tangents
+    if motion.scalars.parallel == 0:
+        copy_numbers(motion.sizes.point, motion.points.node, point)
+        return
+    if motion.scalars.interval >= 0.0:
+        copy_numbers(motion.sizes.frame, frames.mid, frames.now)
+        for i in range(motion.sizes.tangent):
+            tangents.offset[i] = 0.5 / motion.scalars.steps * tangents.velocity[i]
+        transport_frame(motion.factors, frames.now, tangents.offset, motion.work)
+    else:
+        copy_numbers(motion.sizes.frame, frames.start, frames.now)
+    frame_point(motion.factors, frames.now, point, motion.work)
+
+
+@always_inline
+def write_state(motion, out):
+    """
+    Write time, phase, point, velocity and acceleration of the present moment to ``out``.
+
+    Derivatives are by time [1/s, 1/s²], in the representation at the point.
+    """
+    noinline()
+    scalars, tangents, frames = motion.scalars, motion.tangents, motion.frames
+    p, n = motion.sizes.point, motion.sizes.tangent
+    out[0] = scalars.time
+    if scalars.rhythmic == 1:
+        out[1] = 2.0 * math.pi * (scalars.progress - math.floor(scalars.progress))
+    else:
+        out[1] = math.exp(-scalars.alpha_x * scalars.progress)
+    point = numbers_at(out, 2, p)
+    velocity, acceleration = numbers_at(out, 2 + p, n), numbers_at(out, 2 + p + n, n)
+    if scalars.held == 1:
+        _write_held_point(motion, point)
+        for i in range(n):
+            velocity[i] = 0.0
+            acceleration[i] = 0.0
+        return
+    u = scalars.progress * scalars.steps - scalars.interval
+    _interpolate(motion, min(max(u, 0.0), 1.0))
+    speed = scalars.speed / scalars.duration
+    change = scalars.speed_slope / scalars.duration
+    for i in range(n):
+        tangents.spare[i] = speed * speed * tangents.curvature[i] + change * tangents.rate[i]
+        tangents.rate[i] *= speed
+    frame_point(motion.factors, frames.now, point, motion.work)
+    from_frame(motion.factors, frames.now, tangents.rate, velocity, motion.work)
+    from_frame(motion.factors, frames.now, tangents.spare, acceleration, motion.work)
+
 
 #: The forcing term fades out within this part of a duration after the nominal end.
 _FADE = 0.05

@@ -2,7 +2,7 @@
 Layout of a roll-out's memory: one flat array, cut into named parts.
 
 One array makes a call of the compiled step cheap, and the memories of many roll-outs, one after
-another, are stepped in one call (`gdmp_ros.dmp.batch`). The memory begins with a record of sizes;
+another, are stepped in one call (`gdmp_ros.dmp.Batch`). The memory begins with a record of sizes;
 the parts follow in the order in which `motion_view` cuts them.
 """
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A learned movement primitive: everything a roll-out needs, frozen."""
+"""A learned movement primitive: everything a roll-out needs, frozen; and states of a motion."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 import math
 from typing import Any, NamedTuple
@@ -10,12 +10,99 @@ import numpy as np
 
 from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp.coupling import Coupling
-from gdmp_ros.dmp.events import checked_events, GripperEvent
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
+
+
+class State:
+    """
+    One moment of a motion; its parts are views of one array, cut when they are asked for.
+
+    :ivar time: since the roll-out began [s]
+    :ivar phase: x, from 1 towards 0; of a rhythmic motion φ, 0 to 2π
+    :ivar point: shape ``point_shape``
+    :ivar velocity: tangent at the point [1/s], shape ``(tangent_size,)``
+    :ivar acceleration: covariant, at the point [1/s²], shape ``(tangent_size,)``
+    """
+
+    __slots__ = ('numbers', 'manifold')
+
+    def __init__(self, numbers: np.ndarray, manifold: Manifold):
+        """:param numbers: time, phase, point, velocity, acceleration; not copied"""
+        self.numbers = numbers
+        self.manifold = manifold
+
+    @property
+    def time(self) -> float:
+        return float(self.numbers[0])
+
+    @property
+    def phase(self) -> float:
+        return float(self.numbers[1])
+
+    @property
+    def point(self) -> np.ndarray:
+        size, shape = self.manifold.point_size, self.manifold.point_shape
+        return self.numbers[2:2 + size].reshape(shape)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        first = 2 + self.manifold.point_size
+        return self.numbers[first:first + self.manifold.tangent_size]
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        return self.numbers[2 + self.manifold.point_size + self.manifold.tangent_size:]
+
+    def __iter__(self) -> Iterator[float | np.ndarray]:
+        """Time, phase, point, velocity, acceleration."""
+        return iter((self.time, self.phase, self.point, self.velocity, self.acceleration))
+
+    def __repr__(self) -> str:
+        return (f'State(time={self.time!r}, phase={self.phase!r}, point={self.point!r}, '
+                f'velocity={self.velocity!r}, acceleration={self.acceleration!r})')
+
+
+class GripperEvent(NamedTuple):
+    """
+    A command for the gripper at a progress of the motion.
+
+    :ivar progress: from 0 (start) to 1 (nominal end)
+    :ivar width: between the fingers [m]
+    :ivar force: with which the fingers press [N]; 0: they move to the width only
+    :ivar speed: of the fingers [m/s]
+    """
+
+    progress: float
+    width: float
+    force: float
+    speed: float
+
+
+def checked_events(events: tuple[GripperEvent, ...]) -> tuple[GripperEvent, ...]:
+    """
+    Events in their order.
+
+    :raises ParameterError: if a number is not finite or negative, a progress is beyond 1, or they
+        are not in order
+    """
+    events = tuple(GripperEvent(*map(float, event)) for event in events)
+    for number, event in enumerate(events):
+        if not all(math.isfinite(value) and value >= 0.0 for value in event):
+            raise ParameterError(f'gripper event {number}: {tuple(event)}, expected finite '
+                                 'numbers of at least 0')
+        if event.progress > 1.0 or event.speed == 0.0:
+            raise ParameterError(f'gripper event {number}: progress is {event.progress:g}, '
+                                 f'expected 0 to 1; speed is {event.speed:g} m/s, expected more '
+                                 'than 0')
+        if number and event.progress < events[number - 1].progress:
+            raise ParameterError(f'gripper event {number}: progress is {event.progress:g}, before '
+                                 f'that of the event before, {events[number - 1].progress:g}')
+    return events
+
 
 #: Goal gain of rhythmic skills: with that of others entry and exit need 1.7 times the acceleration
 #: of the cycle.

@@ -237,3 +237,5 @@ class Term(NamedTuple):
         partner_points(record, 0, related, manifold.factor_table, point, target,
                        manifold.scratch())
         return target
+
+

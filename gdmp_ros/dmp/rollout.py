@@ -1,29 +1,125 @@
-"""The execution of a skill: the only state that changes."""
+"""The execution of a skill: the only state that changes; and many of them in one call."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 
-from gdmp_ros.dmp.goal import end_with, present_target, switch_goal
+from gdmp_ros.dmp.changes import turned
+from gdmp_ros.dmp.goal import end_with, present_target, SETTLED, switch_goal
 from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, recover, Start
 from gdmp_ros.dmp.integrator import advance
 from gdmp_ros.dmp.layout import FINISHED, Motion, parts
-from gdmp_ros.dmp.modulation import Modulation
 from gdmp_ros.dmp.obstacles import store_obstacles
 from gdmp_ros.dmp.options import (
     check_range,
     check_steps,
     LONGEST_STEP,
+    MAX_AMPLITUDE,
     MAX_SPEED,
     merged_options,
     Options,
     SHORTEST_DURATION,
 )
-from gdmp_ros.dmp.primitive import Primitive, Trajectory
-from gdmp_ros.dmp.state import State
-from gdmp_ros.dmp.turning import turned
+from gdmp_ros.dmp.primitive import Primitive, State, Trajectory
 from gdmp_ros.errors import ParameterError
+
+
+class Modulation:
+    """
+    Speed of a motion; frequency and amplitude of a rhythmic one: a part of `gdmp_ros.dmp.Rollout`.
+
+    The centre of a cycle is changed as any goal is (`Rollout.retarget`).
+    """
+
+    skill: Primitive
+    motion: Motion
+    _duration: float
+
+    @property
+    def speed(self) -> float:
+        """Present speed of the phase; 1 is as demonstrated."""
+        return float(self.motion.scalars.speed)
+
+    @property
+    def progress(self) -> float:
+        """``s = ∫ dt/τ``: 1 at the nominal end, or after one cycle, and increases further."""
+        return float(self.motion.scalars.progress)
+
+    @property
+    def phase(self) -> float:
+        """``x``, from 1 towards 0; of a rhythmic motion φ, 0 to 2π."""
+        if self.skill.rhythmic:
+            return 2.0 * math.pi * (self.progress % 1.0)
+        return math.exp(-self.skill.gains.alpha_x * self.progress)
+
+    @property
+    def duration(self) -> float:
+        """Duration at speed 1, of a rhythmic motion the period [s]."""
+        return self._duration
+
+    @property
+    def amplitude(self) -> float:
+        """Present factor of the cycle: 1 as demonstrated; 0 for a skill that is not rhythmic."""
+        return float(self.motion.scalars.amplitude)
+
+    @property
+    def frequency(self) -> float:
+        """Cycles per second at present [Hz]; 0 for a skill that is not rhythmic."""
+        scalars = self.motion.scalars
+        return float(scalars.rhythmic * scalars.speed / scalars.duration)
+
+    def set_speed(self, scale: float) -> None:
+        """
+        Change the speed to ``scale`` (1 as demonstrated, 0 a stop) at a bounded rate.
+
+        The path does not change.
+
+        :raises ParameterError: outside 0 … 2
+        """
+        self.motion.scalars.speed_goal = check_range('speed', scale, 0.0, MAX_SPEED)
+
+    def resume(self) -> None:
+        """Return to speed 1, as if the robot had caught up (`observe`)."""
+        self.motion.scalars.slowdown = 1.0
+        self.set_speed(1.0)
+
+    def set_amplitude(self, amplitude: float) -> None:
+        """
+        Change the amplitude, smoothly: 1 as demonstrated, 0 ends the motion at the centre.
+
+        The factor acts on the forcing term. On a flat space it scales the cycle exactly; on a
+        curved one nearly, the better the smaller the cycle.
+
+        :raises ParameterError: outside 0 … 2, or if the skill is not rhythmic
+        """
+        self._check_rhythmic('amplitude')
+        check_range('amplitude', amplitude, 0.0, MAX_AMPLITUDE)
+        scalars = self.motion.scalars
+        scalars.amplitude_goal = amplitude
+        scalars.finished = scalars.not_settled = 0
+        scalars.arrived_at = -1.0
+        # The amplitude needs as long as a goal; half a cycle more for the filter behind it.
+        # A centre that moves slowly may need longer.
+        scalars.settle_by = max(scalars.settle_by if scalars.goal_is_moving else 0.0,
+                                scalars.progress + 0.5 + max(1.0, SETTLED / scalars.alpha_g))
+
+    def set_frequency(self, frequency: float) -> None:
+        """
+        Change the number of cycles per second, at a bounded rate; the cycle does not change.
+
+        :param frequency: 0 to twice the demonstrated one [Hz]
+        :raises ParameterError: for another number, or if the skill is not rhythmic
+        """
+        self._check_rhythmic('frequency')
+        check_range('frequency', frequency, 0.0, MAX_SPEED / self._duration)
+        self.set_speed(frequency * self._duration)
+
+    def _check_rhythmic(self, what: str) -> None:
+        if not self.skill.rhythmic:
+            raise ParameterError(f'{what}: the skill is not rhythmic; learn it with '
+                                 'Skill.learn_rhythmic or gdmp learn --rhythmic')
 
 
 class Rollout(Modulation):
@@ -60,7 +156,7 @@ class Rollout(Modulation):
             the goal [1/s at speed 1]; it returns to the goal afterwards. By default that which was
             learned: none with ``end='rest'``
         :param frame: turns the whole skill about its start, its own goal too: an orthogonal matrix
-            that acts on coordinates in the skill's frame (`gdmp_ros.dmp.turning`)
+            that acts on coordinates in the skill's frame (`gdmp_ros.dmp.changes`)
         :param options: see `Options`; single ones may be given by name instead
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
@@ -177,7 +273,7 @@ class Rollout(Modulation):
         """
         Keep the state in ``memory`` from now on.
 
-        :param memory: with the content of `memory` (`gdmp_ros.dmp.batch`)
+        :param memory: with the content of `memory` (`gdmp_ros.dmp.rollout`)
         """
         self.memory = memory
         self.motion: Motion = parts(memory)
@@ -252,7 +348,7 @@ class Rollout(Modulation):
 
         From the nominal end on, as soon as every factor has been within its tolerance of the goal
         and at rest relative to it, for a twentieth of a duration. At rest: at most 1 % of the
-        largest speed of the motion (`gdmp_ros.dmp.arrival`). Or at ``s >= max(2, s_switch + 1)``,
+        largest speed of the motion (`gdmp_ros.dmp.goal`). Or at ``s >= max(2, s_switch + 1)``,
         later if ``goal_speed`` delays the goal, then with the flag ``not_settled``. A new goal
         clears it, also a moving one that jumps by more than the tolerance. A rhythmic motion
         finishes only after its amplitude has been set to 0.
@@ -274,3 +370,50 @@ class Rollout(Modulation):
         if given is None:
             return default
         return self._manifold.align(self._manifold.check_point(given), default)
+
+
+class Batch:
+    """
+    Roll-outs that share a memory.
+
+    `Rollout.retarget`, `set_speed`, `flags` and even its own `advance` act on each of them as
+    before. A roll-out belongs to one batch at most. Not to be shared between threads; the step
+    itself does not hold the interpreter lock.
+    """
+
+    def __init__(self, rollouts: Sequence[Rollout]):
+        """
+        Join roll-outs.
+
+        :raises ParameterError: without any, or if one is in a batch already
+        """
+        self.rollouts = tuple(rollouts)
+        if not self.rollouts:
+            raise ParameterError('a batch needs at least one roll-out, got none')
+        if (len({id(one) for one in self.rollouts}) < len(self.rollouts)
+                or any(one.memory.base is not None for one in self.rollouts)):
+            raise ParameterError('a roll-out can be in one batch only, and only once')
+        sizes = [one.memory.size for one in self.rollouts]
+        self._memory = np.concatenate([one.memory for one in self.rollouts])
+        for one, end, size in zip(self.rollouts, np.cumsum(sizes), sizes):
+            one.use_memory(self._memory[end - size:end])
+        states = np.array([one.state_size for one in self.rollouts])
+        ends = np.cumsum(states)
+        self._parts = [slice(end - size, end) for end, size in zip(ends, states)]
+        self._times = ends - states
+        self._size = int(states.sum())
+
+    def advance(self, dt: float | np.ndarray) -> list[State]:
+        """
+        Let time pass for all of them and return their states then.
+
+        :param dt: as in `Rollout.advance`; one for all, or one for each, shape
+            ``(len(rollouts),)``
+        :raises ParameterError: as `Rollout.advance`
+        """
+        check_steps(np.min(dt), np.max(dt))
+        out = np.empty(self._size)
+        out[self._times] = dt
+        advance(self._memory, out)
+        return [State(out[part], one.skill.manifold)
+                for part, one in zip(self._parts, self.rollouts)]

@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.dmp.changes import between, coupled, joined, related
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
-from gdmp_ros.dmp.ends import between
-from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.dmp.joining import coupled, joined, related
-from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, Primitive, Trajectory
+from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, GripperEvent, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
 from gdmp_ros.dmp.via import through, warn_of_cost
@@ -180,7 +178,7 @@ class Skill(Primitive):
 
         :param names: with which the names of the factors begin: ``left`` gives ``left_position``
         :param duration: [s]; the longer one by default
-        :raises ParameterError: see `gdmp_ros.dmp.joining.joined`
+        :raises ParameterError: see `gdmp_ros.dmp.changes.joined`
         """
         return cls.of(joined(first, second, names, duration))
 

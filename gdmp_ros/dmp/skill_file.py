@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.contexts import ContextModel
 from gdmp_ros.dmp.coupling import Coupling
-from gdmp_ros.dmp.events import GripperEvent
-from gdmp_ros.dmp.primitive import Gains, Primitive
+from gdmp_ros.dmp.primitive import Gains, GripperEvent, Primitive
 from gdmp_ros.dmp.segments import Segments
-from gdmp_ros.dmp.variation import Variation
+from gdmp_ros.dmp.variation import ContextModel, Variation
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, KINDS, Manifold
-from gdmp_ros.util.atomic_write import write_text
-from gdmp_ros.util.small_file import read_text
+from gdmp_ros.util.files import read_text, write_text
 
 FORMAT = 'gdmp skill'
 #: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
@@ -229,3 +226,5 @@ def _frame(document: dict[str, Any], manifold: Manifold) -> np.ndarray:
     if not np.allclose(frame, expected, rtol=1e-9, atol=1e-12):
         raise DataError('frame: it is not the frame at the start')
     return frame
+
+

@@ -1,13 +1,193 @@
-"""How takes of a motion vary around their mean: the data of a `gdmp_ros.dmp.Distribution`."""
+"""How takes of a motion vary around their mean, and with the contexts of the takes."""
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from gdmp_ros.dmp.contexts import ContextModel
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, ParameterError
+
+#: A context as users give it: a number for each name, or numbers in the order of the names.
+Context: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
+#: Part of the range that a context may be outside of what was shown: rounding.
+_ROUNDING = 1e-9
+
+
+class Kriging(NamedTuple):
+    """
+    The linear algebra of universal kriging.
+
+    :ivar trend: maps what the takes show to the coefficients of the trend, ``(1 + m, takes)``
+    :ivar bend: maps it to those of the process, ``(takes, takes)``
+    :ivar inverse: of the covariance of the takes
+    :ivar trend_covariance: of the coefficients of the trend, ``(1 + m, 1 + m)``
+    """
+
+    trend: np.ndarray
+    bend: np.ndarray
+    inverse: np.ndarray
+    trend_covariance: np.ndarray
+
+
+def kriging(near: np.ndarray, linear: np.ndarray) -> Kriging:
+    """
+    Compute the maps for takes with a covariance and a linear trend.
+
+    :param near: covariance of the takes, ``(takes, takes)``
+    :param linear: 1 and the numbers of each take, ``(takes, 1 + m)``
+    """
+    inverse = np.linalg.inv(near)
+    trend_covariance = np.linalg.inv(linear.T @ inverse @ linear)
+    trend = trend_covariance @ linear.T @ inverse
+    return Kriging(trend, inverse - inverse @ linear @ trend, inverse, trend_covariance)
+
+
+def correlations(first: np.ndarray, second: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Correlation of contexts by their distance, shape ``(len(first), len(second))``."""
+    away = (first[:, None, :] - second[None, :, :]) / lengths
+    return np.asarray(np.exp(-0.5 * (away ** 2).sum(axis=2)))
+
+
+@dataclass(frozen=True, eq=False)
+class ContextModel:
+    """
+    Shift of start, goal and weights of a primitive for a context.
+
+    :ivar names: of the numbers of a context, m of them
+    :ivar takes: contexts of the takes, shape ``(takes, m)``
+    :ivar lengths: correlation length of each number, shape ``(m,)``
+    :ivar noise: variance of what the context does not explain in each take, relative to that of
+        the process, shape ``(takes,)``
+    :ivar trend: coefficients of 1 and each number, shape ``(rows, 1 + m)``; the rows are those of
+        `gdmp_ros.dmp.variation.Variation.factor`
+    :ivar bend: coefficients of the process, shape ``(rows, takes)``
+    :ivar spread: E with the covariance ``E Eᵀ`` of what the context explains, ``(rows, any)``
+    :ivar timing: coefficients of 1 and each number for the logarithm of the duration divided by
+        that of the primitive, shape ``(1 + m,)``
+    """
+
+    names: tuple[str, ...]
+    takes: np.ndarray
+    lengths: np.ndarray
+    noise: np.ndarray
+    trend: np.ndarray
+    bend: np.ndarray
+    spread: np.ndarray
+    timing: np.ndarray
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            if part.name == 'names':
+                continue
+            array = np.array(getattr(self, part.name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, part.name, array)
+
+    @classmethod
+    def of_linear(cls, mean: np.ndarray, scale: np.ndarray, columns: np.ndarray) -> ContextModel:
+        """
+        The model of skill files before version 6: linear in the context.
+
+        :param mean: of the contexts, shape ``(m,)``
+        :param scale: L of their covariance ``L Lᵀ``
+        :param columns: shift for each number of ``L⁻¹ (context - mean)``, ``(rows, m)``
+        """
+        size = len(mean)
+        away = np.sqrt(float(size)) * scale.T
+        takes = np.vstack([mean + away, mean - away])
+        slope = columns @ np.linalg.inv(scale)
+        return cls(tuple(f'c{i + 1}' for i in range(size)), takes, np.ones(size),
+                   np.full(len(takes), 1e6), np.column_stack([-slope @ mean, slope]),
+                   np.zeros((len(columns), len(takes))), columns, np.zeros(1 + size))
+
+    def check(self, rows: int) -> None:
+        """
+        Check that the parts fit each other, and a primitive.
+
+        :param rows: of `gdmp_ros.dmp.variation.Variation.factor`
+        :raises DataError: naming the part and the shape
+        """
+        size, count = len(self.names), len(self.takes)
+        expected = {'takes': (count, size), 'lengths': (size,), 'noise': (count,),
+                    'trend': (rows, 1 + size), 'bend': (rows, count),
+                    'spread': (rows, self.spread.shape[-1]), 'timing': (1 + size,)}
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise DataError(f'contexts: {name} has shape {getattr(self, name).shape}, '
+                                f'expected {shape}')
+        if size < 1 or count < size + 1 or len(set(self.names)) < size:
+            raise DataError(f'contexts: {count} takes and the names {", ".join(self.names)}, '
+                            'expected different names and more takes than names')
+        if not ((self.lengths > 0.0).all() and (self.noise > 0.0).all()):
+            raise DataError('contexts: lengths and noise must be above 0')
+        away = self.takes - self.takes.mean(axis=0)
+        if np.linalg.matrix_rank(away, tol=1e-12 * np.abs(self.takes).max()) < size:
+            raise DataError('contexts: a number does not vary between the takes, or follows from '
+                            'the others')
+
+    def numbers(self, context: Context) -> np.ndarray:
+        """
+        Numbers of a context in the order of the names.
+
+        :raises ParameterError: unless there is a finite number for each name, no further outside
+            of the range of the takes than that is wide
+        """
+        if isinstance(context, Mapping):
+            if set(context) != set(self.names):
+                raise ParameterError(f'context: expected {", ".join(self.names)}, got '
+                                     f'{", ".join(map(str, context)) or "nothing"}')
+            context = [context[name] for name in self.names]
+        try:
+            given = np.array(context, dtype=np.float64)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != (len(self.names),) or not np.isfinite(given).all():
+            raise ParameterError(f'context: expected {len(self.names)} finite numbers '
+                                 f'({", ".join(self.names)}), got {context!r}')
+        low, high = self.takes.min(axis=0), self.takes.max(axis=0)
+        for name, number, least, most in zip(self.names, given, low, high):
+            if not least - (most - least) <= number <= most + (most - least):
+                raise ParameterError(f'context: {name} is {number:g}, further outside of what '
+                                     f'the takes show, {least:g} to {most:g}, than that is wide')
+        return given
+
+    def shift(self, numbers: np.ndarray) -> tuple[np.ndarray, float]:
+        """Shift of start, goal and weights for a context, ``(rows,)``; factor of the duration."""
+        linear = np.concatenate([[1.0], numbers])
+        near = correlations(numbers[None], self.takes, self.lengths)[0]
+        return self.trend @ linear + self.bend @ near, float(np.exp(self.timing @ linear))
+
+    def growth(self, numbers: np.ndarray) -> float:
+        """Standard deviation of the shift, relative to the usual one between the takes; >= 1."""
+        linear = np.column_stack([np.ones(len(self.takes)), self.takes])
+        if len(linear) <= linear.shape[1]:
+            return 1.0  # a file before version 6
+        own = correlations(self.takes, self.takes, self.lengths) + np.diag(self.noise)
+        maps = kriging(own, linear)
+        near = correlations(numbers[None], self.takes, self.lengths)[0]
+        noise = self.noise.mean()
+        rest = np.concatenate([[1.0], numbers]) - linear.T @ maps.inverse @ near
+        variance = (1.0 + noise - near @ maps.inverse @ near
+                    + rest @ maps.trend_covariance @ rest)
+        return float(np.sqrt(max(1.0, variance / np.mean(1.0 / np.diag(maps.bend)))))
+
+    def outside(self, numbers: np.ndarray) -> str:
+        """Why a context is outside of what the takes show; empty if it is not."""
+        low, high = self.takes.min(axis=0), self.takes.max(axis=0)
+        margin = _ROUNDING * (high - low)
+        for name, number, least, most, more in zip(self.names, numbers, low, high, margin):
+            if not least - more <= number <= most + more:
+                return f'{name} is {number:g}, the takes show {least:g} to {most:g}'
+        away = self.takes - self.takes.mean(axis=0)
+        inverse = np.linalg.inv(away.T @ away)
+        given = numbers - self.takes.mean(axis=0)
+        if given @ inverse @ given > (1.0 + _ROUNDING) * np.einsum(
+                'ki,ij,kj->k', away, inverse, away).max():
+            together = ', '.join(f'{n} {x:g}' for n, x in zip(self.names, numbers))
+            return f'the takes show no combination like {together}'
+        return ''
 
 
 @dataclass(frozen=True, eq=False)

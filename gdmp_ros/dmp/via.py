@@ -75,7 +75,7 @@ def _largest_acceleration(skill: Primitive) -> float:
     """Largest norm of the acceleration, of all coordinates together."""
     rollout, step = Rollout(skill), skill.duration / _SAMPLES
     states = [rollout.advance(step) for _ in range(_SAMPLES)]
-    return max(skill.manifold.norm(state.point, state.acceleration) for state in states)
+    return max(float(skill.manifold.norm(state.point, state.acceleration)) for state in states)
 
 
 def warn_of_cost(before: Primitive, after: Primitive) -> None:

@@ -13,8 +13,8 @@ from gdmp_ros.control.tick import Tick
 from gdmp_ros.franka.robot import FrankaRobot, Reading, RobotStopped
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import Chain
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
 
 #: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
 CYCLE_S = 0.001

@@ -20,7 +20,7 @@ import xml.etree.ElementTree as ElementTree
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, PORT
-from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.files import write_text
 
 VERSION = '1.1.7'
 HOST = '127.0.0.1'

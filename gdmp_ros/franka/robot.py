@@ -11,8 +11,8 @@ import numpy as np
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
 from gdmp_ros.realtime.loop import Clock, SystemClock
+from gdmp_ros.sim.frames import pose_of, ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import pose_of, ToolTransform
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 with optional_import(extra('franka')):

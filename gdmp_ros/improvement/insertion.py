@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.improvement.task import Scored, SimulatedTask
 from gdmp_ros.improvement.trial import Trial
 from gdmp_ros.improvement.variables import Stiffness, Variable, Weights
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import HOLE_TOP, peg_and_hole, PEG_BELOW, PEG_HALF_LENGTH
 from gdmp_ros.util.profiles import minimum_jerk

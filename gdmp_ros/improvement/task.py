@@ -22,8 +22,7 @@ from gdmp_ros.improvement.trial import perform, Trial
 from gdmp_ros.improvement.variables import Variable
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.path_check import PathChecker
-from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.path_check import PathChecker, Reach
 
 #: Time in which an executable has to score a roll-out [s].
 SCORE_S = 60.0
@@ -244,3 +243,5 @@ def _finite(name: str, terms: Mapping[str, float]) -> dict[str, float]:
         if not np.isfinite(found[str(term)]):
             raise ParameterError(f'{name}: the cost {term} is {value!r}, expected a finite number')
     return found
+
+

@@ -1,4 +1,4 @@
-"""One roll-out of a skill by a simulated arm: recorded, ended at a limit, and the way back."""
+"""Roll-outs of a skill by an arm: recorded, ended at a limit, and the way back."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -13,8 +13,7 @@ from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import execution_ticks
-from gdmp_ros.sim.path_check import PathChecker
-from gdmp_ros.sim.skill_check import check_skill
+from gdmp_ros.sim.path_check import check_skill, PathChecker
 
 #: Poses of a path that are checked before it is executed.
 POSES = 60
@@ -132,3 +131,5 @@ def problem(violation: np.ndarray, tank: float, wrench: np.ndarray, largest_forc
         return 'the energy tank is empty'
     force = float(np.linalg.norm(wrench[:3]))
     return f'a force of {force:.1f} N, allowed {largest_force:g}' if force > largest_force else ''
+
+

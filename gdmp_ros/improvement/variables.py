@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gdmp_ros.dmp.ends import between
+from gdmp_ros.dmp.changes import between
 from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout

@@ -1,6 +1,14 @@
 """Compiled kernels: decorators, views of flat memory, and the cache of machine code."""
-from gdmp_ros.kernels.cache import cache_folder, is_warm, on_compile, remove_stale
-from gdmp_ros.kernels.compile import always_inline, inlined, jitable, kernel
+from gdmp_ros.kernels.cache import (
+    always_inline,
+    cache_folder,
+    inlined,
+    is_warm,
+    jitable,
+    kernel,
+    on_compile,
+    remove_stale,
+)
 from gdmp_ros.kernels.intrinsics import (
     call_kernel,
     matrix_at,

@@ -1,9 +1,10 @@
 """
-Where compiled kernels are kept, and when they are compiled again.
+How kernels are compiled, where they are kept, and when they are compiled again.
 
-Numba stamps a cached function with the size and time of its own file: an edit of a comment
-compiles it again, an edit of a function that it calls in another file does not. Here the stamp is
-a hash of the function's bytecode, of the constants it uses, and of every kernel it calls.
+They are compiled without the GIL and without exceptions. Numba stamps a cached function with the
+size and time of its own file: an edit of a comment compiles it again, an edit of a function that
+it calls in another file does not. Here the stamp is a hash of the function's bytecode, of the
+constants it uses, and of every kernel it calls.
 """
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import time
 from types import CodeType, FunctionType
-from typing import Any
+from typing import Any, cast, TypeVar
 
 import numba
 from numba.core.caching import (
@@ -29,6 +30,7 @@ from numba.core.caching import (
     FunctionCache,
 )
 from numba.core.dispatcher import Dispatcher
+from numba.extending import register_jitable
 import numpy as np
 
 from gdmp_ros.kernels import intrinsics
@@ -263,3 +265,42 @@ class KernelCache(_Cache):
 
     def flush(self) -> None:
         self._files.flush()
+
+
+Function = TypeVar('Function', bound=Callable[..., object])
+
+
+def kernel(function: Function, **options: Any) -> Function:
+    """Compile ``function`` on its first call and keep the machine code on disk."""
+    compile_lazily: Any = numba.njit
+    compiled = compile_lazily(nogil=True, error_model='numpy', no_cfunc_wrapper=True,
+                              **options)(function)
+    cache = KernelCache(cast(FunctionType, function))
+    compiled._cache = cache  # noqa: SLF001  Numba has no public name for it
+    return cast(Function, compiled)
+
+
+def always_inline(function: Function) -> Function:
+    """
+    Compile ``function`` as `kernel` does, and copy its machine code into that of its callers.
+
+    For short functions: a call with array arguments costs 20 ns.
+    """
+    return kernel(function, forceinline=True)
+
+
+def inlined(function: Function) -> Function:
+    """
+    Make ``function`` part of every kernel that calls it, before it is typed and optimised.
+
+    A kernel is optimised together with all that it calls, once more for each kernel above it: a
+    large function with one caller compiles several times faster as part of that caller.
+    """
+    compile_lazily: Any = numba.njit
+    return cast(Function, compile_lazily(inline='always', error_model='numpy')(function))
+
+
+def jitable(function: Function) -> Function:
+    """Let kernels call ``function`` too; called from Python it is not compiled."""
+    register: Any = register_jitable
+    return cast(Function, register(function))

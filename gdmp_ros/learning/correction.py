@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.basis_change import with_functions
+from gdmp_ros.dmp.changes import between, with_functions
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.ends import between
 from gdmp_ros.dmp.primitive import frame_of, Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.learning.smoothing import smoother
+from gdmp_ros.learning.regression import smoother
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
 

@@ -1,12 +1,17 @@
-"""Cycles of a recording: its period, and where each cycle begins."""
+"""Cycles of a recording: its period, where each cycle begins, and the fit of one cycle to all."""
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import solveh_banded
 
-from gdmp_ros.errors import DataError
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.errors import CutLocusError, DataError
+from gdmp_ros.learning.regression import fourier_columns, FourierRegression, Series
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 
 #: A recording has a period if it correlates with itself one period later by more than this …
 CORRELATED = 0.4
@@ -21,7 +26,7 @@ UNEVEN = 0.2
 #: A cycle is one of the others if its mean squared distance from them is less than this many
 #: times the median, or than this part of the mean square of the motion. What has nothing to do
 #: with the cycle, such as rest, is further away than the mean square.
-DIFFERENT, ALIKE, UNRELATED = 9.0, 0.02, 0.5
+DIFFERENT_CYCLE, ALIKE_CYCLE, UNRELATED_CYCLE = 9.0, 0.02, 0.5
 
 
 class Cycles(NamedTuple):
@@ -125,7 +130,8 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
             more, apart = _follow(curve, template, float(middle), period, forward)
             marks = [*marks, *more] if forward else [*more[::-1], *marks]
             errors = [*errors, *apart] if forward else [*apart[::-1], *errors]
-    limit = min(max(DIFFERENT * float(np.median(errors)), ALIKE * scatter), UNRELATED * scatter)
+    limit = min(max(DIFFERENT_CYCLE * float(np.median(errors)), ALIKE_CYCLE * scatter),
+                UNRELATED_CYCLE * scatter)
     centre = marks.index(float(middle))
     first = last = centre
     while first > 0 and errors[first - 1] <= limit:
@@ -195,3 +201,276 @@ def _distance(curve: np.ndarray, template: np.ndarray, shift: int) -> float:
     first, last = max(shift, 0), min(shift + len(template), len(curve))
     away = curve[first:last] - template[first - shift:last - shift]
     return float(np.mean((away ** 2).sum(axis=1)))
+
+
+#: Most harmonics, and fewest samples of a cycle for each of them.
+MOST_HARMONICS, SAMPLES_PER_HARMONIC = 60, 3
+#: Turns of the fit: series and phases, one after the other; before and after what differs from the
+#: cycles is left out.
+TURNS = 4
+#: Samples differ if their squared distances are this many times the median, and more than this
+#: part of the mean square of the cycle, on average over this part of a cycle.
+DIFFERENT, ALIKE, WINDOW = 9.0, 0.005, 0.1
+#: Most samples of a recording that are used: an hour at 28 Hz.
+MOST_SAMPLES = 100_000
+#: Points from which a centre is guessed.
+_FEW = 200
+#: Phases at which cycles of different recordings are compared.
+_PHASES = 256
+#: Part of the span below which a factor counts as exact.
+_EXACT = 1e-7
+
+
+class FittedTake(NamedTuple):
+    """
+    One recording and the cycle.
+
+    :ivar cycles: how many it has
+    :ivar period: of a cycle, mean [s]
+    :ivar samples: first and last one, of those with equal spacing, that belong to cycles
+    :ivar progress: cycles passed at each of these
+    """
+
+    cycles: float
+    period: float
+    samples: tuple[int, int]
+    progress: np.ndarray
+
+
+class FittedCycle(NamedTuple):
+    """
+    A cycle and the recordings of it.
+
+    :ivar centre: point
+    :ivar series: in the canonical frame of the centre
+    """
+
+    centre: np.ndarray
+    series: Series
+    takes: list[FittedTake]
+
+
+class CycleFit:
+    """Recordings and what is known of their cycle so far."""
+
+    def __init__(self, shown: list[Demonstration], weights: np.ndarray, period: float | None):
+        """
+        Find the cycles.
+
+        :param shown: uniform, with consistent signs
+        :param weights: of the recordings
+        :param period: [s]; None to find it
+        :raises DataError: if a recording has no period, or is shorter than one
+        """
+        self._manifold, self._shown, self._weights = shown[0].manifold, shown, weights
+        self._dt = [one.duration / (len(one.times) - 1) for one in shown]
+        self._centre = self._guessed_centre()
+        self._coordinates = [self._seen(one) for one in shown]
+        spread = np.sqrt(np.mean([self._by_factor(one - one.mean(axis=0)).mean(axis=0)
+                                  for one in self._coordinates], axis=0))
+        self._span = np.where(spread > 1e-12, spread, np.inf)
+        self._cycles = [self._found(number, period) for number in range(len(shown))]
+        # The phase begins with the first sample that is used.
+        self._offsets = [-float(one.progress(np.array([one.first]))[0]) for one in self._cycles]
+        self._scale = 1.0 / self._span ** 2
+
+    def fitted(self) -> FittedCycle:
+        """
+        Fit series and phases.
+
+        :raises CutLocusError: if the cycle meets the cut locus of its centre
+        """
+        series = self._series([0])
+        for number in range(1, len(self._shown)):
+            self._offsets[number] += self._shift(series, self._series([number]))
+        if len(self._shown) > 1:
+            series = self._series(range(len(self._shown)))
+        for turn in range(2 * TURNS):
+            self._weigh(series)
+            for number in range(len(self._shown)):
+                if turn == TURNS:
+                    self._leave_out(number, series)
+                self._correct_phase(number, series)
+            self._recentre(series)
+            series = self._series(range(len(self._shown)))
+        return FittedCycle(self._centre, series, [self._take(number)
+                                                  for number in range(len(self._shown))])
+
+    def _guessed_centre(self) -> np.ndarray:
+        points = np.concatenate([one.points[::max(len(one.points) // _FEW, 1)]
+                                 for one in self._shown])
+        try:
+            return self._manifold.mean(list(points))
+        except CutLocusError as error:
+            raise CutLocusError(f'the cycle has no centre: {error}. A rhythmic skill needs points '
+                                'near their mean, so it cannot turn all the way round',
+                                error.distance) from None
+
+    def _seen(self, one: Demonstration) -> np.ndarray:
+        """Coordinates of the samples, seen from the centre."""
+        away, distances = coordinates(self._manifold, self._centre, one.flat_points)
+        at = int(np.argmin(distances))
+        if distances[at] < CUT_LOCUS_LIMIT:
+            raise CutLocusError(f'{self._manifold!r}: sample {at} is on the cut locus of the '
+                                'centre of the cycle; a rhythmic skill cannot turn all the way '
+                                'round', float(distances[at]))
+        return away
+
+    def _by_factor(self, away: np.ndarray) -> np.ndarray:
+        """Squared norm in each factor, shape ``(count, factors)``."""
+        return np.column_stack([(away[:, part] ** 2).sum(axis=1)
+                                for part in self._manifold.tangent_slices])
+
+    def _spread(self, of_factors: np.ndarray) -> np.ndarray:
+        """A number of each factor, for each of its coordinates."""
+        sizes = [part.stop - part.start for part in self._manifold.tangent_slices]
+        return np.repeat(of_factors, sizes)
+
+    def _found(self, number: int, period: float | None) -> Cycles:
+        curve = self._coordinates[number] / self._spread(self._span)
+        dt = self._dt[number]
+        if not np.isfinite(self._span).any():
+            raise DataError(f'demonstration {number} does not move: no period was found')
+        samples = find_period(curve, dt) if period is None else period / dt
+        if samples < FEWEST_SAMPLES:
+            raise DataError(f'demonstration {number} has {samples:.3g} samples in a period of '
+                            f'{samples * dt:.3g} s, expected at least {FEWEST_SAMPLES}')
+        if len(curve) < samples:
+            raise DataError(f'demonstration {number} lasts {self._shown[number].duration:.4g} s, '
+                            f'expected at least one period of {samples * dt:.4g} s')
+        return find_cycles(curve, samples)
+
+    def _passed(self, number: int) -> np.ndarray:
+        """Cycles of a recording passed at each sample that is used."""
+        one = self._cycles[number]
+        return one.progress(np.arange(one.first, one.last + 1))
+
+    def _progress(self, number: int) -> np.ndarray:
+        """The same, on the phase that all recordings have in common."""
+        return self._passed(number) + self._offsets[number]
+
+    def _used(self, number: int) -> np.ndarray:
+        one = self._cycles[number]
+        return self._coordinates[number][one.first:one.last + 1]
+
+    def _series(self, numbers: range | list[int]) -> Series:
+        """Fit the series to recordings."""
+        progress = [self._progress(number) for number in numbers]
+        period = min(self._cycles[number].period for number in numbers)
+        harmonics = int(min(MOST_HARMONICS, max(period // SAMPLES_PER_HARMONIC, 1)))
+        matrix = np.vstack([fourier_columns(one, harmonics) for one in progress])
+        share = np.concatenate([np.full(len(one), self._weights[number] / len(one))
+                                for number, one in zip(numbers, progress)])
+        root = np.sqrt(share * len(share) / share.sum())[:, None]
+        wanted = root * np.vstack([self._used(number) for number in numbers])
+        smooth = FourierRegression(root * matrix, harmonics)
+        result = np.empty((1 + 2 * harmonics, self._manifold.tangent_size))
+        for part in self._manifold.tangent_slices:
+            result[:, part] = smooth.fitted(wanted[:, part])
+        return Series(result)
+
+    def _shift(self, first: Series, other: Series) -> float:
+        """By how much the phase of a cycle is to be shifted to agree with another one."""
+        progress = np.arange(_PHASES) / _PHASES
+        scale = 1.0 / self._spread(self._span)
+        spectra = [np.fft.rfft(one.at(progress) * scale, axis=0) for one in (first, other)]
+        likeness = np.fft.irfft((spectra[1] * spectra[0].conj()).sum(axis=1), _PHASES)
+        return -float(np.argmax(likeness)) / _PHASES
+
+    def _weigh(self, series: Series) -> None:
+        """Weigh the factors by how exactly they follow the cycle."""
+        squares = np.vstack([self._by_factor(self._used(number) - series.at(
+            self._progress(number))) for number in range(len(self._shown))])
+        self._scale = 1.0 / (squares.mean(axis=0) + (_EXACT * self._span) ** 2)
+
+    def _correct_phase(self, number: int, series: Series) -> None:
+        """One Gauss-Newton step for the beginnings of the cycles of a recording."""
+        one, passed = self._cycles[number], self._passed(number)
+        progress = passed + self._offsets[number]
+        scale = self._spread(self._scale)
+        slope, away = series.slope(progress), self._used(number) - series.at(progress)
+        gain, error = (slope ** 2) @ scale, (slope * away) @ scale
+        cycle = np.minimum(passed.astype(np.int64), len(one.marks) - 2)
+        after = passed - cycle
+        change = _beginnings(len(one.marks), cycle, after, gain, error)
+        if number == 0:
+            change -= np.interp(one.first, one.marks, change)
+        marks = one.marks - np.clip(change, -0.25, 0.25) * one.period
+        if (np.diff(marks) > 0.0).all():
+            self._cycles[number] = one._replace(
+                marks=marks, first=max(one.first, int(np.ceil(marks[0]))),
+                last=min(one.last, int(np.floor(marks[-1]))))
+
+    def _leave_out(self, number: int, series: Series) -> None:
+        """Leave out what differs from the cycle at both ends."""
+        one, scale = self._cycles[number], self._spread(1.0 / self._span ** 2)
+        progress = self._progress(number)
+        shape = series.at(progress)
+        apart = (self._used(number) - shape) ** 2 @ scale
+        width = max(round(WINDOW * one.period), 1)
+        apart = np.convolve(np.pad(apart, width, 'edge'), np.full(width, 1.0 / width), 'same')[
+            width:-width]
+        size = float(((shape - shape.mean(axis=0)) ** 2 @ scale).mean())
+        differs = apart > max(DIFFERENT * float(np.median(apart)), ALIKE * size)
+        quarter = len(apart) // 4
+        before, after = np.flatnonzero(differs[:quarter]), np.flatnonzero(differs[-quarter:])
+        first = one.first + (int(before[-1]) + 1 if len(before) else 0)
+        last = one.last - (quarter - int(after[0]) if len(after) else 0)
+        if last - first >= min(one.period, 0.999 * (one.last - one.first)):
+            self._cycles[number] = one._replace(first=first, last=last)
+
+    def _recentre(self, series: Series) -> None:
+        """Move the centre to the mean of the cycle."""
+        manifold = self._manifold
+        step = manifold.from_frame(manifold.frame(self._centre), series.coefficients[0])
+        self._centre = manifold.exp(self._centre, step)
+        self._coordinates = [self._seen(one) for one in self._shown]
+
+    def _take(self, number: int) -> FittedTake:
+        one = self._cycles[number]
+        return FittedTake((one.last - one.first) / one.period, one.period * self._dt[number],
+                          (one.first, one.last), self._progress(number))
+
+
+def thinned(shown: Demonstration) -> Demonstration:
+    """A demonstration with at most `MOST_SAMPLES`."""
+    every = -(-len(shown.times) // MOST_SAMPLES)
+    return shown if every == 1 else Demonstration(shown.times[::every], shown.points[::every],
+                                                  shown.manifold)
+
+
+def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarray,
+                error: np.ndarray) -> np.ndarray:
+    """
+    By how much the phase changes at the beginnings of cycles: linear between them.
+
+    :param cycle: number of the beginning before each sample
+    :param after: part of the cycle that has passed since
+    :param gain: weight of each sample
+    :param error: gain times the change that it asks for
+    """
+    def sums(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return np.bincount(at, values, count)
+    before = 1.0 - after
+    bands = np.zeros((3, count))  # the upper diagonals, as scipy wants them
+    bands[2] = sums(cycle, gain * before ** 2) + sums(cycle + 1, gain * after ** 2)
+    bands[1, 1:] = sums(cycle, gain * before * after)[:-1]
+    # Beginnings beyond the recording are hardly seen: they follow their neighbours.
+    stiff = 1e-4 * gain.sum() / count
+    bend = (1.0, -2.0, 1.0)
+    for i in range(3):
+        for j in range(i, 3):
+            bands[2 - (j - i), j:max(count - 2, 0) + j] += stiff * bend[i] * bend[j]
+    bands[2] += 1e-9 * (gain.sum() / count + 1e-300)
+    right = sums(cycle, error * before) + sums(cycle + 1, error * after)
+    return np.asarray(solveh_banded(bands, right))
+
+
+def coordinates(manifold: Manifold, centre: np.ndarray, points: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Logarithms in the canonical frame of a centre, and distances from its cut locus.
+
+    :param points: flat, shape ``(count, point_size)``
+    """
+    return manifold.log_in_frame(manifold.frame(centre), manifold.unflat(points))

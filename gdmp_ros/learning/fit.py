@@ -13,13 +13,12 @@ from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.alignment import aligned, SAMPLES
-from gdmp_ros.learning.context_fit import Contexts
 from gdmp_ros.learning.forcing_fit import fit_forcing
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 from gdmp_ros.learning.rhythmic_fit import learn_cycle
-from gdmp_ros.learning.variation_fit import variation_of
-from gdmp_ros.util.blas import one_thread
+from gdmp_ros.learning.variation_fit import Contexts, variation_of
+from gdmp_ros.util.parallel import one_thread
 
 __all__ = ['FitSettings', 'learn', 'learn_cycle']
 

@@ -1,9 +1,11 @@
 """Fit of the forcing term: the dynamical system inverted along the demonstrations."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+import math
 from typing import NamedTuple
+import warnings
 
 import numpy as np
 
@@ -11,11 +13,15 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development, differentiate, published_derivatives
 from gdmp_ros.dmp.forcing import basis
 from gdmp_ros.dmp.primitive import frame_of, Primitive
+from gdmp_ros.dmp.response import LAST
+from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
+from gdmp_ros.errors import CutLocusError, GdmpWarning
 from gdmp_ros.learning.preparation import (
     blank_primitive,
     common_segments,
     FitSettings,
+    LARGEST_CURVATURE_ERROR,
     own_segments,
 )
 from gdmp_ros.learning.regression import regress
@@ -67,3 +73,92 @@ def _invert(demonstration: Demonstration, blank: Primitive) -> _Inverted:
     forcing = ((duration ** 2 * acceleration + gains.alpha_z * duration * velocity)
                / (gains.alpha_z * gains.beta_z) - to_target + to_target[0] * x[:, None])
     return _Inverted(s, forcing, duration * start_velocity)
+
+
+#: Samples of a motion per duration, and at least this many for each basis function.
+SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
+#: Inversions; the first leaves 2e-5 of the span or less, the second 4e-6.
+INVERSIONS = 2
+
+
+class _Motion(NamedTuple):
+    """
+    A motion that is wanted.
+
+    :ivar start: point
+    :ivar goal: point
+    :ivar points: flat, at the samples
+    """
+
+    start: np.ndarray
+    goal: np.ndarray
+    points: np.ndarray
+
+
+def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Primitive:
+    """
+    Make the motions of a primitive with the published connection.
+
+    :param fitted: with the exact connection
+    :param ends: start and goal of each motion
+    """
+    s = _samples(fitted.n_basis)
+    wanted = [_Motion(start, goal, _path(fitted, start, goal, s)) for start, goal in ends]
+    paths = [one.points for one in wanted]
+    published = replace(fitted, connection='published')
+    best, smallest = published, np.inf
+    for _ in range(INVERSIONS):
+        try:
+            candidate = _inverted(published, wanted, paths, s)
+            made = [_path(candidate, one.start, one.goal, s) for one in wanted]
+            moves = [_unrolled(fitted, one, path).ways_to(one.points)
+                     for one, path in zip(wanted, made)]
+        except CutLocusError:
+            break
+        error = float(sum((one ** 2).sum() for one in moves))
+        if not error < smallest:
+            break
+        best, smallest = candidate, error
+        paths = [_unrolled(fitted, one, path).moved(move)
+                 for one, path, move in zip(wanted, paths, moves)]
+    rms = math.sqrt(smallest / (len(s) * len(wanted)))
+    span = max(float(np.linalg.norm(_unrolled(fitted, one, one.points).unrolled, axis=1).max())
+               for one in wanted)
+    if rms > LARGEST_CURVATURE_ERROR * span:
+        warnings.warn(f"connection='published': the roll-out is {rms:.2g} away from the fitted "
+                      f"motion, {rms / span:.0%} of the span; connection='parallel' follows it",
+                      GdmpWarning, stacklevel=6)
+    return best
+
+
+def _samples(count: int) -> np.ndarray:
+    return np.arange(0.0, LAST, 1.0 / max(SAMPLES, SAMPLES_PER_FUNCTION * count))
+
+
+def _path(primitive: Primitive, start: np.ndarray, goal: np.ndarray, s: np.ndarray) -> np.ndarray:
+    rollout = Rollout(primitive, start=start, goal=goal, duration=1.0)
+    return np.asarray(rollout.sample(s).points.reshape(len(s), -1))
+
+
+def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarray],
+              s: np.ndarray) -> Primitive:
+    """Solve [GDMP] eq. (17) for the forcing term along the paths."""
+    manifold, gains = primitive.manifold, primitive.gains
+    shown = s <= 1.0
+    x = np.exp(-gains.alpha_x * s[shown])[:, None]
+    forcing = []
+    for one, path in zip(wanted, paths):
+        goal = one.goal.reshape(-1)
+        attracting = targets(manifold, primitive.segments, goal, s)
+        velocity, acceleration, to_target = published_derivatives(manifold, path, attracting,
+                                                                  s[1] - s[0])
+        first = manifold.log(one.start, attracting[0].reshape(manifold.point_shape))
+        pull = (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
+        forcing.append((pull - to_target)[shown] + first * x)
+    weights = regress(basis(primitive.n_basis, gains.alpha_x), gains.alpha_x,
+                      np.tile(s[shown], len(forcing)), np.vstack(forcing), 0.0)
+    return replace(primitive, weights=weights)
+
+
+def _unrolled(primitive: Primitive, one: _Motion, path: np.ndarray) -> Development:
+    return Development(primitive.manifold, path, frame_of(primitive, one.start))

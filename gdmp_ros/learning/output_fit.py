@@ -23,20 +23,23 @@ from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import CutLocusError, ParameterError
-from gdmp_ros.learning.averaging import averaged, Samples
-from gdmp_ros.learning.endpoints import Endpoint, goal_of, start_of
+from gdmp_ros.learning.forcing_fit import with_published
 from gdmp_ros.learning.lost_detail import Reproduced, warn_of_lost_detail
 from gdmp_ros.learning.preparation import (
+    averaged,
     blank_primitive,
     check_curvature,
     check_tolerance,
     common_segments,
+    Endpoint,
     FitSettings,
+    goal_of,
     own_segments,
+    Samples,
+    start_of,
     warn_tolerance,
 )
-from gdmp_ros.learning.published_fit import with_published
-from gdmp_ros.learning.ridge import regression, Ridge, Rows, solve
+from gdmp_ros.learning.regression import regression, Ridge, Rows, solve
 from gdmp_ros.manifolds.euclidean import Euclidean
 
 #: The motion begins with a velocity if it is this many times its standard error.

@@ -1,4 +1,4 @@
-"""Fit report: how accurately a skill reproduces its demonstrations, and suspect samples."""
+"""Fit reports: how accurately a skill reproduces its demonstrations, and suspect samples."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -7,16 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from gdmp_ros.dmp.cycle import periodic_basis, periodic_design
 from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
-from gdmp_ros.dmp.forcing import basis
+from gdmp_ros.dmp.forcing import basis, periodic_basis, periodic_design
 from gdmp_ros.dmp.primitive import Primitive
-from gdmp_ros.learning.cycle_report import cycle_takes
-from gdmp_ros.learning.endpoints import noise_level
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.errors import DataError
+from gdmp_ros.learning.cycles import CycleFit, thinned
+from gdmp_ros.learning.preparation import noise_level, prepared
 from gdmp_ros.learning.regression import scaled_design_matrix
 from gdmp_ros.learning.rhythmic_fit import PHASES
+from gdmp_ros.manifolds import Manifold
 
 #: A sample is suspect if its deviation from its neighbours is this many times the local median.
 _OUTLIER = 12.0
@@ -163,3 +165,70 @@ def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspici
     frozen = np.flatnonzero((steps < 1e-3 * around) & (around > 1e-5 * scale))
     return [Suspicion(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
             for i in frozen]
+
+
+#: Points of the cycle, and steps by which its phase is searched, coarse and fine.
+_PHASES, _STEPS = 4096, (64, 8, 1)
+
+
+class CycleTake(NamedTuple):
+    """
+    One recording beside the cycle.
+
+    :ivar cycles: how many it has
+    :ivar period: of them, mean [s]
+    :ivar times: of the first and last sample that were used, from the first one [s]
+    :ivar away: distance of these samples from the cycle in each factor, shape ``(T, factors)``
+    :ivar progress: cycles passed at these samples, on the phase of the skill
+    :ivar points: these samples, flat
+    """
+
+    cycles: float
+    period: float
+    times: tuple[float, float]
+    away: np.ndarray
+    progress: np.ndarray
+    points: np.ndarray
+
+
+def cycle_takes(skill: Primitive, shown: list[Demonstration]) -> list[CycleTake]:
+    """
+    Find the cycles of recordings, and their distances from that of a rhythmic skill.
+
+    :raises GdmpError: if a recording does not repeat a cycle
+    """
+    manifold, uniform = skill.manifold, [thinned(one) for one in prepared(shown, None)]
+    try:
+        fitted = CycleFit(uniform, np.ones(len(shown)), None).fitted()
+    except DataError:  # one cycle, learned with its period
+        fitted = CycleFit(uniform, np.ones(len(shown)), skill.duration).fitted()
+    s = np.arange(_PHASES) / _PHASES
+    orbit = Rollout(skill).sample((1.0 + s) * skill.duration).points.reshape(_PHASES, -1)
+    spans = manifold.factor_distances(np.repeat(orbit[:1], _PHASES, axis=0), orbit).max(axis=0)
+    weights = 1.0 / np.maximum(spans, 1e-9)
+    takes = []
+    for one, take in zip(uniform, fitted.takes):
+        first, last = take.samples
+        points = np.array([manifold.flat(manifold.align(p, skill.start))
+                           for p in one.points[first:last + 1]])
+        at = np.rint(take.progress * _PHASES).astype(np.int64)
+        few = slice(None, None, max(len(points) // 100, 1))
+        at += _shift(manifold, points[few], at[few], orbit, weights)
+        spacing = one.duration / (len(one.times) - 1)
+        takes.append(CycleTake(take.cycles, take.period, (first * spacing, last * spacing),
+                               manifold.factor_distances(points, orbit[at % _PHASES]),
+                               at / _PHASES, points))
+    return takes
+
+
+def _shift(manifold: Manifold, points: np.ndarray, at: np.ndarray, orbit: np.ndarray,
+           weights: np.ndarray) -> int:
+    """By how many phases points have to be shifted to be nearest to the cycle."""
+    def apart(shift: int) -> float:
+        away = manifold.factor_distances(points, orbit[(at + shift) % _PHASES])
+        return float(((weights * away) ** 2).sum())
+    shift, around = 0, _PHASES
+    for step in _STEPS:
+        shift = min(range(shift - around // 2, shift + around // 2 + 1, step), key=apart)
+        around = 2 * step
+    return shift

@@ -7,21 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.cycle import periodic_basis, periodic_design
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.forcing import periodic_basis, periodic_design
 from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import Gains, MIN_STEPS, Primitive
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.learning.cycle_fit import coordinates, CycleFit, FittedCycle, thinned
-from gdmp_ros.learning.fourier import Series
+from gdmp_ros.learning.cycles import coordinates, CycleFit, FittedCycle, thinned
 from gdmp_ros.learning.preparation import (
     check_tolerance,
     FitSettings,
     prepared,
     warn_tolerance,
 )
+from gdmp_ros.learning.regression import Series
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.util.blas import one_thread
+from gdmp_ros.util.parallel import one_thread
 
 #: Numbers of basis functions that ``n_basis='auto'`` tries, and the largest number.
 COUNTS, MOST = (10, 14, 20, 28, 40, 60, 85, 120, 170, 240), 1000

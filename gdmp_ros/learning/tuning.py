@@ -17,7 +17,7 @@ from gdmp_ros.errors import DataError, GdmpWarning
 from gdmp_ros.learning.alignment import aligned
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import FitSettings, prepared
-from gdmp_ros.learning.take_stiffness import AGREEMENT, covariances_of_takes
+from gdmp_ros.learning.stiffness import AGREEMENT, covariances_of_takes
 
 #: Numbers of basis functions that are tried.
 COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128)

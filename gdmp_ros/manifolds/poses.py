@@ -1,9 +1,13 @@
-"""Poses (x, y, z, qw, qx, qy, qz) in the frames of others."""
+"""Poses (x, y, z, qw, qx, qy, qz) in the frames of others, and the manifolds of a tool."""
 from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.manifolds.quaternion import multiply, rotate
+from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.manifold import Manifold
+from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.quaternion import multiply, rotate, UnitQuaternion
+from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 #: Numbers of a pose, and that of a frame in itself.
 POSE_SIZE = 7
@@ -25,3 +29,13 @@ def inverse(pose: np.ndarray) -> np.ndarray:
     result[3:] = pose[3:] * [1.0, -1.0, -1.0, -1.0]
     rotate(result[3:], -pose[:3], result[:3])
     return result
+
+
+def tool_manifold(stiffness_size: int | None, wrench: bool = False) -> Product:
+    """R³ × S³, with SPD(3) or SPD(6) if there is a stiffness, and R⁶ if there is a wrench."""
+    factors: dict[str, Manifold] = {'position': Euclidean(3), 'orientation': UnitQuaternion()}
+    if stiffness_size is not None:
+        factors['stiffness'] = SymmetricPositiveDefinite(stiffness_size)
+    if wrench:
+        factors['wrench'] = Euclidean(6)
+    return Product(*factors.values(), names=tuple(factors))

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class ArmKinematics(Protocol):
-    """Kinematics of the arm that follows (`gdmp_ros.sim.reach`)."""
+    """Kinematics of the arm that follows (`gdmp_ros.sim.path_check`)."""
 
     def problem(self, pose: np.ndarray) -> str:
         """Why the arm cannot reach a pose; empty if it can."""

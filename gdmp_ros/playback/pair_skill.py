@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.dmp.changes import half, related
 from gdmp_ros.dmp.integrator import advance
-from gdmp_ros.dmp.joining import half, related
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill

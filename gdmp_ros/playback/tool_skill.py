@@ -250,7 +250,7 @@ class ToolSkill(StreamedSkill):
         """
         Write a reference from the numbers of a state of which this skill is a part.
 
-        :param numbers: of the state (`gdmp_ros.dmp.state.State.numbers`)
+        :param numbers: of the state (`gdmp_ros.dmp.primitive.State.numbers`)
         :param point: index of the point of this skill in them
         :param velocity: of its velocity
         :param acceleration: of its acceleration

@@ -5,7 +5,7 @@ import sys
 
 from gdmp_ros.realtime.loop import periodic, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.util.processes import stop_event
 
 PERIOD_NS = 1_000_000
 

@@ -19,7 +19,7 @@ from gdmp_ros.ros.dds import current
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.middleware import DEEP, reliable
 from gdmp_ros.ros.serialized import SerializedTemplate
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.util.processes import stop_event
 
 TOPIC = '/bare_publisher/reference'
 PERIOD_NS = 1_000_000

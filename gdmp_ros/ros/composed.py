@@ -4,7 +4,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from gdmp_ros.ros.adapter.node import Adapter
+from gdmp_ros.ros.adapter import Adapter
 from gdmp_ros.ros.arm.panda_sim import PandaSim
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.recorder.node import TakeRecorder

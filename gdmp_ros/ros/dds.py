@@ -34,7 +34,7 @@ from gdmp_ros.ros.middleware import (
     ServiceClient,
     Subscription,
 )
-from gdmp_ros.util.signals import held_interrupts
+from gdmp_ros.util.processes import held_interrupts
 
 #: Longest wait for a message before a loop looks whether it is to end [ns].
 WAIT_NS = 50_000_000

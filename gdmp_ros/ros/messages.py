@@ -25,7 +25,7 @@ from gdmp_ros.control.target import (
     WRENCH_GAIN,
 )
 from gdmp_ros.control.tick import Tick
-from gdmp_ros.data import message_numbers
+from gdmp_ros.data import bags
 from gdmp_ros.errors import ManifoldError
 from gdmp_ros.realtime.statistics import Punctuality
 
@@ -42,7 +42,7 @@ _UNUSED = np.zeros(ROBOT_STATE_FIXED - 99 - len(LIMITS))
 
 def pose_numbers(pose: Pose) -> np.ndarray:
     """(x, y, z, qw, qx, qy, qz) of a pose message."""
-    return np.array(message_numbers.pose_numbers(pose))
+    return np.array(bags.pose_numbers(pose))
 
 
 def set_pose(pose: Pose, numbers: np.ndarray) -> None:
@@ -71,7 +71,7 @@ def origin_of(message: Reference, age: float) -> Origin:
 
 
 def fill_reference(message: Reference, numbers: np.ndarray) -> None:
-    """Write the numbers of a target to a reference (see `message_numbers.reference_target`)."""
+    """Write the numbers of a target to a reference (see `bags.reference_target`)."""
     numbers = whole_target(numbers)
     set_pose(message.pose, numbers[POSE:])
     set_vectors(message.twist.linear, message.twist.angular, numbers[TWIST:TWIST + 6])

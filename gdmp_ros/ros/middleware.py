@@ -1,9 +1,4 @@
-"""
-What connects a node with others: topics, services, actions, timers.
-
-Topics carry serialised messages. `gdmp_ros.ros.dds` implements this with rclpy; tests carry the
-messages in memory and step the clock.
-"""
+"""What connects a node with others: topics, services, actions, timers."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -275,3 +270,5 @@ class Middleware(Protocol):
 
     def client(self, name: str) -> ClientParticipant:
         """Let a client take part."""
+
+

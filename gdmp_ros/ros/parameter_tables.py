@@ -10,14 +10,14 @@ from pathlib import Path
 
 import yaml
 
-from gdmp_ros.ros.adapter import node as adapter
+from gdmp_ros.ros import adapter
 from gdmp_ros.ros.arm import parameters as arm_parameters
 from gdmp_ros.ros.arm.parameters import GRIPPER
 from gdmp_ros.ros.parameters import CHANGES, Spec
 from gdmp_ros.ros.recorder import node as take_recorder
-from gdmp_ros.ros.server import parameters as server_parameters
+from gdmp_ros.ros.server import node as server_parameters
 from gdmp_ros.ros.visualizer import node as visualizer
-from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.files import write_text
 
 NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'trajectory_server': ('Trajectory server', server_parameters.SPECS),

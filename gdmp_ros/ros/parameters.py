@@ -1,4 +1,4 @@
-"""Parameters with a description, a unit and a range, declared from one table."""
+"""Parameters with a description, a unit and a range, declared from one table; and as text."""
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -257,3 +257,5 @@ class _Proposed:
 
     def __getattr__(self, name: str) -> Any:
         return self._changes[name] if name in self._changes else getattr(self._present, name)
+
+

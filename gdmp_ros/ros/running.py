@@ -1,4 +1,4 @@
-"""Runs nodes in a process until Ctrl-C: callbacks and reports."""
+"""Runs nodes in a process until Ctrl-C, one or several: callbacks and reports."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from gdmp_ros.realtime.loop import run as run_loop
 from gdmp_ros.ros.dds import CallbackExecutor, current
 from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
 from gdmp_ros.util.dds_network import default_environment
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.util.processes import stop_event
 
 #: Longest time to finish the configuration when a process is to end [s]; ``launch`` sends the next
 #: signal after 5 s.
@@ -136,3 +136,5 @@ def run(makes: Sequence[Callable[[], ManagedNode]],
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     return 0
+
+

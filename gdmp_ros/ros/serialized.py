@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.data.message_numbers import joint_target, reference_target
+from gdmp_ros.data.bags import joint_target, reference_target
 from gdmp_ros.ros.messages import checked_pose, fill_reference, NS
 from gdmp_ros.ros.middleware import deserialized
 
@@ -139,7 +139,7 @@ class ReceivedReference(NamedTuple):
     """
     A reference from a topic.
 
-    :ivar target: see `gdmp_ros.data.message_numbers`
+    :ivar target: see `gdmp_ros.data.bags`
     :ivar stamp: [ns]
     :ivar mode: a `StreamMode`
     """

@@ -11,11 +11,11 @@ import numpy as np
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
+from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import Actuation, change, PlantSettings
-from gdmp_ros.sim.tool import Mount, ToolTransform
 
 PANDA = BUILT_IN['panda']
 #: Adds something to a model.
@@ -48,7 +48,7 @@ class Arm:
     """
     One arm; `step` advances it by one period under joint torques.
 
-    Of several arms in one simulation (`gdmp_ros.sim.world`) each has its torque set by `act`.
+    Of several arms in one simulation (`gdmp_ros.sim.two_arms`) each has its torque set by `act`.
 
     :ivar known: the model with which it is controlled
     """

@@ -8,7 +8,7 @@ from gdmp_ros.control.kinematics import chain_pose
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.tool import tool_at, ToolTransform
+from gdmp_ros.sim.frames import tool_at, ToolTransform
 
 
 class Chain:

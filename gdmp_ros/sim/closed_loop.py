@@ -15,9 +15,9 @@ from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
-from gdmp_ros.sim.hand import Hand
-from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.teaching import Hand
 
 
 class ClosedLoop(ArmControl):

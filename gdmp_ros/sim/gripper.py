@@ -66,7 +66,7 @@ class SimulatedGripper:
         """
         Find the fingers.
 
-        :param prefix: of their names in a world of several arms (`gdmp_ros.sim.world`)
+        :param prefix: of their names in a world of several arms (`gdmp_ros.sim.two_arms`)
         :raises DataError: if the model has no moving fingers (`add_gripper`)
         """
         self._data = data

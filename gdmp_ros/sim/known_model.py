@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.payload import Load, Payload
-from gdmp_ros.sim.tool import Mount, ToolTransform
 
 #: Time in which another payload is taken over [s].
 PAYLOAD_S = 0.5

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.sim.tool import Mount
+from gdmp_ros.sim.frames import Mount
 from gdmp_ros.util.settings import setting
 
 #: Largest mass [kg], distance of its centre along each axis [m] and entry of the inertia [kg m²].

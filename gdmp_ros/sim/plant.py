@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from gdmp_ros.sim.frames import Mount
 from gdmp_ros.sim.payload import Load, Payload
-from gdmp_ros.sim.tool import Mount
 from gdmp_ros.util.settings import setting
 
 

@@ -18,12 +18,10 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, GdmpWarning
 from gdmp_ros.realtime.loop import Clock, Loop, NS, run, SystemClock
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.path_check import PathChecker
-from gdmp_ros.sim.reach import Reach
-from gdmp_ros.studio.jobs import Jobs
+from gdmp_ros.sim.path_check import PathChecker, Reach
+from gdmp_ros.studio.commands import Jobs
 from gdmp_ros.studio.robot import Robot, RobotView
-from gdmp_ros.studio.scene import colour, Scene
-from gdmp_ros.studio.shown_motion import of_demonstration, of_skill, ShownMotion, tube
+from gdmp_ros.studio.scene import colour, of_demonstration, of_skill, Scene, ShownMotion, tube
 from gdmp_ros.studio.workbench import Workbench
 
 #: Interval at which the robot is shown, and at which the studio looks for work [s].

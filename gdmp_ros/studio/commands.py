@@ -1,14 +1,51 @@
-"""Commands that several threads give and one carries out."""
+"""Work that the threads of a page leave to one thread: commands, jobs, changes of a skill."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
 import queue
-from typing import Any, TypeVar
+import threading
+from typing import Any, TypeAlias, TypeVar
 
+import numpy as np
+
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import Clock, NS
+
+
+@dataclass(eq=False)
+class Changes:
+    """
+    What the user has changed in a skill.
+
+    :ivar start: pose (x, y, z, qw, qx, qy, qz); None for that of the skill
+    :ivar goal: the same
+    :ivar via: positions by progress, 0 to 1 [m]
+    :ivar duration: [s]; None for that of the skill
+    :ivar corrections: the skill with corrections by hand, before the other changes; newest last
+    """
+
+    start: np.ndarray | None = None
+    goal: np.ndarray | None = None
+    via: dict[float, np.ndarray] = field(default_factory=dict)
+    duration: float | None = None
+    corrections: tuple[Skill, ...] = ()
+
+    def copy(self) -> Changes:
+        """The same changes, which stay as they are."""
+        return replace(self, via=dict(self.via))
+
+    def __eq__(self, other: object) -> bool:
+        return (isinstance(other, Changes) and repr(self) == repr(other)
+                and self.corrections == other.corrections)
+
+    def __bool__(self) -> bool:
+        return bool(self.via or self.corrections) or any(
+            one is not None for one in (self.start, self.goal, self.duration))
+
 
 T = TypeVar('T')
 #: Time between two looks for a result [ns].
@@ -64,3 +101,37 @@ class Commands:
             work, future = self._waiting.get()
             if future is None or future.set_running_or_notify_cancel():
                 work()
+
+
+Work: TypeAlias = Callable[[], None]
+
+
+class Jobs:
+    """
+    Work in its order; of the same kind only the newest waits.
+
+    A mouse that drags something makes more events than can be computed.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[Hashable, Work] = {}
+        self._changing = threading.Lock()
+
+    def put(self, work: Work, kind: Hashable = None) -> None:
+        """
+        Add work; any thread may call it.
+
+        :param kind: replaces waiting work of the same kind; None replaces nothing
+        """
+        with self._changing:
+            kind = object() if kind is None else kind
+            # What comes later is done later.
+            self._waiting.pop(kind, None)
+            self._waiting[kind] = work
+
+    def take(self) -> Work | None:
+        """Next work; None without one."""
+        with self._changing:
+            for kind in self._waiting:
+                return self._waiting.pop(kind)
+            return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from gdmp_ros.choices import STIFFNESSES
 from gdmp_ros.data import takes
-from gdmp_ros.data.skill_from_bags import LearningSettings
+from gdmp_ros.data.skills import LearningSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView

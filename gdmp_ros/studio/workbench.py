@@ -10,15 +10,15 @@ import numpy as np
 from gdmp_ros.data import bags, episodes, recordings, runs, takes
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.sequences import read_sequence
-from gdmp_ros.data.skill_from_bags import LearnedSkill, LearningSettings, skill_from_bags
+from gdmp_ros.data.skills import LearnedSkill, LearningSettings, skill_from_bags
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.correction import correction, FollowedMotion, Push
-from gdmp_ros.studio.changes import Changes
-from gdmp_ros.studio.shown_motion import check_shown, of_run, ShownMotion
+from gdmp_ros.studio.commands import Changes
+from gdmp_ros.studio.scene import check_shown, of_run, ShownMotion
 
 #: Most messages on a topic of a bag.
 LARGEST = 600_000

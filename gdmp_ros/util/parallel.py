@@ -1,20 +1,41 @@
-"""
-Independent tasks on several processes or on a Dask cluster, with one progress bar.
-
-Results can be kept in a journal, a file with one JSON line each: an interrupted run then continues
-where it stopped.
-"""
+"""Independent tasks on several processes or on a Dask cluster, with one progress bar."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import contextlib
+from functools import cache, wraps
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import progress
+
+Function = TypeVar('Function', bound=Callable[..., object])
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  it brings its own library, which is to be found
+    return ThreadpoolController()
+
+
+def one_thread(function: Function) -> Function:
+    """
+    Let ``function`` use one thread for linear algebra.
+
+    Matrices of a fit are small. Several threads only wait for each other, and on a busy machine
+    each wait lasts until the others get a core: learning took thirty times as long.
+    """
+    @wraps(function)
+    def limited(*arguments: object, **options: object) -> object:
+        with _controller().limit(limits=1, user_api='blas'):
+            return function(*arguments, **options)
+    return cast(Function, limited)
+
 
 #: Time within which a Dask scheduler must answer [s].
 CONNECT_S = 10.0

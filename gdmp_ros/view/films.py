@@ -35,7 +35,7 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     :param model: MJCF file or name; the built-in Panda by default
     :param frame_s: time between the frames of a film [s]
     :param whole: whether the model is a whole world, in which ``joints`` are the positions of
-        everything (`gdmp_ros.sim.world`)
+        everything (`gdmp_ros.sim.two_arms`)
     :returns: what to install if off-screen rendering is not possible, otherwise None
     :raises DataError: if the film cannot be written
     """

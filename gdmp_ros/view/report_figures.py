@@ -10,9 +10,7 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from gdmp_ros.data.recordings import Recording
-from gdmp_ros.data.run_analysis import lateness, Tracking
-from gdmp_ros.data.run_events import Event, Limited
-from gdmp_ros.data.runs import Run
+from gdmp_ros.data.runs import Event, lateness, Limited, Run, Tracking
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.playback.prediction import LIKELY

@@ -1,4 +1,4 @@
-"""Figures of demonstrations, tuning and skills."""
+"""Figures of demonstrations, skills, corrections and sequences."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,9 +9,11 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import Trajectory
+from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SequenceRollout, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.learning.cycle_report import cycle_takes
+from gdmp_ros.learning.correction import Correction
+from gdmp_ros.learning.report import cycle_takes
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.product import Product
@@ -19,6 +21,7 @@ from gdmp_ros.view import plots
 
 if TYPE_CHECKING:
     from gdmp_ros.sim.path_check import PathCheck
+
 
 #: Skills that are drawn for a band.
 SAMPLES = 60
@@ -185,3 +188,83 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
         for one in shown if not takes else ():
             drawn.space.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7, zorder=1.0)
     return drawn.figure
+
+
+_PUSHED = '#f2c14e'
+
+
+def correction_figure(skill: Skill, found: Correction) -> Figure:
+    """
+    Draw position over time and the path from three sides; where the tool was pushed is shaded.
+
+    :param skill: before the correction
+    """
+    figure, axes = plots.panels(2, 3, (4.0, 3.0))
+    times = found.progress * skill.duration
+    for panel, column in zip(axes[0], range(3)):
+        for push in found.pushes:
+            panel.axvspan(push.begin * skill.duration, push.end * skill.duration,
+                          color=_PUSHED, alpha=0.3, lw=0.0)
+        panel.plot(times, found.before[:, column], color='0.5', lw=1.3, label='before')
+        panel.plot(times, found.after[:, column], color=plots.INK[0], lw=1.3, label='after')
+        panel.set(xlabel='time [s]', ylabel=f'{"xyz"[column]} [m]')
+    for panel, (first, second) in zip(axes[1], ((0, 1), (0, 2), (1, 2))):
+        panel.plot(found.before[:, first], found.before[:, second], color='0.5', lw=1.3)
+        panel.plot(found.after[:, first], found.after[:, second], color=plots.INK[0], lw=1.3)
+        for push in found.pushes:
+            inside = (found.progress >= push.begin) & (found.progress <= push.end)
+            panel.plot(found.after[inside, first], found.after[inside, second], color=_PUSHED,
+                       lw=5.0, alpha=0.5, zorder=1.0, label='pushed')
+        panel.set(xlabel=f'{"xyz"[first]} [m]', ylabel=f'{"xyz"[second]} [m]')
+        panel.set_aspect('equal', 'datalim')
+    axes[0, 0].legend(fontsize=7)
+    return figure
+
+
+#: Spacing of the samples [s], and most of them.
+_STEP_S, _MOST = 0.01, 100_000
+#: A step that waits for a signal gets it after so many cycles or seconds.
+SIGNAL_AFTER = 2.0
+
+
+def sequence_figure(sequence: SkillSequence) -> Figure:
+    """
+    Draw a roll-out of a sequence: every factor over time, step by step, and the path.
+
+    A step that waits for a signal gets it after `SIGNAL_AFTER` cycles or seconds.
+
+    :raises DataError: if the skills are on different manifolds, or it lasts too long
+    """
+    rollout = SequenceRollout(sequence)
+    times: list[float] = []
+    points: list[np.ndarray] = []
+    marks: list[tuple[float, str]] = []
+    began = -1
+    while not rollout.finished:
+        state, step = rollout.advance(_STEP_S), rollout.course.step
+        times.append(state.time)
+        points.append(state.point.copy())
+        if step is not None and rollout.course.index != began:
+            began = rollout.course.index
+            marks.append((state.time, step.name))
+        if isinstance(step, (MotionStep, HoldStep)) and step.until and _waited(
+                rollout, step, state.time - marks[-1][0]):
+            rollout.signal(step.until)
+        if len(times) >= _MOST:
+            raise DataError(f'{sequence.name}: it lasts more than {_MOST * _STEP_S:g} s, too long '
+                            'to be drawn')
+    drawn = draw_motion(rollout.manifold, np.array(times), np.array(points))
+    for number, (axes, _) in enumerate(drawn.factors):
+        for time, name in marks:
+            axes.axvline(time, color='0.6', lw=0.7)
+            if number == 0:
+                axes.text(time, 0.02, name, fontsize=7, rotation=90, va='bottom',
+                          transform=axes.get_xaxis_transform())
+    return drawn.figure
+
+
+def _waited(rollout: SequenceRollout, step: MotionStep | HoldStep, seconds: float) -> bool:
+    """Whether a step has waited long enough for its signal."""
+    if isinstance(step, MotionStep) and rollout.rollout is not None:
+        return rollout.rollout.progress >= SIGNAL_AFTER
+    return seconds >= SIGNAL_AFTER

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp

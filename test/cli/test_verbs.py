@@ -95,7 +95,7 @@ assert not names, names
     subprocess.run([sys.executable, '-c', needed], check=True)
 
 
-@pytest.mark.parametrize('imported', ['argparse', 'gdmp_ros.util.signals', 'numpy'])
+@pytest.mark.parametrize('imported', ['argparse', 'gdmp_ros.util.processes', 'numpy'])
 def test_ctrl_c_during_start_up_is_no_traceback(imported, tmp_path):
     python, *words = GDMP
     # Python tells of every module that it has imported (-X importtime).

@@ -16,8 +16,8 @@ from gdmp_ros.control.target import HOLD_STIFFNESS, resting_target, WRENCH
 from gdmp_ros.manifolds import SymmetricPositiveDefinite, UnitQuaternion
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.hand import Hand, HandSettings
 from gdmp_ros.sim.plant import PlantSettings
+from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.energy_audit import Audit
 
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position=10.0,

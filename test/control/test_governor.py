@@ -9,7 +9,7 @@ from gdmp_ros.control.target import resting_target, STIFFNESS
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.sim import Arm, ClosedLoop
-from gdmp_ros.sim.hand import Hand, HandSettings
+from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.plants import CLEAN, on_every_plant
 
 DT = 1e-3

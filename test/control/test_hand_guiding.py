@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.sim.hand import Hand, HandSettings
+from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.plants import PLANTS
 
 #: How far friction holds the arm from the hand, which has 800 N/m [m].

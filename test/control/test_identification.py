@@ -8,8 +8,8 @@ from gdmp_ros.control.target import resting_target
 from gdmp_ros.errors import DataError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.hand import Hand, HandSettings
 from gdmp_ros.sim.plant import PlantSettings, REAL
+from gdmp_ros.sim.teaching import Hand, HandSettings
 
 
 def identified(plant):

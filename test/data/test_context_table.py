@@ -1,7 +1,7 @@
 """Tables of contexts."""
 import pytest
 
-from gdmp_ros.data.context_table import read_contexts
+from gdmp_ros.data.takes import read_contexts
 from gdmp_ros.errors import DataError
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from gdmp_ros import Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import exchange, recordings
+from gdmp_ros.data import foreign, recordings
 from gdmp_ros.errors import DataError
 
 
@@ -25,8 +25,8 @@ def skill_file(shown, tmp_path_factory):
 @pytest.mark.parametrize('suffix', ['csv', 'npz'])
 def test_a_demonstration_is_read_back_exactly(shown, tmp_path, suffix):
     path = tmp_path / f'shown.{suffix}'
-    getattr(exchange, f'write_{suffix}')(path, shown)
-    again = getattr(exchange, f'read_{suffix}')(path)
+    getattr(foreign, f'write_{suffix}')(path, shown)
+    again = getattr(foreign, f'read_{suffix}')(path)
     np.testing.assert_array_equal(again.times, shown.times)
     np.testing.assert_array_equal(again.points, shown.points)
     assert again.manifold == shown.manifold
@@ -54,26 +54,26 @@ def test_bags_are_converted_to_tables_and_back(shown, tmp_path):
     (lambda lines: [], 'the first line is')])
 def test_a_damaged_table_is_refused_with_its_line(shown, tmp_path, change, reason):
     path = tmp_path / 'shown.csv'
-    exchange.write_csv(path, shown)
+    foreign.write_csv(path, shown)
     path.write_text('\n'.join(change(path.read_text().splitlines())))
     with pytest.raises(DataError, match=reason):
-        exchange.read_csv(path)
+        foreign.read_csv(path)
 
 
 def test_an_archive_with_objects_or_other_shapes_is_refused(tmp_path):
     path = tmp_path / 'bad.npz'
     np.savez(path, times=np.array([{}], dtype=object), points=np.zeros((1, 7)))
     with pytest.raises(DataError, match='not an archive of times and points'):
-        exchange.read_npz(path)
+        foreign.read_npz(path)
     np.savez(path, times=np.arange(5.0), points=np.zeros((5, 9)))
     with pytest.raises(DataError, match=r'shape \(5, 9\)'):
-        exchange.read_npz(path)
+        foreign.read_npz(path)
 
 
 def test_a_skill_is_converted_to_its_motion(skill_file, tmp_path):
     path = tmp_path / 'motion.csv'
     assert main(['convert', str(skill_file), '-o', str(path), '--rate-hz', '50']) == 0
-    moved, skill = exchange.read_csv(path), Skill.load(skill_file)
+    moved, skill = foreign.read_csv(path), Skill.load(skill_file)
     assert moved.times[1] == pytest.approx(0.02) and moved.duration == skill.duration
     np.testing.assert_allclose(moved.points[0], skill.start, atol=1e-9)
 
@@ -87,7 +87,7 @@ def test_movement_primitives_and_back(skill_file, tmp_path, capsys):
     from movement_primitives.io import read_json
     _, poses = read_json(str(theirs)).open_loop()
     assert main(['convert', str(theirs), '-o', str(ours)]) == 0
-    back = exchange.motion(Skill.load(ours), 0.01)
+    back = foreign.motion(Skill.load(ours), 0.01)
     near = np.min(np.linalg.norm(back.points[:, None, :3] - poses[None, :, :3], axis=2), axis=1)
     assert near.max() < 2e-3 and list(back.manifold.names) == ['position', 'orientation']
 
@@ -97,8 +97,8 @@ def test_modules_named_in_a_file_are_not_imported(skill_file, tmp_path):
     path = tmp_path / 'evil.json'
     path.write_text(json.dumps({'module': 'movement_primitives.os', 'class': 'system'}))
     with pytest.raises(DataError, match="is a 'system', expected a CartesianDMP"):
-        exchange.from_movement_primitives(path)
-    path.write_text(json.dumps({**exchange._DMP, 'n_weights_per_dim': 'many'}))
+        foreign.from_movement_primitives(path)
+    path.write_text(json.dumps({**foreign._DMP, 'n_weights_per_dim': 'many'}))
     with pytest.raises(DataError, match='damaged CartesianDMP'):
-        exchange.from_movement_primitives(path)
-    assert not exchange.is_foreign(skill_file)
+        foreign.from_movement_primitives(path)
+    assert not foreign.is_foreign(skill_file)

@@ -5,7 +5,7 @@ import pytest
 from gdmp_ros.data import recordings, takes
 from gdmp_ros.data.bags import BagWriter, NS
 from gdmp_ros.errors import DataError
-from gdmp_ros.learning.variance_stiffness import stiffness_at_samples
+from gdmp_ros.learning.stiffness import stiffness_at_samples
 from test.commands import gdmp
 from test.pictures import drawn
 

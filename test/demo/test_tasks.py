@@ -3,8 +3,7 @@ import json
 
 import pytest
 
-from gdmp_ros.demo.tasks import run_task
-from gdmp_ros.demo.wiping import run_wiping
+from gdmp_ros.demo.tasks import run_task, run_wiping
 from gdmp_ros.ros.arm_choice import ArmChoice
 from test.lockstep.bed import lockstep_bed
 

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
-from gdmp_ros.data.gripper_events import common_events, during, RecordedCommand
+from gdmp_ros.data.recordings import common_events, during, RecordedCommand
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds import Euclidean

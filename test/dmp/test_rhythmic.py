@@ -13,7 +13,7 @@ from gdmp_ros import (
     Sphere,
     UnitQuaternion,
 )
-from gdmp_ros.dmp.cycle import periodic_basis, periodic_design, periodic_forcing
+from gdmp_ros.dmp.forcing import periodic_basis, periodic_design, periodic_forcing
 from test.motions import cycle, cycle_error, MANIFOLDS, motion, recorded_cycles
 
 PERIOD = 1.7

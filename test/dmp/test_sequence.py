@@ -11,8 +11,7 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.data.sequences import read_sequence
-from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SkillSequence
-from gdmp_ros.dmp.sequence_rollout import SequenceRollout
+from gdmp_ros.dmp.sequence import HoldStep, MotionStep, SequenceRollout, SkillSequence
 from test.motions import cycle, MANIFOLDS, motion, recorded_cycles, TOOL
 
 DT = 1e-3

@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 from gdmp_ros.ros.arm.franka_arm import FrankaArm
 from gdmp_ros.ros.arm.franka_gripper import FrankaGripperNode
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import NodeTestbed
 from gdmp_ros.ros.messages import pose_numbers
 from test.franka.stand_in import StandIn

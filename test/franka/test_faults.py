@@ -8,7 +8,7 @@ from experiments.reliability.trial import FRAME, short_skill
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.arm_choice import FRANKA
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import SERVER
 from test.franka.bed import FAULT, FOLLOW, HOLD
 

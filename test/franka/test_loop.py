@@ -10,7 +10,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.frames import ToolTransform
 
 
 def cycles(loop, count, each=lambda k: None):

@@ -10,18 +10,18 @@ import pytest
 from std_srvs.srv import Trigger
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.demo.tasks import run_task
 from gdmp_ros.improvement.one_by_one import OneByOne, RobotTask
 from gdmp_ros.improvement.session import Effort, improve
 from gdmp_ros.improvement.task import task_from_file
 from gdmp_ros.improvement.variables import Variables, Weights
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros.arm_choice import FRANKA
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import SERVER
 from gdmp_ros.ros.clients.trials_client import TrialsClient
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.path_check import Reach
 from gdmp_ros.util.parallel import Journal
 from gdmp_ros.util.profiles import minimum_jerk
 from test.franka.bed import choice, FAULT, HOLD, makers

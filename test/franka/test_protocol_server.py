@@ -19,7 +19,7 @@ from gdmp_ros.franka import protocol_server
 from gdmp_ros.franka.doctor import examine
 from gdmp_ros.realtime.doctor import BAD, GOOD
 from gdmp_ros.ros.arm_choice import FRANKA
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import process_bed, SERVER
 from test.franka.bed import choice, FAULT, FrankaBed
 from test.franka.server import Server

@@ -42,13 +42,13 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from gdmp_ros.control.target import HOLD_STIFFNESS
 from gdmp_ros.data import bags, lasa, recordings
-from gdmp_ros.data.context_table import read_contexts
 from gdmp_ros.data.sequences import read_sequence
+from gdmp_ros.data.takes import read_contexts
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.sequence_rollout import SequenceRollout
+from gdmp_ros.dmp.sequence import SequenceRollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.learning.context_fit import Contexts
+from gdmp_ros.learning.variation_fit import Contexts
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.ros.messages import fill_reference, stamp_of
 from gdmp_ros.ros.parameter_tables import NODES

@@ -12,7 +12,7 @@ from test.lockstep.children import LockstepChildren
 from test.lockstep.network import MemoryPublisher, Network
 
 MODULE = {**MODULES, 'visualizer': 'gdmp_ros.ros.visualizer.node',
-          'adapter': 'gdmp_ros.ros.adapter.node'}
+          'adapter': 'gdmp_ros.ros.adapter'}
 #: Time for a node to become active, and after each input [s].
 START_S, STEP_S = 1.0, 0.002
 

@@ -6,13 +6,12 @@ import pytest
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.control.joint_motion import PostureMotion
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.improvement.insertion import Insertion, PLACE
 from gdmp_ros.improvement.trial import perform
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.path_check import PathChecker
-from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.path_check import PathChecker, Reach
 from gdmp_ros.sim.scenes import hard_table
 from gdmp_ros.util.profiles import minimum_jerk
 

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.improvement.variables import Stiffness, Tempo, Variables, ViaPoints, Weights
 from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 from test.motions import MANIFOLDS, motion
 

@@ -65,9 +65,10 @@ def test_an_edit_of_a_kernel_or_of_what_it_uses_changes_the_hash(old, new):
     assert hash_of(SOURCE.replace(old, new)) != hash_of(SOURCE)
 
 
-def test_a_kernel_that_calls_one_of_another_module_has_another_hash_when_that_moves():
+def test_the_hash_of_a_kernel_changes_when_one_that_it_calls_moves():
     """Its machine code names the module: it cannot be loaded when there is no such module."""
-    inner, moved = (outer_of(SOURCE, module).py_func.__globals__['inner'] for module in ('here', 'there'))
+    inner, moved = (outer_of(SOURCE, module).py_func.__globals__['inner']
+                    for module in ('here', 'there'))
     outer = outer_of(SOURCE)
     hashes = set()
     for called in (inner, moved):

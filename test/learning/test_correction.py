@@ -4,8 +4,8 @@ import pytest
 
 from gdmp_ros import DataError, ParameterError, Skill, Sphere
 from gdmp_ros.control.target import POSE
-from gdmp_ros.data import skill_history
-from gdmp_ros.dmp.basis_change import with_functions
+from gdmp_ros.data import skills
+from gdmp_ros.dmp.changes import with_functions
 from gdmp_ros.learning.correction import correction, FollowedMotion, HELD
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.playback.player import Player
@@ -13,7 +13,7 @@ from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.requests import Status
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.hand import Hand, HandSettings
+from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.motions import circles, takes, TOOL
 
 #: Progress from and to, and how far a hand pulls the tool there [m].
@@ -145,14 +145,14 @@ def test_an_undone_correction_leaves_the_same_bytes(skill, pushed, tmp_path):
     skill.save(path)
     versions = [path.read_bytes()]
     for _ in range(2):
-        skill_history.replace(path, Skill.of(correction(Skill.load(path), pushed).primitive))
+        skills.replace(path, Skill.of(correction(Skill.load(path), pushed).primitive))
         versions.append(path.read_bytes())
     assert len(set(versions)) == 3
     for before in reversed(versions[:2]):
-        skill_history.undo(path)
+        skills.undo(path)
         assert path.read_bytes() == before
     with pytest.raises(DataError, match='no earlier version'):
-        skill_history.undo(path)
+        skills.undo(path)
     assert [one.name for one in tmp_path.iterdir()] == ['skill.json']
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.learning.force_stiffness import force_stiffness, ForceRecords
+from gdmp_ros.learning.stiffness import force_stiffness, ForceRecords
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 
 MASS, DAMPING = 1.5, 20.0

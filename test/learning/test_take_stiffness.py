@@ -4,7 +4,7 @@ import pytest
 
 from gdmp_ros import DataError, Demonstration, Euclidean, ParameterError, Product, UnitQuaternion
 from gdmp_ros.learning import aligned, stiffness_from_takes
-from gdmp_ros.learning.take_stiffness import stiffness_of_each
+from gdmp_ros.learning.stiffness import stiffness_of_each
 from gdmp_ros.util.profiles import minimum_jerk
 
 TIMES = np.linspace(0.0, 4.0, 400)

@@ -8,8 +8,8 @@ import yaml
 from gdmp_ros import DataError, Demonstration, Skill
 from gdmp_ros.cli.main import main
 from gdmp_ros.data import lasa, recordings
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.learning import tuning
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 from test.pictures import drawn

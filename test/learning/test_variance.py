@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.learning.mixture import Mixture
-from gdmp_ros.learning.variance_stiffness import bounded_stiffness, variance_stiffness
+from gdmp_ros.learning.stiffness import bounded_stiffness, Mixture, variance_stiffness
 
 
 def fan(rng, count=7, samples=150):

@@ -3,7 +3,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.adapter.node import Adapter
+from gdmp_ros.ros.adapter import Adapter
 from gdmp_ros.ros.arm.franka_arm import FrankaArm
 from gdmp_ros.ros.arm.panda_sim import PandaSim
 from gdmp_ros.ros.dds import using

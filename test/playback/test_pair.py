@@ -11,12 +11,11 @@ from gdmp_ros.control.target import (
     TWIST,
     WRENCH,
 )
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ManifoldError, ParameterError
-from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs

@@ -4,13 +4,13 @@ import pytest
 
 from gdmp_ros.control.gripper import GripperState
 from gdmp_ros.control.target import ACCELERATION, POSE
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.euclidean import Euclidean
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings

@@ -4,7 +4,7 @@ import pytest
 
 from gdmp_ros.control.target import resting_target, STIFFNESS, WRENCH, WRENCH_GAIN
 from gdmp_ros.data import bags, recordings
-from gdmp_ros.data.skill_from_bags import LearningSettings, skill_from_bags
+from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings

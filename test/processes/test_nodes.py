@@ -42,7 +42,7 @@ def test_every_node_starts_goes_through_its_lifecycle_and_ends_at_sigterm(nodes,
     for name, module, parameters, extra in (
             (SERVER, MODULES[SERVER], {}, []), (ARM, MODULES[ARM], {}, []),
             ('visualizer', 'gdmp_ros.ros.visualizer.node', {}, []),
-            ('adapter', 'gdmp_ros.ros.adapter.node', {}, preset),
+            ('adapter', 'gdmp_ros.ros.adapter', {}, preset),
             (TAKE_RECORDER, MODULES[TAKE_RECORDER], {'folder': str(tmp_path / 'takes')}, [])):
         nodes.children.start_node(name, module, {**parameters, 'autostart': False}, extra)
     names = list(nodes.children.processes)
@@ -168,7 +168,7 @@ def test_one_process_streams_for_two_robots(nodes, skill_file):
 
 def test_several_nodes_in_one_process_with_simulated_time(nodes, skill_file):
     """The arm makes /clock, as fast as it can; the server makes a reference for each message."""
-    nodes.children.start('composed', 'gdmp_ros.ros.composed', [
+    nodes.children.start('composed', 'gdmp_ros.ros.running', [
         SERVER, ARM, 'visualizer', '--ros-args', '-p', f"{SERVER}:skill:='{skill_file}'",
         '-p', f'{SERVER}:measured_pose_topic:=/{ARM}/measured_pose', '-p', f'{ARM}:pace:=fast',
         '-p', f'{SERVER}:use_sim_time:=true'])

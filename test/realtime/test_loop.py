@@ -11,8 +11,7 @@ import psutil
 import pytest
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import periodic, raised_priority, run, SystemClock
-from gdmp_ros.realtime.shared_loop import join
+from gdmp_ros.realtime.loop import join, periodic, raised_priority, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses

@@ -9,7 +9,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.client import DISCOVERY_S
+from gdmp_ros.ros.clients.server_client import DISCOVERY_S
 from gdmp_ros.ros.clients.testbed import ARM, NodeTestbed, process_bed, SERVER
 from gdmp_ros.ros.middleware import latched
 from test.lockstep.bed import lockstep_bed

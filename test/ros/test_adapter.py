@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.adapter.node import along_axes
+from gdmp_ros.ros.adapter import along_axes
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import Publisher
 from test.ros.nodes import FRAME, open_testbed
@@ -35,7 +35,7 @@ def adapters(tmp_path_factory):
     """An adapter with each preset, each in a namespace."""
     with open_testbed(tmp_path_factory.mktemp('nodes'), '') as made:
         for preset, space in SPACES.items():
-            made.children.start_node(preset, 'gdmp_ros.ros.adapter.node', {}, [
+            made.children.start_node(preset, 'gdmp_ros.ros.adapter', {}, [
                 '--params-file', str(PRESETS / f'{preset}.yaml'), '-r', f'__ns:={space}',
                 '-p', 'measured_pose_topic:=/robot',
                 *(['-p', 'frame_id:=base_link'] if preset == 'cartesian_controllers' else [])])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.data import recordings
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk

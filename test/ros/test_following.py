@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.ros.nodes import ACTIVATE, DEACTIVATE, FRAME

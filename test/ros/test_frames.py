@@ -8,7 +8,7 @@ from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.ros import frames, messages
 from gdmp_ros.ros.clients.testbed import SERVER
-from gdmp_ros.ros.frame_tree import FrameError, FrameTree, Transform
+from gdmp_ros.ros.frames import FrameError, FrameTree, Transform
 from gdmp_ros.ros.middleware import latched
 from gdmp_ros.sim import Arm
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.demo.tasks import picking_motion
-from gdmp_ros.dmp.events import GripperEvent
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.ros.clients.testbed import SERVER
 from test.ros.nodes import open_testbed

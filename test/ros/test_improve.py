@@ -8,11 +8,11 @@ from std_srvs.srv import Trigger
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.control.modes import ArmMode
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM
 from gdmp_ros.sim import Arm
-from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.path_check import Reach
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 from test.ros.nodes import FRAME

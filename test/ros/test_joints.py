@@ -122,7 +122,7 @@ def test_tool_and_joints_alternate(running, joint_skill, skill_file):
 
 def test_the_adapter_makes_trajectories_of_them(running):
     preset = Path(__file__).parents[2] / 'config/presets/joint_trajectory_controller.yaml'
-    running.children.start_node('adapter', 'gdmp_ros.ros.adapter.node', {}, [
+    running.children.start_node('adapter', 'gdmp_ros.ros.adapter', {}, [
         '--params-file', str(preset), '-p', f'joint_names:={json.dumps(Arm().names)}'])
     try:
         made = []

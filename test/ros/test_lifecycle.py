@@ -9,8 +9,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from gdmp_ros.data.bags import BagWriter, opened
-from gdmp_ros.data.message_numbers import reference_target
+from gdmp_ros.data.bags import BagWriter, opened, reference_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.recorder.record import definition

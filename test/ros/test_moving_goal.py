@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
 
-from gdmp_ros.data.message_numbers import reference_target
+from gdmp_ros.data.bags import reference_target
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import SERVER
 from test.ros.nodes import FRAME

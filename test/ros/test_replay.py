@@ -5,7 +5,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from gdmp_ros.data import runs
-from gdmp_ros.data.references import read_references
+from gdmp_ros.data.runs import read_references
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
 from test.ros.nodes import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE

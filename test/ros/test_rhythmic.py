@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.data import recordings, run_events
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.data import recordings, runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import SERVER
 from gdmp_ros.sim.arm import Arm
@@ -164,7 +164,7 @@ def test_a_sequence_with_joins_in_motion_a_signal_and_feedback(running, folder):
     goal = Skill.load(folder / 'left.json').goal
     assert np.abs(end - goal).max() < 2e-3
     # The recorded run tells the steps, too.
-    happened = [event.text for event in run_events.events(running.recorded())]
+    happened = [event.text for event in runs.events(running.recorded())]
     assert 'step 5 of 6 begins: polish' in happened
     running.participant.destroy(action)
 

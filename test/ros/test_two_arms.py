@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from tf2_msgs.msg import TFMessage
 
-from gdmp_ros.data.tool import tool_manifold
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER

@@ -6,7 +6,7 @@ import pytest
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import Chain
-from gdmp_ros.sim.tool import tool_at, ToolTransform
+from gdmp_ros.sim.frames import tool_at, ToolTransform
 
 TOOL = ToolTransform((0.02, -0.03, 0.1), (0.9238795325112867, 0.0, 0.0, -0.3826834323650898))
 

@@ -4,7 +4,7 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.data.tool import tool_manifold
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute

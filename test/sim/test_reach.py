@@ -4,7 +4,7 @@ import pytest
 
 from gdmp_ros.data import lasa
 from gdmp_ros.sim import Arm
-from gdmp_ros.sim.reach import Reach
+from gdmp_ros.sim.path_check import Reach
 
 
 @pytest.fixture(scope='module')

@@ -11,9 +11,9 @@ from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import execute
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings, REAL
-from gdmp_ros.sim.tool import ToolTransform
 from test.sim.test_plant import follow
 
 HALF = np.sqrt(0.5)

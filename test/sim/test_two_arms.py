@@ -18,11 +18,8 @@ from gdmp_ros.playback.pair_skill import one_of_two, PairSkill
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute
-from gdmp_ros.sim.path_check import PathChecker
-from gdmp_ros.sim.skill_check import check_skill
-from gdmp_ros.sim.tray import bases, pose_on_stand, SIDES
-from gdmp_ros.sim.two_arms import TwoArms
-from gdmp_ros.sim.world import World
+from gdmp_ros.sim.path_check import check_skill, PathChecker
+from gdmp_ros.sim.two_arms import bases, pose_on_stand, SIDES, TwoArms, World
 
 
 @pytest.fixture(scope='module')

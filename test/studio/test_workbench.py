@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill, SpecialOrthogonal
-from gdmp_ros.data.skill_from_bags import LearningSettings
+from gdmp_ros.data.skills import LearningSettings
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio import workbench
-from gdmp_ros.studio.jobs import Jobs
-from gdmp_ros.studio.shown_motion import of_skill, SAMPLES, tube
+from gdmp_ros.studio.commands import Jobs
+from gdmp_ros.studio.scene import of_skill, SAMPLES, tube
 from gdmp_ros.studio.workbench import opened, Workbench
 from test.motions import motion
 

@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from gdmp_ros.cli import describe, main
-from gdmp_ros.util.signals import held_interrupts, noted_interrupts
+from gdmp_ros.util.processes import held_interrupts, noted_interrupts
 
 
 @pytest.fixture(autouse=True)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.data import recordings, run_analysis, run_events, runs
+from gdmp_ros.data import recordings, runs
 from gdmp_ros.errors import DataError
-from gdmp_ros.view import report_figures, report_page
+from gdmp_ros.view import pages, report_figures
 from test.recorded_run import NS, recorded_run
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -40,31 +40,31 @@ def test_a_page_shows_where_takes_like_these_would_be(letters, taken, tmp_path):
     Skill.learn(letters[:3], 40).save(several)
     Skill.learn(letters[0], 40).save(single)
     page = tmp_path / 'take.html'
-    report_page.write(taken, page, skill=several)
+    pages.write_report(taken, page, skill=several)
     body = page.read_text().split('</script>', 1)[1]
     assert '95 % of takes' in body and '95 % of takes, most' in body
     with pytest.raises(DataError, match='single take'):
-        report_page.write(taken, page, skill=single)
+        pages.write_report(taken, page, skill=single)
 
 
 def test_a_page_loads_nothing_from_elsewhere(taken, tmp_path):
     path = tmp_path / 'new' / 'take.html'
-    assert report_page.write(taken, path) == 'a demonstration'
+    assert pages.write_report(taken, path) == 'a demonstration'
     text = path.read_text()
     body = text.split('</script>', 1)[1]
     assert 'panda_link0' in body and 'position, orientation, stiffness' in body
     assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', body)
     with pytest.raises(DataError, match='no such bag'):
-        report_page.write(tmp_path / 'none', path)
+        pages.write_report(tmp_path / 'none', path)
     (tmp_path / 'file').write_text('')
     with pytest.raises(DataError, match='cannot write the report'):
-        report_page.write(taken, tmp_path / 'file' / 'page.html')
+        pages.write_report(taken, tmp_path / 'file' / 'page.html')
 
 
 def test_the_page_of_a_run_tells_what_happened_and_which_limits_were_active():
     run = recorded_run()
-    events, active = run_events.events(run), run_events.limited(run)
-    figure = report_figures.run_over_time(run, run_analysis.tracking(run), events, active)
+    events, active = runs.events(run), runs.limited_times(run)
+    figure = report_figures.run_over_time(run, runs.tracking(run), events, active)
     axes = [axis for name, axis in figure.to_dict()['layout'].items() if name.startswith('xaxis')]
     assert len(axes) == 7  # six panels, and the limits
     assert all(axis['title']['text'] == 'time [s]' and axis['showticklabels'] for axis in axes)
@@ -80,10 +80,10 @@ def test_the_page_of_a_run_tells_what_happened_and_which_limits_were_active():
 def test_a_browser_opens_it_without_an_error(taken, tmp_path, monkeypatch, what):
     path, picture = tmp_path / 'page.html', tmp_path / 'page.png'
     if what == 'run':
-        monkeypatch.setattr(report_page.bags, 'topics', lambda _: [
+        monkeypatch.setattr(pages.bags, 'topics', lambda _: [
             (runs.REFERENCE_TOPIC, '', 1), (runs.STATE_TOPIC, '', 1)])
-        monkeypatch.setattr(report_page.runs, 'read', lambda _: recorded_run())
-    report_page.write(taken, path)
+        monkeypatch.setattr(pages.runs, 'read', lambda _: recorded_run())
+    pages.write_report(taken, path)
     done = subprocess.run([CHROMIUM, *FLAGS, f'--user-data-dir={tmp_path / "profile"}',
                            f'--screenshot={picture}', '--window-size=1100,2400',
                            path.as_uri()], capture_output=True, text=True, timeout=120)

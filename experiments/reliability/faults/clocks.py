@@ -10,7 +10,7 @@ from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import Trial
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from gdmp_ros.util.atomic_write import write_text
+from gdmp_ros.util.files import write_text
 
 
 def simulated_clock(trial: Trial, quick: bool) -> Outcome:

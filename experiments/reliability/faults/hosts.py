@@ -11,7 +11,7 @@ import numpy as np
 from experiments.reliability.network import Quality, TwoHosts
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import goal_of, judge_limits, Trial
-from gdmp_ros.data import run_analysis
+from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, Run
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.testbed import START_UP_S
@@ -128,7 +128,7 @@ def _judge(run: Run, output: str, trial: Trial, outcome: Outcome, which: str,
 
 def _ages(run: Run) -> np.ndarray:
     """Age of each reference when the arm first followed it [s]."""
-    first = run_analysis.newly_followed(run)
+    first = runs.newly_followed(run)
     at = np.searchsorted(run.sequences, run.applied[first])
     known = (run.applied[first] > 0) & (at < len(run.sequences))
     first, at = first[known], at[known]
@@ -137,7 +137,7 @@ def _ages(run: Run) -> np.ndarray:
 
 def _speed_in_gap(run: Run) -> float:
     """Largest speed in the longest gap from its second second on; NaN without such a gap."""
-    gaps = run_analysis.reference_gaps(run)
+    gaps = runs.reference_gaps(run)
     length, ends = gaps[int(np.argmax(gaps[:, 0]))]
     inside = ((run.state_stamps > ends - (length - 1.0) * 1e9) & (run.state_stamps < ends))
     if length < 1.2 or not inside.any():

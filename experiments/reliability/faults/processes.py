@@ -13,7 +13,7 @@ from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import judge_limits, short_skill, Trial
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.settings import GuardSettings
-from gdmp_ros.data import run_analysis
+from gdmp_ros.data import runs
 from gdmp_ros.data.runs import ONE_STREAM, Run
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
@@ -36,7 +36,7 @@ def server_killed(trial: Trial, quick: bool) -> Outcome:
     outcome.need('references lost before the fault',
                  float(run.sequences[before][-1] - run.sequences[0] + 1 - before.sum()),
                  lambda v: v == 0)
-    rest = run_analysis.time_to_rest(_until(run, killed + 3_000_000_000), killed)
+    rest = runs.time_to_rest(_until(run, killed + 3_000_000_000), killed)
     outcome.need('time to rest [s]', rest, lambda v: v < 2.5, of_speed=True)
     judge_limits(run, outcome)
     return outcome

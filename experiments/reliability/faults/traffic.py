@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from experiments.reliability.outcome import Outcome
 from experiments.reliability.trial import Trial
-from gdmp_ros.data import run_analysis
+from gdmp_ros.data import runs
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 
@@ -42,5 +42,5 @@ def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
         outcome.claim('the server reports what it refuses', 'refused' in trial.log(SERVER))
     run = trial.finish(outcome, None)
     outcome.need('consecutive ticks of the arm without a valid reference',
-                 run_analysis.longest_wait(run), lambda v: v < 100, of_speed=True)
+                 runs.longest_wait(run), lambda v: v < 100, of_speed=True)
     return outcome

@@ -15,8 +15,8 @@ from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.ros.messages import NS
 from gdmp_ros.ros.middleware import Subscription
 from gdmp_ros.ros.serialized import ReferenceReader
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
 
 #: Largest number of references read in a tick.
 MAX_REFERENCES = 20

@@ -24,8 +24,8 @@ from gdmp_ros.ros.middleware import CLOCK_DEPTH, Subscription
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
 
 #: Share of a cycle after which the loop waits for the next state. Before, other threads run:
 #: libfranka keeps the interpreter while it waits.

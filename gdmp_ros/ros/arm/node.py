@@ -23,10 +23,9 @@ from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.link_frames import LinkFrames
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
-from gdmp_ros.sim.urdf import urdf
+from gdmp_ros.sim.urdf import LinkFrames, urdf
 
 STATUS = {ArmMode.UNKNOWN: 'starting', ArmMode.HOLD: 'holding', ArmMode.FOLLOW: 'following',
           ArmMode.GUIDED: 'waiting for a hand', ArmMode.IDENTIFY: 'identifying the friction',

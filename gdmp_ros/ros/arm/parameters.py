@@ -16,12 +16,12 @@ from gdmp_ros.control.settings import (
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
 from gdmp_ros.sim.arm import Arm, Extra
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
-from gdmp_ros.sim.hand import HandSettings
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings
 from gdmp_ros.sim.scenes import SCENES
-from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.teaching import HandSettings
 
 _GUARD = {'timeout': 'reference_timeout'}
 _TANK = {'energy': 'tank_energy', 'capacity': 'tank_capacity', 'refill': 'tank_refill'}

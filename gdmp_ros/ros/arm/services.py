@@ -17,9 +17,9 @@ from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.known_model import PAYLOAD_S
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
 
 #: Speed of a joint that moves to a posture, unless another is given [rad/s].
 MOVING_SPEED = 0.5

@@ -10,9 +10,9 @@ from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.middleware import deserialized, Subscription
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.hand import Hand, HandSettings
+from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.tool import ToolTransform
+from gdmp_ros.sim.teaching import Hand, HandSettings
 
 #: Without a message for this time the hand releases the tool [s].
 HAND_TIMEOUT_S = 0.3

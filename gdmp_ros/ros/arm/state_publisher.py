@@ -9,7 +9,15 @@ import numpy as np
 
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import (
+    CHECK_EVERY,
+    check_subscribers,
+    joints_stream,
+    ManagedNode,
+    pose_stream,
+    stiffness_stream,
+    Stream,
+)
 from gdmp_ros.ros.messages import (
     fill_robot_state,
     ROBOT_STATE_FIXED,
@@ -17,14 +25,6 @@ from gdmp_ros.ros.messages import (
 )
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
-from gdmp_ros.ros.streams import (
-    CHECK_EVERY,
-    check_subscribers,
-    joints_stream,
-    pose_stream,
-    stiffness_stream,
-    Stream,
-)
 
 NOTHING = np.empty(0)
 

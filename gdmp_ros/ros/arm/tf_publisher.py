@@ -7,11 +7,10 @@ from geometry_msgs.msg import TransformStamped
 import numpy as np
 from tf2_msgs.msg import TFMessage
 
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import ManagedNode, Stream
 from gdmp_ros.ros.messages import set_transform, stamp_of
 from gdmp_ros.ros.serialized import SerializedTemplate
-from gdmp_ros.ros.streams import Stream
-from gdmp_ros.sim.link_frames import LinkFrames
+from gdmp_ros.sim.urdf import LinkFrames
 
 
 class TfPublisher:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.ros.clients.client import Client
+from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.lifecycle import SILENT_S
 
 #: Interval of the view on a terminal, and of the lines in a pipe or file [s].

@@ -8,10 +8,10 @@ import numpy as np
 
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.data.references import RecordedReferences
+from gdmp_ros.data.runs import RecordedReferences
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import Loop, NS
-from gdmp_ros.ros.clients.client import Client, DISCOVERY_S
+from gdmp_ros.ros.clients.server_client import Client, DISCOVERY_S
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.middleware import ANOTHER_NODE, DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate

@@ -12,12 +12,12 @@ from std_srvs.srv import Trigger
 
 from gdmp_ros.control.limits import TORQUE_RATE
 from gdmp_ros.control.modes import ArmMode, StreamMode
-from gdmp_ros.data.message_numbers import vector_numbers
+from gdmp_ros.data.bags import vector_numbers
 from gdmp_ros.data.runs import limited
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.improvement.trial import BACK_SPEED, problem, refused, REMEMBER_EVERY, Trial
-from gdmp_ros.ros.clients.joints_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.messages import NS, pose_numbers
 from gdmp_ros.ros.middleware import DEEP, Subscription
@@ -49,7 +49,7 @@ class _Row(NamedTuple):
 
 class TrialsClient(ServerClient):
     """
-    Executes skills from the same posture; see `gdmp_ros.improvement.one_by_one.Robot`.
+    Executes skills from the same posture; see `gdmp_ros.improvement.trial.Robot`.
 
     The limits of the nodes act in any case; a roll-out that reaches one is ended too.
     """

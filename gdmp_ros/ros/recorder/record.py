@@ -19,7 +19,7 @@ from gdmp_ros.realtime.loop import Loop, NS, run
 from gdmp_ros.ros.dds import current
 from gdmp_ros.ros.middleware import DEEP, Participant, reliable
 from gdmp_ros.util.dds_network import default_environment
-from gdmp_ros.util.signals import stop_event
+from gdmp_ros.util.processes import stop_event
 
 #: Recording ends if the disk has less free space: closing a bag needs some [MB].
 KEEP_FREE_MB = 64.0

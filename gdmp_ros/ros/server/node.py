@@ -1,4 +1,4 @@
-"""Streams a skill as pose and stiffness references at 1 kHz; goals switch while it moves."""
+"""Node ``trajectory_server``: streams a skill as references at 1 kHz; goals switch meanwhile."""
 from __future__ import annotations
 
 import argparse
@@ -13,37 +13,107 @@ from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill, SetSpeed
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
+from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.robot_watch import RobotSettings
+from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import Streamer
-from gdmp_ros.realtime import shared_loop
+from gdmp_ros.realtime import loop
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
-from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
-from gdmp_ros.ros.server.execute_action import ExecuteAction
-from gdmp_ros.ros.server.goal_topics import GoalTopics
-from gdmp_ros.ros.server.gripper_topics import GripperTopics
-from gdmp_ros.ros.server.learning import LearningProcess
-from gdmp_ros.ros.server.parameters import (
-    kinematics,
-    player_settings,
-    robot_settings,
-    SPECS,
-    stream_settings,
-)
-from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
-from gdmp_ros.ros.server.refinement import Refinement
+from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
+from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, RobotInputs
+from gdmp_ros.ros.server.reference_publisher import ReferencePublisher, SecondArm
 from gdmp_ros.ros.server.report import ServerReport
-from gdmp_ros.ros.server.robot_inputs import RobotInputs
-from gdmp_ros.ros.server.second_arm import SecondArm
-from gdmp_ros.ros.server.sequence_action import SequenceAction
-from gdmp_ros.ros.server.skill_loader import SkillLoader
+from gdmp_ros.ros.server.skills import LearningProcess, Refinement, SkillLoader
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.frames import ToolTransform
+from gdmp_ros.sim.path_check import PathChecker, Reach
+
+#: Frame in which goals are checked with the built-in Panda by default.
+PANDA_FRAME = 'panda_link0'
+_TOOL = {'position': 'tool_position', 'rotation': 'tool_rotation'}
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('skill', '', 'skill file to load; empty: learn from `demonstrations`, or load later'),
+    Spec('demonstrations', [''], 'rosbag2 folders to learn from if there is no skill file'),
+    Spec('n_basis', 0, 'number of basis functions when learning; 0: as many as the data need',
+         low=0, high=2000),
+    Spec('connection', 'parallel', 'connection when learning', choices=CONNECTIONS),
+    Spec('learned_stiffness', 'auto', 'origin of the stiffness when learning: as recorded, from '
+         'the variance of several demonstrations, or none; auto: the first of these that is '
+         'possible', choices=STIFFNESSES),
+    Spec('frame_id', 'panda_link0', 'frame of references; goals and measured poses in another '
+         'one are transformed by /tf'),
+    Spec('tf_timeout', 1.0, 'a goal in a frame of which nothing is known yet waits this long', 's',
+         0.0, 60.0, changes='live'),
+    Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
+    Spec('execute_on_activate', False, 'start the skill when the node is activated'),
+    Spec('reach_model', '', 'arm with which goals, and skills when they are loaded, are checked: '
+         'MJCF file, menagerie:NAME or robot_descriptions:NAME; empty: the built-in Panda if '
+         'frame_id is panda_link0; none: no check'),
+    Spec('tool_site', 'tcp', 'site of that model that is the tool'),
+    *specs_of(ToolTransform, 'configure', names=_TOOL),
+    Spec('measured_pose_topic', '~/measured_pose', "PoseStamped of the robot's tool"),
+    Spec('second_frame_id', '', 'for skills of two arms: base frame of the second arm and of its '
+         'references; /tf_static tells where it is in frame_id. Empty: there is one arm'),
+    Spec('second_measured_pose_topic', '~/second/measured_pose', "PoseStamped of the second arm's "
+         'tool'),
+    Spec('measured_joints_topic', 'joint_states', 'JointState of the robot, for skills of the '
+         'joints'),
+    Spec('gripper', 'gripper', 'name before the topics of the gripper: gripper/command, '
+         'gripper/state'),
+    Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one'),
+    *specs_of(StreamSettings),
+    *specs_of(RobotSettings),
+    *specs_of(PlayerSettings, 'motion', formerly={'goal_angular_speed': 'goal_turn_speed'}),
+    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
+         'system grants it; 0: never', low=-1, high=99),
+    Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
+)
+
+
+def stream_settings(parameters: Any) -> StreamSettings:
+    """
+    Settings of the streamer.
+
+    :raises ParameterError: if two of them contradict each other
+    """
+    return settings_from(parameters, StreamSettings)
+
+
+def kinematics(parameters: Any) -> tuple[Reach, PathChecker] | tuple[None, None]:
+    """
+    Inverse kinematics of the arm, and what checks paths with it; None without a model.
+
+    :raises DataError: if the model cannot be loaded
+    """
+    model, tool = parameters.reach_model, parameters.tool_site
+    if model == 'none' or (not model and parameters.frame_id != PANDA_FRAME):
+        return None, None
+    arm = Arm(model, tool)
+    arm.put_tool(settings_from(parameters, ToolTransform, _TOOL))
+    return Reach(arm, tool), PathChecker(arm, tool)
+
+
+def robot_settings(parameters: Any) -> RobotSettings:
+    """How far the robot may be from goal and path."""
+    return settings_from(parameters, RobotSettings)
+
+
+def player_settings(parameters: Any) -> PlayerSettings:
+    """Settings of the player."""
+    return settings_from(parameters, PlayerSettings)
+
 
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
@@ -116,7 +186,7 @@ class TrajectoryServer(ManagedNode):
             self.streamer.member = self.participant.follow(
                 self._clock_input[0], self._clock_tick, self.parameters.realtime_priority)
         else:
-            member = shared_loop.join(self.clock, self._period_ns(),
+            member = loop.join(self.clock, self._period_ns(),
                                       self.parameters.realtime_priority, self._wall_tick)
             self.streamer.member = member
             self.log_scheduler(member.scheduler)

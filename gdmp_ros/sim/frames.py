@@ -1,4 +1,4 @@
-"""Where the tool of an arm is."""
+"""Where the tool and the links of an arm are."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -71,3 +71,5 @@ class Mount:
         turn = np.array(tool.rotation) / np.linalg.norm(tool.rotation)
         mujoco.mju_mulPose(model.site_pos[self._site], model.site_quat[self._site],
                            self.position, self.rotation, np.array(tool.position, float), turn)
+
+

@@ -1,14 +1,16 @@
-"""Learns a skill from demonstrations in bags."""
+"""Skills learned from bags, and earlier versions of a skill file."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import os
 from pathlib import Path
+import shutil
 from typing import Any, NamedTuple
 
 from gdmp_ros.data import recordings
-from gdmp_ros.data.context_table import read_contexts
-from gdmp_ros.data.gripper_events import common_events
+from gdmp_ros.data.recordings import common_events
+from gdmp_ros.data.takes import read_contexts
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains
 from gdmp_ros.dmp.skill import Skill
@@ -27,7 +29,7 @@ class LearningSettings:
     :ivar frame: frame that the poses must have; empty for any
     :ivar weights: how much each demonstration counts; None for alike
     :ivar alpha_g: goal gain; None for that of `Skill.learn` or `Skill.learn_rhythmic`
-    :ivar contexts: table of the takes (`gdmp_ros.data.context_table`); None without contexts
+    :ivar contexts: table of the takes (`gdmp_ros.data.takes`); None without contexts
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
     """
@@ -157,3 +159,51 @@ def _check_frames(shown: Sequence[recordings.Recording], expected: str) -> None:
     frames = sorted({one.frame for one in shown})
     if len(frames) > 1:
         raise DataError(f'the demonstrations are in different frames: {", ".join(frames)}')
+
+
+def history_of(path: Path) -> Path:
+    """Folder with the earlier versions of a skill file."""
+    return path.with_name(f'{path.name}.history')
+
+
+def versions(path: Path) -> list[Path]:
+    """Earlier versions, the oldest first."""
+    return sorted(history_of(path).glob('[0-9][0-9][0-9][0-9].json'))
+
+
+def replace(path: Path, skill: Skill) -> None:
+    """
+    Write a skill in place of a file; the file becomes an earlier version.
+
+    :raises DataError: if it cannot be written; the file stays
+    """
+    earlier = versions(path)
+    number = int(earlier[-1].stem) + 1 if earlier else 1
+    kept = history_of(path) / f'{number:04d}.json'
+    try:
+        kept.parent.mkdir(exist_ok=True)
+        shutil.copyfile(path, kept)
+    except OSError as error:
+        raise DataError(f'{kept}: cannot keep the earlier version: {error.strerror}') from None
+    try:
+        skill.save(path)
+    except DataError:
+        kept.unlink()
+        raise
+
+
+def undo(path: Path) -> None:
+    """
+    Bring the last earlier version back, byte by byte.
+
+    :raises DataError: if there is none
+    """
+    earlier = versions(path)
+    if not earlier:
+        raise DataError(f'{path}: there is no earlier version to go back to')
+    try:
+        os.replace(earlier[-1], path)
+        if len(earlier) == 1:
+            history_of(path).rmdir()
+    except OSError as error:
+        raise DataError(f'{path}: cannot bring {earlier[-1]} back: {error.strerror}') from None

@@ -1,36 +1,138 @@
-"""Converts references to the topics and parameters of other controllers."""
+"""Node ``adapter``: converts references to the topics and parameters of other controllers."""
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-from gdmp_msgs.msg import Reference
+from gdmp_msgs.msg import JointReference, Reference
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference_kinds import Whereabouts
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
-from gdmp_ros.data.message_numbers import joint_positions, joint_target, reference_target
+from gdmp_ros.data.bags import joint_positions, joint_target, reference_target
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.adapter.joint_output import JointTrajectoryOutput
-from gdmp_ros.ros.adapter.output import along_axes, Command, Output
-from gdmp_ros.ros.adapter.parameters import SPECS
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import deserialized
-from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.serialized import PoseReader
+
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('reference_topic', '/trajectory_server/reference', 'gdmp_msgs/Reference to convert'),
+    Spec('reference_frame', 'panda_link0', 'frame of the references; others are refused'),
+    Spec('measured_pose_topic', 'measured_pose', 'geometry_msgs/PoseStamped of the tool: a motion '
+         'is converted if it begins near the robot, or after ~/arm'),
+    Spec('pose_topic', 'target_pose', 'geometry_msgs/PoseStamped of the controller; empty: none'),
+    Spec('pose_rate_hz', 1000, 'largest rate of the poses', 'Hz', 1, 1000),
+    Spec('frame_id', '', 'name of that frame in the controller, if it is another one; '
+         'empty: the same'),
+    Spec('stiffness', 'six', 'interface of the controller for the stiffness: none, six numbers '
+         '(x y z rx ry rz) or a row-major 6x6 matrix in a Float64MultiArray, a WrenchStamped, or '
+         'six parameters', choices=('none', 'six', 'matrix', 'wrench', 'parameters')),
+    Spec('stiffness_topic', 'target_stiffness', 'topic of the stiffness'),
+    Spec('stiffness_rate_hz', 1000, 'largest rate of the stiffness', 'Hz', 1, 1000),
+    Spec('stiffness_frame', 'base', 'axes of the six numbers: those of the base or of the tool',
+         choices=('base', 'tool')),
+    Spec('stiffness_node', '', 'node with the six parameters'),
+    Spec('stiffness_parameters', [''], 'names of the six parameters, x y z rx ry rz'),
+    Spec('stiffness_min', [1.0, 0.1], 'smallest stiffness of the controller, translational and '
+         'rotational', 'N/m, Nm/rad', 1e-3, 1e5),
+    Spec('stiffness_max', [2000.0, 200.0], 'largest stiffness of the controller', 'N/m, Nm/rad',
+         1e-3, 1e5),
+    Spec('joint_names', [''], 'joints of a controller of joint trajectories, in the order of the '
+         'references; empty: references of the joints are refused'),
+    Spec('joint_trajectory_topic', 'joint_trajectory_controller/joint_trajectory',
+         'trajectory_msgs/JointTrajectory of that controller'),
+    Spec('joint_rate_hz', 100, 'largest rate of the trajectories', 'Hz', 1, 1000),
+    Spec('joint_horizon', 0.03, 'a trajectory leads to where the joints will be after this time: '
+         'longer than the period of joint_rate_hz', 's', 0.001, 1.0),
+    Spec('measured_joints_topic', 'joint_states', 'sensor_msgs/JointState of the robot: a motion '
+         'of the joints is converted if it begins near the robot, or after ~/arm'),
+    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
+         'it; 0: never', low=-1, high=99),
+)
+
+
+class Output:
+    """One output of the adapter, with a largest rate."""
+
+    def __init__(self, rate_hz: float, send: Callable[[Any], None]):
+        self.send = send
+        self._period = 1.0 / rate_hz
+        self._next = 0.0
+
+    def due(self, now: float) -> bool:
+        """Whether to send again at a time of the monotonic clock [s]."""
+        # Half a tick of tolerance, because references arrive a little early or late.
+        if now < self._next - 0.5e-3:
+            return False
+        self._next = max(self._next + self._period, now)
+        return True
+
+
+class Command(NamedTuple):
+    """
+    A reference for other controllers.
+
+    :ivar pose: (x, y, z, qw, qx, qy, qz)
+    :ivar stiffness: 6×6 [N/m, Nm/rad]
+    :ivar stamp_ns: of the reference
+    """
+
+    pose: np.ndarray
+    stiffness: np.ndarray
+    stamp_ns: int
+
+
+def along_axes(stiffness: np.ndarray, quaternion: np.ndarray | None) -> np.ndarray:
+    """
+    Diagonal of a stiffness in the axes of the base or of the tool.
+
+    :param stiffness: 6×6, base frame
+    :param quaternion: of the tool (wxyz); None for the axes of the base
+    """
+    if quaternion is None:
+        return np.diag(stiffness).copy()
+    rotation = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    return np.concatenate([np.diag(rotation.T @ stiffness[:3, :3] @ rotation),
+                           np.diag(rotation.T @ stiffness[3:, 3:] @ rotation)])
+
+
+class JointTrajectoryOutput:
+    """
+    Sends each reference as a trajectory of one point, which replaces the one before.
+
+    The controller interpolates from where it is; the stamp 0 lets the trajectory begin at once.
+    """
+
+    def __init__(self, publisher: Any, names: Sequence[str], horizon: float):
+        """:param horizon: time until the joints are to be at the point [s]"""
+        self._publisher, self._names, self._horizon = publisher, list(names), horizon
+
+    def send(self, joints: JointReference) -> None:
+        """Send where the joints will be after the horizon."""
+        point = JointTrajectoryPoint(
+            positions=[position + self._horizon * velocity
+                       for position, velocity in zip(joints.position, joints.velocity)],
+            velocities=list(joints.velocity))
+        ns = round(self._horizon * NS)
+        point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
+        self._publisher.publish(JointTrajectory(joint_names=self._names, points=[point]))
+
 
 PERIOD_NS = 1_000_000
 #: The measured pose is read once in this many ticks.

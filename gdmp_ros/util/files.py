@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all: readers see the old content or the new one."""
+"""Text files that are read whole, and written whole or not at all."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -9,6 +9,8 @@ import tempfile
 from typing import Any
 
 import numpy as np
+
+from gdmp_ros.errors import DataError
 
 
 def write_text(path: Path, text: str) -> None:
@@ -42,3 +44,24 @@ def write_archive(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     partial = path.with_name(f'.{path.stem}.partial.npz')
     np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
     partial.replace(path)
+
+
+def read_text(path: Path, what: str, most: int) -> str:
+    """
+    Text of a file.
+
+    :param what: it is to be, for messages
+    :param most: size that is allowed [bytes]
+    :raises DataError: if it cannot be read, is a folder or a device, or larger
+    :raises UnicodeDecodeError: if it is not UTF-8
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise DataError(f'{path}: not a {what} file: it is a folder or a device')
+        size = path.stat().st_size
+        if size > most:
+            raise DataError(f'{path}: not a {what} file: it has {size} bytes, expected at most '
+                            f'{most}')
+        return path.read_text()
+    except OSError as error:
+        raise DataError(f'{path}: cannot read the {what}: {error.strerror}') from None

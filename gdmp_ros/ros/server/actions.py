@@ -1,23 +1,131 @@
-"""The action ``~/execute``: a skill to its goal, with feedback; a newer goal replaces it."""
+"""The actions of a server: ``~/execute`` and ``~/execute_sequence``; a newer goal replaces one."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+import math
+from typing import Any, ClassVar, NamedTuple, Protocol
 
-from gdmp_msgs.action import ExecuteSkill
-from gdmp_msgs.msg import ServerState
+from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
+from gdmp_msgs.msg import ArmStatus, ServerState
 import numpy as np
 from rclpy.task import Future
+from std_msgs.msg import String
 
-from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.control.modes import ArmMode, StreamMode
+from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.sequence_runner import OTHER_MOTION
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.server.report import ServerReport
-from gdmp_ros.ros.server.server_action import ServerAction
+
+
+class Execution(Protocol):
+    """A goal that is being executed; ``done`` gets the error code and its text."""
+
+    @property
+    def handle(self) -> Any:
+        """Handle of the goal."""
+
+    @property
+    def done(self) -> Future:
+        """Completed by `ServerAction._finish`."""
+
+
+class ServerAction:
+    """
+    Executes one goal at a time.
+
+    The execute callback is asynchronous: it awaits a future that `_finish` completes, so that
+    goals, cancellation and parameters are served meanwhile.
+    """
+
+    #: Type of the action, and its name after ``~/``.
+    kind: ClassVar[Any]
+    name: ClassVar[str]
+
+    def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport):
+        """Serve the action."""
+        self._node, self._streamer, self._report = node, streamer, report
+        self._execution: Any = None
+        self._cancelling = False
+        node.add_action(self.kind, f'~/{self.name}', self._execute, self._accepts, cancel=True)
+
+    def deactivated(self) -> None:
+        """End the present goal: the node does not stream any more."""
+        self._finish(self.kind.Result.DEACTIVATED, 'the node was deactivated')
+
+    async def _execute(self, handle: Any) -> Any:
+        """Execute a goal, and return its result."""
+        raise NotImplementedError
+
+    def _is_newly_cancelled(self, execution: Execution) -> bool:
+        """Whether the client has asked to cancel the goal since the last call."""
+        if self._cancelling or not execution.handle.is_cancel_requested:
+            return False
+        self._cancelling = True
+        return True
+
+    def _problem_on_path(self, largest: Distance) -> tuple[int, str] | None:
+        """
+        Error code and text if the robot does not follow the reference; None if it does.
+
+        :param largest: allowed distance from the reference [m, rad]; 0: any
+        """
+        robot, result = self._streamer.robot, self.kind.Result
+        if 'blocked' in robot.flags:
+            return result.BLOCKED, (
+                f'the robot is {robot.lag} from the reference and has not moved for '
+                f'{robot.settings.blocked_time:g} s: {_why_not_followed(self._report.arm)}')
+        if not robot.largest_lag.within(*(limit or math.inf for limit in largest)):
+            return result.PATH_TOLERANCE_VIOLATED, (
+                f'the robot was {robot.largest_lag} from the reference, expected at most '
+                f'{largest}')
+        return None
+
+    def _accepts(self, goal: Any) -> bool:
+        if not self._streamer.active:
+            self._node.get_logger().warning(f'{self.name}: rejected, the node is not active')
+        return self._streamer.active
+
+    def _refused(self, handle: Any, error: GdmpError) -> Any:
+        """Result of a goal that cannot be executed."""
+        self._node.get_logger().warning(f'{self.name}: {error}')
+        handle.abort()
+        return self.kind.Result(error_code=self.kind.Result.INVALID_GOAL, error_string=str(error))
+
+    @staticmethod
+    def _end(handle: Any, result: Any) -> None:
+        """Tell the client how a goal ended."""
+        if result.error_code == result.SUCCESSFUL:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+
+    def _finish(self, code: int, text: str) -> None:
+        execution, self._execution = self._execution, None
+        if execution is not None:
+            execution.done.set_result((code, text))
+
+
+def _why_not_followed(arm: ArmStatus | None) -> str:
+    """
+    Why the robot does not move.
+
+    :param arm: what the arm said last; None if that is not known
+    """
+    if arm is None or arm.mode == ArmMode.UNKNOWN:
+        return 'it is blocked, or does not follow'
+    if arm.mode == ArmMode.FOLLOW:
+        return 'it is blocked'
+    said = arm.reason or arm.last_refusal
+    return f'the arm does not follow{", " if said else ""}{said}'
+
 
 #: Tolerances of the reference if a goal has none [m, rad].
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 0.0005, 0.0025
@@ -182,3 +290,79 @@ class ExecuteAction(ServerAction):
                                     (goal.position_tolerance or POSITION_TOLERANCE,
                                      goal.rotation_tolerance or ROTATION_TOLERANCE),
                                     goal.cycles or None)
+
+
+class _SequenceExecution(NamedTuple):
+    handle: Any
+    done: Future
+
+
+class SequenceAction(ServerAction):
+    """Executes one sequence at a time; the topic ``~/signal`` ends steps that wait for it."""
+
+    kind, name = ExecuteSequence, 'execute_sequence'
+
+    def __init__(self, node: ManagedNode, streamer: Streamer, report: ServerReport):
+        super().__init__(node, streamer, report)
+        node.add_subscription(String, '~/signal', self._on_signal, 10)
+
+    def watch(self, state: ServerState, motion: int) -> None:
+        """
+        Give feedback on the present goal, and end it when its sequence has ended.
+
+        :param motion: number of the motion that ``state`` is about
+        """
+        execution, status = self._execution, self._streamer.sequence.status
+        if execution is None or status is None:
+            return
+        result = ExecuteSequence.Result
+        if self._is_newly_cancelled(execution):
+            self._streamer.stop_motion()
+        execution.handle.publish_feedback(ExecuteSequence.Feedback(
+            step=status.step, steps=status.steps, step_name=status.step_name,
+            progress=state.progress))
+        if status.running:
+            if status.motion == motion:
+                self._judge(state)
+        elif self._cancelling:
+            self._finish(result.CANCELED, 'stopped on request')
+        elif status.problem:
+            code = (result.GRIPPER_FAILED if status.gripper_failed else
+                    result.PREEMPTED if status.problem == OTHER_MOTION else result.CANCELED)
+            self._finish(code, f'step {status.step}, {status.step_name}: {status.problem}')
+        else:
+            self._finish(result.SUCCESSFUL, '')
+
+    def _judge(self, state: ServerState) -> None:
+        settings, result = self._streamer.robot.settings, ExecuteSequence.Result
+        problem: tuple[int, str] | None
+        if 'held' in state.flags:
+            problem = result.HELD, 'a step was not finite; the last state is held'
+        elif 'not_settled' in state.flags:
+            problem = (result.GOAL_TOLERANCE_VIOLATED,
+                       'the goal was not reached within its tolerance in time')
+        else:
+            problem = self._problem_on_path(Distance(settings.path_position_tolerance,
+                                                     settings.path_rotation_tolerance))
+        if problem is not None:
+            self._streamer.stop_motion()
+            self._finish(*problem)
+
+    def _on_signal(self, message: String) -> None:
+        self._streamer.sequence.signal(message.data)
+
+    async def _execute(self, handle: Any) -> ExecuteSequence.Result:
+        result, request = ExecuteSequence.Result(), handle.request
+        try:
+            first = max(int(request.first_step), 1) - 1
+            self._streamer.begin_sequence(read_sequence(request.sequence), first)
+        except GdmpError as error:
+            return self._refused(handle, error)
+        self._finish(result.PREEMPTED, 'a newer goal was accepted')
+        execution = self._execution = _SequenceExecution(handle, self._node.future())
+        self._cancelling = False
+        result.error_code, result.error_string = await execution.done
+        status = self._streamer.sequence.status
+        result.step = 0 if status is None else status.step
+        self._end(handle, result)
+        return result

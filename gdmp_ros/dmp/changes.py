@@ -1,0 +1,314 @@
+"""A primitive changed: between other ends, turned, joined to another, with more functions."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+import functools
+import warnings
+
+import numpy as np
+
+from gdmp_ros.dmp.coupling import Coupling
+from gdmp_ros.dmp.forcing import basis, design_matrix
+from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
+from gdmp_ros.dmp.variation import Variation
+from gdmp_ros.errors import GdmpWarning, ParameterError
+from gdmp_ros.manifolds import Product
+
+
+def between(primitive: Primitive, start: np.ndarray | None = None,
+            goal: np.ndarray | None = None) -> Primitive:
+    """
+    Return a primitive with another start and goal; it moves as a roll-out between them would.
+
+    A rhythmic one moves around another centre.
+
+    :param start: point; its own by default
+    :param goal: point; its own by default
+    :raises ManifoldError: if a point is not on the manifold
+    :raises ParameterError: for another start of a rhythmic one
+    """
+    if primitive.rhythmic:
+        return _around(primitive, start, goal)
+    manifold = primitive.manifold
+    first = primitive.start if start is None else manifold.check_point(start)
+    last = primitive.goal if goal is None else manifold.check_point(goal)
+    moved = replace(primitive, start=first, frame=manifold.frame(first), goal=last)
+    by = turns(primitive, moved)
+    variation = primitive.variation
+    weights = primitive.weights
+    if primitive.connection == 'parallel':  # the published one has no frame for them
+        weights = weights @ by[0].T
+    return replace(moved, weights=weights, velocity=by[0] @ primitive.velocity,
+                   variation=None if variation is None else turned_variation(variation, by))
+
+
+def _around(primitive: Primitive, start: np.ndarray | None, centre: np.ndarray | None
+            ) -> Primitive:
+    if start is not None:
+        primitive.check_ends('another start')
+    if centre is None:
+        return primitive
+    manifold = primitive.manifold
+    centre = manifold.check_point(centre)
+    frame = carry_frame(manifold, manifold.frame(primitive.goal), centre)[0]
+    return moved_cycle(primitive, centre, frame, lambda coordinates: coordinates)
+
+
+def moved_cycle(primitive: Primitive, centre: np.ndarray, frame: np.ndarray,
+                coordinates: Callable[[np.ndarray], np.ndarray]) -> Primitive:
+    """
+    Return a rhythmic primitive around another centre.
+
+    :param frame: at the new centre
+    :param coordinates: coordinates in it of those in the canonical frame of the old centre
+    """
+    manifold, old = primitive.manifold, primitive.manifold.frame(primitive.goal)
+    away, _ = manifold.log_in_frame(old, primitive.start)
+    moved = coordinates(away)
+    before, after = manifold.transport_frame(old, away), manifold.transport_frame(frame, moved)
+    start = manifold.exp(centre, manifold.from_frame(frame, moved))
+    velocity = manifold.to_frame(before, manifold.from_frame(primitive.frame, primitive.velocity))
+    canonical = change_of_frame(manifold, frame, manifold.frame(centre))
+    weights = np.array([canonical @ coordinates(row) for row in primitive.weights])
+    return replace(primitive, start=start, goal=centre, frame=manifold.frame(start),
+                   weights=weights, velocity=manifold.to_frame(
+                       manifold.frame(start), manifold.from_frame(after, coordinates(velocity))))
+
+
+def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
+    manifold = before.manifold
+    carried = frame_of(before, after.start)
+    start = change_of_frame(manifold, carried, after.frame)
+    goal_frame = frame_of(before, before.goal)
+    carried = carry_frame(manifold, goal_frame, after.goal)[0]
+    goal = change_of_frame(manifold, carried, frame_of(after, after.goal))
+    return start, goal
+
+
+def shifted(primitive: Primitive, shift: np.ndarray) -> Primitive:
+    """
+    Return a primitive with another start, goal and weights.
+
+    :param shift: of the start in the frame there, of the goal in the frame carried there, and
+        of the weights row by row, shape ``((2 + n_basis) n,)``
+    """
+    manifold = primitive.manifold
+    size = manifold.tangent_size
+    start = manifold.exp(primitive.start, manifold.from_frame(primitive.frame, shift[:size]))
+    goal_frame = frame_of(primitive, primitive.goal)
+    goal = manifold.exp(primitive.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
+    weights = primitive.weights + shift[2 * size:].reshape(-1, size)
+    moved = replace(primitive, start=start, goal=goal, frame=manifold.frame(start))
+    turn = turns(primitive, moved)[0]
+    return replace(moved, weights=weights @ turn.T, velocity=turn @ primitive.velocity)
+
+
+def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -> Variation:
+    """
+    The variation in the coordinates of a shifted primitive.
+
+    :param by: see `turns`
+    """
+    start, goal = by
+
+    def turned(rows: np.ndarray) -> np.ndarray:
+        parts = rows.reshape(-1, len(start), rows.shape[1])
+        result = np.einsum('ij,kjr->kir', start, parts)
+        result[1] = goal @ parts[1]
+        return np.asarray(result.reshape(rows.shape))
+
+    return variation.mapped(turned)
+
+
+#: Largest deviation of a turn from an orthogonal matrix.
+_TOLERANCE = 1e-6
+
+
+def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
+    """
+    Return the primitive with its frame turned: every coordinate c becomes ``R c``.
+
+    The path is turned exactly where R belongs to an isometry that keeps the start: every rotation
+    of R^m, S^m and S³, of SO(m) that of a conjugation, of SPD matrices that of a congruence.
+
+    :param turn: R, orthogonal, shape ``(n, n)``; on S^m it keeps the direction of the start, of a
+        cycle that of its centre
+    :raises ParameterError: if it is not orthogonal, or turns tangents out of the tangent space;
+        for a skill with couplings
+    """
+    if primitive.couplings:
+        raise ParameterError('frame: a skill with couplings cannot be turned about its start: '
+                             'each side would turn about its own')
+    manifold, size = primitive.manifold, primitive.manifold.tangent_size
+    origin = primitive.goal if primitive.rhythmic else primitive.start
+    frame = manifold.frame(primitive.goal) if primitive.rhythmic else primitive.frame
+    matrix = np.asarray(turn, dtype=np.float64)
+    if (matrix.shape != (size, size) or not np.isfinite(matrix).all()
+            or np.abs(matrix @ matrix.T - np.eye(size)).max() > _TOLERANCE):
+        raise ParameterError(f'frame: expected an orthogonal matrix of shape {(size, size)}')
+
+    def coordinates(vector: np.ndarray) -> np.ndarray:
+        tangent = manifold.from_frame(frame, matrix @ vector)
+        inside = manifold.to_frame(frame, tangent)
+        if np.abs(inside - matrix @ vector).max() > 1e-9 + _TOLERANCE * np.abs(vector).max():
+            raise ParameterError('frame: it turns tangents out of the tangent space')
+        return inside
+
+    def point(given: np.ndarray) -> np.ndarray:
+        away, _ = manifold.log_in_frame(frame, given)
+        return manifold.exp(origin, manifold.from_frame(frame, coordinates(away)))
+    if primitive.rhythmic:
+        return moved_cycle(primitive, primitive.goal, frame, coordinates)
+    shape = manifold.point_shape
+    waypoints = [point(row.reshape(shape)).reshape(-1) for row in primitive.segments.waypoints]
+    segments = primitive.segments
+    if waypoints:
+        segments = replace(segments, waypoints=np.array(waypoints))
+    return replace(primitive, goal=point(primitive.goal), velocity=coordinates(primitive.velocity),
+                   weights=primitive.weights @ matrix.T,
+                   segments=segments, variation=None)
+
+
+#: Samples of the forcing term for each basis function.
+_SAMPLES = 20
+
+
+def with_functions(primitive: Primitive, count: int) -> Primitive:
+    """
+    Return the primitive with ``count`` basis functions, or itself if it has as many.
+
+    The forcing term stays the same up to what the functions can describe. So does its variation.
+    """
+    if primitive.n_basis >= count:
+        return primitive
+    primitive.check_ends('basis functions')
+    matrix = _change(primitive.n_basis, count, primitive.gains.alpha_x)
+    variation = primitive.variation
+    return replace(primitive, weights=matrix @ primitive.weights,
+                   variation=None if variation is None else _changed(
+                       variation, matrix, primitive.manifold.tangent_size))
+
+
+def _changed(variation: Variation, matrix: np.ndarray, size: int) -> Variation:
+    """The variation with its rows for other weights."""
+    def changed(rows: np.ndarray) -> np.ndarray:
+        ends, weights = rows[:2 * size], rows[2 * size:].reshape(matrix.shape[1], -1)
+        return np.vstack([ends, (matrix @ weights).reshape(-1, rows.shape[1])])
+
+    return variation.mapped(changed)
+
+
+@functools.lru_cache(maxsize=8)
+def _change(before: int, after: int, alpha_x: float) -> np.ndarray:
+    """Matrix from weights to weights of more functions."""
+    progress = np.linspace(0.0, 1.0, _SAMPLES * after)
+    few, many = (np.empty((len(progress), count)) for count in (before, after))
+    for count, matrix in ((before, few), (after, many)):
+        design_matrix(basis(count, alpha_x), alpha_x, progress, matrix)
+    # Every moment counts alike, although the forcing term decays with the phase.
+    scale = np.exp(alpha_x * progress)[:, None]
+    return np.asarray(np.linalg.lstsq(scale * many, scale * few, rcond=1e-10)[0])
+
+
+#: A start that is moved further than this for a coupling is reported [m, rad, …].
+_FAR = 0.05
+
+
+def joined(first: Primitive, second: Primitive, names: Sequence[str] = ('first', 'second'),
+           duration: float | None = None) -> Primitive:
+    """
+    Return one primitive of two: its points are those of both, one after the other.
+
+    Both begin and end together, with one phase. How takes vary is not kept.
+
+    :param names: with which the names of the factors begin: ``left`` gives ``left_position``
+    :param duration: [s]; the longer one by default
+    :raises ParameterError: if their gains or connections differ, or one is split at the cut locus,
+        rhythmic, or has couplings or commands for a gripper
+    """
+    for name, one in zip(names, (first, second)):
+        for what, given in (('is split at the cut locus', len(one.segments.ends)),
+                            ('is rhythmic', one.rhythmic), ('has couplings', one.couplings),
+                            ('has commands for a gripper', one.events)):
+            if given:
+                raise ParameterError(f'{name}: the skill {what}, so it cannot be joined with '
+                                     'another one')
+    if first.gains != second.gains or first.connection != second.connection:
+        raise ParameterError(f'skills to be joined need the same gains and connection, got '
+                             f'{first.gains} and {second.gains}, {first.connection} and '
+                             f'{second.connection}')
+    count = max(first.n_basis, second.n_basis)
+    parts = [with_functions(one, count) for one in (first, second)]
+    manifold = Product(*(factor for one in parts for factor in one.manifold.factors),
+                       names=[f'{side}_{name}' for side, one in zip(names, parts)
+                              for name in one.manifold.names])
+    def together(name: str) -> np.ndarray:
+        return np.concatenate([getattr(one, name).reshape(-1) for one in parts])
+    return replace(
+        parts[0], manifold=manifold, steps=max(one.steps for one in parts),
+        start=together('start'), goal=together('goal'), frame=together('frame'),
+        velocity=together('velocity'),
+        duration=max(one.duration for one in parts) if duration is None else duration,
+        weights=np.hstack([one.weights for one in parts]), via=(), variation=None,
+        provenance={'joined': {name: dict(one.provenance) for name, one in zip(names, parts)}})
+
+
+def coupled(primitive: Primitive, coupling: Coupling) -> Primitive:
+    """
+    Return the primitive with a coupling; the second side begins and ends where it asks for.
+
+    A start that moves far is reported with a `GdmpWarning`: the demonstrations differ from the
+    coupling then.
+
+    :raises ParameterError: if it does not fit
+    """
+    manifold = primitive.manifold
+    coupling.check(manifold, primitive.steps)
+    ends = [coupling.related(manifold, point) for point in (primitive.start, primitive.goal)]
+    for name, shown in (('start', primitive.start), ('goal', primitive.goal)):
+        away = float(coupling.deviation(manifold, shown).max())
+        if away > _FAR:
+            warnings.warn(f'the {name} of {", ".join(coupling.second)} is {away:.3g} (m, rad) '
+                          'from where the coupling asks for it, and was moved there: the '
+                          'demonstrations do not keep the relation', GdmpWarning, stacklevel=3)
+    moved = between(primitive, *ends)
+    return replace(moved, couplings=(*primitive.couplings, coupling))
+
+
+def half(primitive: Primitive, number: int) -> Primitive:
+    """
+    Return the first (0) or second (1) half of the factors of a primitive as a primitive.
+
+    :raises ParameterError: if it has an odd number of factors
+    """
+    factors = primitive.manifold.factors
+    if len(factors) % 2:
+        raise ParameterError(f'the skill is on {primitive.manifold!r}, which has no two halves')
+    count = len(factors) // 2
+    chosen = slice(number * count, (number + 1) * count)
+    manifold = Product(*factors[chosen], names=primitive.manifold.names[chosen])
+    points, tangents, frames = (
+        slice(*(sum(getattr(factor, size) for factor in factors[:end])
+                for end in (chosen.start, chosen.stop)))
+        for size in ('point_size', 'tangent_size', 'frame_size'))
+    segments = primitive.segments
+    if len(segments.ends):
+        segments = replace(segments, waypoints=segments.waypoints[:, points],
+                           split=segments.split[chosen])
+    return replace(primitive, manifold=manifold, start=primitive.start[points],
+                   goal=primitive.goal[points], frame=primitive.frame[frames],
+                   velocity=primitive.velocity[tangents], weights=primitive.weights[:, tangents],
+                   segments=segments, variation=None, couplings=())
+
+
+def related(primitive: Primitive, point: np.ndarray, given: int) -> np.ndarray:
+    """
+    Return a point in which the couplings are kept: one side follows the other one.
+
+    :param given: side that stays, 0 or 1
+    """
+    for coupling in primitive.couplings:
+        point = coupling.related(primitive.manifold, point, given)
+    return point

@@ -1,1 +1,0 @@
-"""Node ``adapter``: references for other controllers."""
