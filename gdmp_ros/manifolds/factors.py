@@ -24,7 +24,7 @@ from gdmp_ros.kernels import (
     numbers_at,
 )
 from gdmp_ros.kernels.intrinsics import kernel_signature
-from gdmp_ros.manifolds.linalg import copy_into, norm
+from gdmp_ros.manifolds.linalg import copy_numbers, norm
 
 #: Within this distance [rad] of the cut locus the shortest geodesic counts as not unique.
 CUT_LOCUS_LIMIT = 1e-6
@@ -299,7 +299,7 @@ def frame_point_rows(factors, frames, points, work):
 def transport_frame_rows(factors, frames, coordinates, moved, work):
     """`transport_frame` of each row, to ``moved``."""
     for i in range(len(frames)):
-        copy_into(_row(frames, i), _row(moved, i))
+        copy_numbers(frames.shape[1], _row(frames, i), _row(moved, i))
         transport_frame(factors, _row(moved, i), _row(coordinates, i), work)
 
 
