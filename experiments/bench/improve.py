@@ -147,7 +147,7 @@ def one_search(which: tuple[str, str, int]) -> dict[str, Any]:
 
     def execute(title: str, jobs: dict[str, Job]) -> dict[str, Any]:
         return {key: roll_out(job) for key, job in jobs.items()}
-    costs = [_cost(task, Skill.of(variables.skill), JUDGED)]
+    costs = [_cost(task, variables.skill, JUDGED)]
     for state in improve(task, variables, execute, effort, search, seed):
         costs.append(_cost(task, state.skill(), GLANCED))
     costs[-1] = _cost(task, state.skill(), JUDGED)

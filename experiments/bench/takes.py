@@ -80,7 +80,7 @@ def _error(skill: Skill, take: Demonstration) -> float:
     return float(deviation(skill, take, take.times - take.times[0])[:, 0].mean())
 
 
-def _inside(distribution: Distribution[Skill], take: Demonstration) -> np.ndarray:
+def _inside(distribution: Distribution, take: Demonstration) -> np.ndarray:
     """Share of samples inside the tubes: rows position and rotation, columns `SHARES`."""
     manifold, found = take.manifold, []
     for s in MOMENTS:

@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.view.skill_plots import correction_figure
         plots.save(correction_figure(skill, found), options.plot)
         print(f'wrote {options.plot}')
-    corrected = Skill.of(found.primitive)
+    corrected = found.primitive
     if options.output is not None:
         corrected.save(options.output)
         print(f'wrote {options.output}')

@@ -10,14 +10,14 @@ import numpy as np
 
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.forcing import basis, design_matrix
-from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
+from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, P, Primitive
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Product
 
 
-def between(primitive: Primitive, start: np.ndarray | None = None,
-            goal: np.ndarray | None = None) -> Primitive:
+def between(primitive: P, start: np.ndarray | None = None,
+            goal: np.ndarray | None = None) -> P:
     """
     Return a primitive with another start and goal; it moves as a roll-out between them would.
 
@@ -43,8 +43,8 @@ def between(primitive: Primitive, start: np.ndarray | None = None,
                    variation=None if variation is None else turned_variation(variation, by))
 
 
-def _around(primitive: Primitive, start: np.ndarray | None, centre: np.ndarray | None
-            ) -> Primitive:
+def _around(primitive: P, start: np.ndarray | None, centre: np.ndarray | None
+            ) -> P:
     if start is not None:
         primitive.check_ends('another start')
     if centre is None:
@@ -55,8 +55,8 @@ def _around(primitive: Primitive, start: np.ndarray | None, centre: np.ndarray |
     return moved_cycle(primitive, centre, frame, lambda coordinates: coordinates)
 
 
-def moved_cycle(primitive: Primitive, centre: np.ndarray, frame: np.ndarray,
-                coordinates: Callable[[np.ndarray], np.ndarray]) -> Primitive:
+def moved_cycle(primitive: P, centre: np.ndarray, frame: np.ndarray,
+                coordinates: Callable[[np.ndarray], np.ndarray]) -> P:
     """
     Return a rhythmic primitive around another centre.
 
@@ -87,7 +87,7 @@ def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
     return start, goal
 
 
-def shifted(primitive: Primitive, shift: np.ndarray) -> Primitive:
+def shifted(primitive: P, shift: np.ndarray) -> P:
     """
     Return a primitive with another start, goal and weights.
 
@@ -126,7 +126,7 @@ def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) ->
 _TOLERANCE = 1e-6
 
 
-def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
+def turned(primitive: P, turn: np.ndarray) -> P:
     """
     Return the primitive with its frame turned: every coordinate c becomes ``R c``.
 
@@ -175,7 +175,7 @@ def turned(primitive: Primitive, turn: np.ndarray) -> Primitive:
 _SAMPLES = 20
 
 
-def with_functions(primitive: Primitive, count: int) -> Primitive:
+def with_functions(primitive: P, count: int) -> P:
     """
     Return the primitive with ``count`` basis functions, or itself if it has as many.
 
@@ -216,8 +216,8 @@ def _change(before: int, after: int, alpha_x: float) -> np.ndarray:
 _FAR = 0.05
 
 
-def joined(first: Primitive, second: Primitive, names: Sequence[str] = ('first', 'second'),
-           duration: float | None = None) -> Primitive:
+def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
+           duration: float | None = None) -> P:
     """
     Return one primitive of two: its points are those of both, one after the other.
 
@@ -255,7 +255,7 @@ def joined(first: Primitive, second: Primitive, names: Sequence[str] = ('first',
         provenance={'joined': {name: dict(one.provenance) for name, one in zip(names, parts)}})
 
 
-def coupled(primitive: Primitive, coupling: Coupling) -> Primitive:
+def coupled(primitive: P, coupling: Coupling) -> P:
     """
     Return the primitive with a coupling; the second side begins and ends where it asks for.
 
@@ -277,7 +277,7 @@ def coupled(primitive: Primitive, coupling: Coupling) -> Primitive:
     return replace(moved, couplings=(*primitive.couplings, coupling))
 
 
-def half(primitive: Primitive, number: int) -> Primitive:
+def half(primitive: P, number: int) -> P:
     """
     Return the first (0) or second (1) half of the factors of a primitive as a primitive.
 

@@ -7,10 +7,10 @@ where the space is curved, conditioning is repeated for the remaining error.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 import math
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING
 import warnings
 
 import numpy as np
@@ -24,7 +24,8 @@ from gdmp_ros.dmp.variation import Context, Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
 
-S = TypeVar('S', bound=Primitive)
+if TYPE_CHECKING:
+    from gdmp_ros.dmp.skill import Skill
 
 #: Repetitions of conditioning on a curved space; on a flat one the first is exact.
 REPETITIONS = 20
@@ -34,16 +35,15 @@ MET = 1e-10
 _REGULAR = 1e-14
 
 
-class Distribution(Generic[S]):
+class Distribution:
     """
     Mean, covariance, samples and conditions; see `gdmp_ros.dmp.Skill.distribution`.
 
     The progress s is from 0 to 1 everywhere.
     """
 
-    def __init__(self, skill: Primitive, variation: Variation, make: Callable[[Primitive], S]):
-        """:param make: makes a skill of a primitive"""
-        self._skill, self._variation, self._make = skill, variation, make
+    def __init__(self, skill: Skill, variation: Variation):
+        self._skill, self._variation = skill, variation
         self._manifold: Manifold = skill.manifold
 
     def mean(self, s: float) -> np.ndarray:
@@ -70,12 +70,12 @@ class Distribution(Generic[S]):
         turn = change_of_frame(self._manifold, frame, self._manifold.frame(point))
         return np.asarray(turn @ found @ turn.T)
 
-    def sample(self, rng: np.random.Generator) -> S:
+    def sample(self, rng: np.random.Generator) -> Skill:
         """Draw a skill: other start, goal, motion and duration, as another take might show."""
         factor = self._variation.whole_factor
         drawn = shifted(self._skill, factor @ rng.standard_normal(factor.shape[1]))
         duration = drawn.duration * math.exp(self.timing * rng.standard_normal())
-        return self._make(replace(drawn, duration=max(duration, SHORTEST_DURATION)))
+        return replace(drawn, duration=max(duration, SHORTEST_DURATION))
 
     @property
     def timing(self) -> float:
@@ -84,7 +84,7 @@ class Distribution(Generic[S]):
 
     def condition(self, points: Sequence[tuple[float, np.ndarray]
                                          | tuple[float, np.ndarray, np.ndarray]] = (),
-                  context: Context | None = None) -> S:
+                  context: Context | None = None) -> Skill:
         """
         Return the most likely skill that passes through points; its distribution is what remains.
 
@@ -101,8 +101,8 @@ class Distribution(Generic[S]):
         """
         if context is not None:
             known = self._in_context(context)
-            return known.condition(points) if len(points) else self._make(
-                known._skill)  # noqa: SLF001  its own class
+            around = known.distribution if len(points) else None
+            return known if around is None else around.condition(points)
         wanted = self._wanted(points)
         factor = self._variation.whole_factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
@@ -122,10 +122,10 @@ class Distribution(Generic[S]):
         rest = replace(self._variation, factor=factor @ root, contexts=None)
         # `shifted` turned what the variation of the moved primitive refers to.
         turned = turned_variation(rest, turns(self._skill, moved))
-        return self._make(replace(moved, variation=turned))
+        return replace(moved, variation=turned)
 
-    def _in_context(self, context: Context) -> Distribution[S]:
-        """The distribution of takes in a context."""
+    def _in_context(self, context: Context) -> Skill:
+        """The skill for a context, with the variation of takes in it."""
         variation, model = self._variation, self._variation.contexts
         if model is None:
             raise ParameterError('context: the skill was learned without contexts')
@@ -137,9 +137,8 @@ class Distribution(Generic[S]):
         moved = shifted(self._skill, shift)
         rest = replace(variation, factor=model.growth(numbers) * variation.factor, contexts=None)
         turned = turned_variation(rest, turns(self._skill, moved))
-        moved = replace(moved, variation=turned,
-                        duration=max(longer * moved.duration, SHORTEST_DURATION))
-        return Distribution(moved, turned, self._make)
+        return replace(moved, variation=turned,
+                       duration=max(longer * moved.duration, SHORTEST_DURATION))
 
     # Coordinates
 

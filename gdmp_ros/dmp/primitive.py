@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -250,6 +250,10 @@ class Primitive:
         """
         if self.rhythmic:
             raise ParameterError(f'{what}: a rhythmic skill repeats a cycle and has no end')
+
+
+#: A `Primitive`, or a `gdmp_ros.dmp.Skill`: functions that change one return the same kind.
+P = TypeVar('P', bound=Primitive)
 
 
 def check_connection(connection: str) -> None:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 import math
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,6 @@ class Skill(Primitive):
 
     Its data and their units are those of `gdmp_ros.dmp.primitive.Primitive`.
     """
-
-    @classmethod
-    def of(cls, primitive: Primitive) -> Skill:
-        """Skill with the data of a primitive."""
-        return cls(**{part.name: getattr(primitive, part.name) for part in fields(Primitive)})
 
     @classmethod
     def learn(cls, demonstrations: Demonstration | Sequence[Demonstration],
@@ -84,7 +79,7 @@ class Skill(Primitive):
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)
-        return cls.of(learn(demonstrations, n_basis, settings, tolerance))
+        return learn(demonstrations, n_basis, settings, tolerance)
 
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],
@@ -117,16 +112,16 @@ class Skill(Primitive):
         settings = FitSettings(Gains(alpha_z, alpha_g=alpha_g), 'parallel', smoothing,
                                provenance=dict(provenance or {}),
                                demonstration_weights=demonstration_weights)
-        return cls.of(learn_cycle(demonstrations, n_basis, settings, tolerance, period).primitive)
+        return learn_cycle(demonstrations, n_basis, settings, tolerance, period).primitive
 
     @property
-    def distribution(self) -> Distribution[Skill] | None:
+    def distribution(self) -> Distribution | None:
         """
         How the demonstrated motions vary around this one: samples, tubes, conditions.
 
         None if there was only one demonstration, or with ``fit='forcing'``.
         """
-        return None if self.variation is None else Distribution(self, self.variation, Skill.of)
+        return None if self.variation is None else Distribution(self, self.variation)
 
     def in_context(self, context: Mapping[str, float] | Sequence[float]) -> Skill:
         """
@@ -152,7 +147,7 @@ class Skill(Primitive):
         :param goal: point; its own by default
         :raises ManifoldError: if a point is not on the manifold
         """
-        return Skill.of(between(self, start, goal))
+        return between(self, start, goal)
 
     def through(self, points: Sequence[tuple[float, np.ndarray]],
                 factors: Sequence[str] | None = None) -> Skill:
@@ -168,10 +163,10 @@ class Skill(Primitive):
         """
         changed = through(self, points, factors)
         warn_of_cost(self, changed)
-        return Skill.of(changed)
+        return changed
 
     @classmethod
-    def joined(cls, first: Primitive, second: Primitive,
+    def joined(cls, first: Skill, second: Skill,
                names: Sequence[str] = ('first', 'second'), duration: float | None = None) -> Skill:
         """
         Return one skill of two, executed in one motion with one phase; see `coupled`.
@@ -180,7 +175,7 @@ class Skill(Primitive):
         :param duration: [s]; the longer one by default
         :raises ParameterError: see `gdmp_ros.dmp.changes.joined`
         """
-        return cls.of(joined(first, second, names, duration))
+        return joined(first, second, names, duration)
 
     def coupled(self, coupling: Coupling) -> Skill:
         """
@@ -191,7 +186,7 @@ class Skill(Primitive):
 
         :raises ParameterError: if it does not fit the manifold
         """
-        return Skill.of(coupled(self, coupling))
+        return coupled(self, coupling)
 
     def related(self, point: np.ndarray, given: int = 0) -> np.ndarray:
         """
@@ -208,7 +203,7 @@ class Skill(Primitive):
 
         :raises ParameterError: if a number is out of range, or they are not in order
         """
-        return Skill.of(replace(self, events=tuple(events)))
+        return replace(self, events=tuple(events))
 
     def rollout(self, **options: Any) -> Rollout:
         """Begin a motion: `gdmp_ros.dmp.Rollout` with this skill."""
@@ -238,4 +233,4 @@ class Skill(Primitive):
 
         :raises DataError: if the file is missing, damaged or of an unknown version
         """
-        return cls.of(read_primitive(Path(path)))
+        return read_primitive(Path(path), cls)

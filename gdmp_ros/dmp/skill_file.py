@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.coupling import Coupling
-from gdmp_ros.dmp.primitive import Gains, GripperEvent, Primitive
+from gdmp_ros.dmp.primitive import Gains, GripperEvent, P, Primitive
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import ContextModel, Variation
 from gdmp_ros.errors import DataError, GdmpError
@@ -56,8 +56,13 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         raise DataError(f'{path}: cannot write the skill: {error}') from None
 
 
-def read_primitive(path: Path) -> Primitive:
-    """Read and validate a skill file; `DataError` names the file, the field and the reason."""
+def read_primitive(path: Path, kind: type[P]) -> P:
+    """
+    Read and validate a skill file.
+
+    :param kind: class of the result
+    :raises DataError: naming the file, the field and the reason
+    """
     try:
         document = json.loads(read_text(path, 'skill', MAX_BYTES))
     except GdmpError:
@@ -65,12 +70,12 @@ def read_primitive(path: Path) -> Primitive:
     except (ValueError, RecursionError) as error:
         raise DataError(f'{path}: not a skill file: {error}') from None
     try:
-        return _parse(document)
+        return kind(**_parse(document))
     except GdmpError as error:
         raise DataError(f'{path}: {error}') from None
 
 
-def _parse(document: Any) -> Primitive:
+def _parse(document: Any) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
     if document.get('version') not in READABLE:
@@ -95,14 +100,15 @@ def _parse(document: Any) -> Primitive:
     provenance = document.get('provenance', {})
     if not isinstance(provenance, dict):
         raise DataError(f'provenance: expected an object, got {provenance!r}')
-    return Primitive(manifold=manifold, connection=str(document.get('connection')),
-                     gains=Gains(**gains), start=_point(document, 'start', manifold),
-                     goal=_point(document, 'goal', manifold), frame=_frame(document, manifold),
-                     duration=float(duration),
-                     velocity=_numbers(document, 'velocity', (manifold.tangent_size,)),
-                     weights=weights, steps=steps, segments=_segments(document, manifold),
-                     via=_via(document), variation=_variation(document), events=_events(document),
-                     provenance=provenance, rhythmic=rhythmic, couplings=_couplings(document))
+    return {
+        'manifold': manifold, 'connection': str(document.get('connection')),
+        'gains': Gains(**gains), 'start': _point(document, 'start', manifold),
+        'goal': _point(document, 'goal', manifold), 'frame': _frame(document, manifold),
+        'duration': float(duration),
+        'velocity': _numbers(document, 'velocity', (manifold.tangent_size,)), 'weights': weights,
+        'steps': steps, 'segments': _segments(document, manifold), 'via': _via(document),
+        'variation': _variation(document), 'events': _events(document), 'provenance': provenance,
+        'rhythmic': rhythmic, 'couplings': _couplings(document)}
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:

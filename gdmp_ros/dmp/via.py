@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.primitive import P, Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import GdmpWarning, ParameterError
@@ -22,8 +22,8 @@ _SAMPLES = 400
 _TOLERANCE = 1e-7
 
 
-def through(skill: Primitive, points: Sequence[tuple[float, np.ndarray]],
-            factors: Sequence[str] | None = None) -> Primitive:
+def through(skill: P, points: Sequence[tuple[float, np.ndarray]],
+            factors: Sequence[str] | None = None) -> P:
     """
     Return ``skill`` with weights that make it pass through points between its start and goal.
 

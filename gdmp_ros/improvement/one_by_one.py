@@ -106,7 +106,7 @@ class OneByOne:
             where = f'{title}, roll-out {len(order) - len(left) + 1} of {len(order)}'
             if several:
                 where += f', situation {_situation(key) + 1}'
-            self._tell(f'{where}: {_described(skill, Skill.of(job.variables.skill))}')
+            self._tell(f'{where}: {_described(skill, job.variables.skill)}')
             answer = self._choose(where, {
                 '': 'go', **({REPEAT: AGAIN} if made else {}),
                 WORST: 'worst, without trying', QUIT: 'quit'})

@@ -145,7 +145,7 @@ class Improvement:
         for name, judged in (('before', self.before), ('after', self.after)):
             if judged is not None:
                 source[name] = {'median_cost': judged.median, 'success': judged.success}
-        return Skill.of(replace(found, provenance={'improved': source}))
+        return replace(found, provenance={'improved': source})
 
 
 def subject(task: Task, variables: Variables, search: str, effort: Effort, seed: int) -> str:

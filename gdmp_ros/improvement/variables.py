@@ -12,7 +12,6 @@ from typing import Protocol
 import numpy as np
 
 from gdmp_ros.dmp.changes import between
-from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
@@ -25,14 +24,14 @@ from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 class Variable(Protocol):
     """Something that varies."""
 
-    def names(self, skill: Primitive) -> list[str]:
+    def names(self, skill: Skill) -> list[str]:
         """
         Names of its numbers, for people.
 
         :raises ParameterError: if the skill has no such thing
         """
 
-    def apply(self, skill: Primitive, values: np.ndarray) -> Primitive:
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """
         Return a skill that is changed by some numbers; 0 changes nothing.
 
@@ -53,12 +52,12 @@ class Weights:
     count: int
     deviations: Mapping[str, float]
 
-    def names(self, skill: Primitive) -> list[str]:
+    def names(self, skill: Skill) -> list[str]:
         """See `Variable`."""
         columns, _ = _coordinates(skill.manifold, self.deviations)
         return [f'weight {k + 1} {name}' for k in range(self.count) for name in columns]
 
-    def apply(self, skill: Primitive, values: np.ndarray) -> Primitive:
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """See `Variable`."""
         _, (columns, deviations) = _coordinates(skill.manifold, self.deviations)
         place = np.arange(skill.n_basis) / max(skill.n_basis - 1, 1)
@@ -85,12 +84,12 @@ class ViaPoints:
     at: Sequence[float]
     deviations: Mapping[str, float]
 
-    def names(self, skill: Primitive) -> list[str]:
+    def names(self, skill: Skill) -> list[str]:
         """See `Variable`."""
         columns, _ = _coordinates(skill.manifold, self.deviations)
         return [f'via point {s:g} {name}' for s in self.at for name in columns]
 
-    def apply(self, skill: Primitive, values: np.ndarray) -> Primitive:
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """See `Variable`."""
         manifold, (columns, deviations) = skill.manifold, _coordinates(
             skill.manifold, self.deviations)[1]
@@ -118,18 +117,18 @@ class Stiffness:
     axes: Sequence[Sequence[int]] = ()
     factor: str = 'stiffness'
 
-    def _groups(self, skill: Primitive) -> Sequence[Sequence[int]]:
+    def _groups(self, skill: Skill) -> Sequence[Sequence[int]]:
         part = _factor(skill.manifold, self.factor)
         if not isinstance(part, SymmetricPositiveDefinite):
             raise ParameterError(f'{self.factor} is on {part!r}, expected SPD matrices')
         return self.axes or [[axis] for axis in range(part.point_shape[0])]
 
-    def names(self, skill: Primitive) -> list[str]:
+    def names(self, skill: Skill) -> list[str]:
         """See `Variable`."""
         return [f'{self.factor} {k + 1} axes {" ".join(str(axis + 1) for axis in group)}'
                 for k in range(self.count) for group in self._groups(skill)]
 
-    def apply(self, skill: Primitive, values: np.ndarray) -> Primitive:
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """See `Variable`."""
         groups, manifold = self._groups(skill), skill.manifold
         size = _factor(manifold, self.factor).point_shape[0]
@@ -163,11 +162,11 @@ class Tempo:
 
     deviation: float = 0.2
 
-    def names(self, skill: Primitive) -> list[str]:
+    def names(self, skill: Skill) -> list[str]:
         """See `Variable`."""
         return ['tempo']
 
-    def apply(self, skill: Primitive, values: np.ndarray) -> Primitive:
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """See `Variable`."""
         return replace(skill, duration=skill.duration * float(np.exp(
             -self.deviation * values[0])))
@@ -181,7 +180,7 @@ class Variables:
     :ivar names: of all numbers, for people
     """
 
-    def __init__(self, skill: Primitive, parts: Sequence[Variable]):
+    def __init__(self, skill: Skill, parts: Sequence[Variable]):
         """:raises ParameterError: without variables, or if the skill does not have them"""
         if not parts:
             raise ParameterError('nothing varies: expected weights, via points, stiffness or '
@@ -213,7 +212,7 @@ class Variables:
         changed, ends = self.skill, np.cumsum(self._sizes)
         for part, one in zip(self._parts, np.split(np.asarray(values, float), ends[:-1])):
             changed = part.apply(changed, one)
-        return Skill.of(replace(changed, variation=None))
+        return replace(changed, variation=None)
 
 
 def _factor(manifold: Manifold, name: str) -> Manifold:

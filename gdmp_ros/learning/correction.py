@@ -16,8 +16,9 @@ import numpy as np
 
 from gdmp_ros.dmp.changes import between, with_functions
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.primitive import frame_of, Primitive
+from gdmp_ros.dmp.primitive import frame_of
 from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.learning.regression import smoother
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
@@ -100,14 +101,14 @@ class Correction(NamedTuple):
     :ivar after: the same with the correction
     """
 
-    primitive: Primitive
+    primitive: Skill
     pushes: list[Push]
     progress: np.ndarray
     before: np.ndarray
     after: np.ndarray
 
 
-def correction(primitive: Primitive, followed: FollowedMotion, *, least: float = LEAST_M,
+def correction(primitive: Skill, followed: FollowedMotion, *, least: float = LEAST_M,
                least_rotation: float = LEAST_RAD) -> Correction:
     """
     Correct a primitive of the tool where an arm was pushed.
@@ -226,7 +227,7 @@ def _shift(away: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> np
     return result
 
 
-def _fitted(primitive: Primitive, wanted: np.ndarray, progress: np.ndarray) -> Primitive:
+def _fitted(primitive: Skill, wanted: np.ndarray, progress: np.ndarray) -> Skill:
     """The primitive with weights that make it pass where it should."""
     manifold = primitive.manifold
     base = Development(manifold, _path(primitive, progress), frame_of(primitive, primitive.start))
@@ -240,6 +241,6 @@ def _fitted(primitive: Primitive, wanted: np.ndarray, progress: np.ndarray) -> P
     return changed
 
 
-def _path(primitive: Primitive, progress: np.ndarray) -> np.ndarray:
+def _path(primitive: Skill, progress: np.ndarray) -> np.ndarray:
     points = Rollout(primitive, duration=1.0).sample(progress).points
     return np.ascontiguousarray(points.reshape(len(progress), -1))

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
-from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.alignment import aligned, SAMPLES
 from gdmp_ros.learning.forcing_fit import fit_forcing
@@ -30,7 +29,7 @@ PASSES = 2
 
 @one_thread
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
-          settings: FitSettings, tolerance: float) -> Primitive:
+          settings: FitSettings, tolerance: float) -> Skill:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""
     if n_basis != 'auto' and (not isinstance(n_basis, (int, np.integer))
                               or isinstance(n_basis, bool)):
@@ -46,7 +45,7 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
 
 
 def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
-                tolerance: float) -> Primitive:
+                tolerance: float) -> Skill:
     several, contexts = len(shown) > 1, settings.contexts_of(len(shown))
     if several and settings.align and contexts is None:
         shown = aligned(shown)
@@ -61,7 +60,7 @@ def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSet
 
 
 def _fitted(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
-            tolerance: float, contexts: Contexts | None) -> Primitive:
+            tolerance: float, contexts: Contexts | None) -> Skill:
     fit = OutputFit(shown, settings)
     primitive = fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
     if len(shown) == 1:
@@ -70,13 +69,12 @@ def _fitted(shown: list[Demonstration], n_basis: int | str, settings: FitSetting
         primitive, shown, settings.weights(len(shown)), contexts))
 
 
-def _in_contexts(primitive: Primitive, contexts: Contexts) -> list[Demonstration]:
+def _in_contexts(primitive: Skill, contexts: Contexts) -> list[Demonstration]:
     """The motion of a primitive in each context."""
     result: list[Demonstration] = []
-    if primitive.variation is None:
+    around = primitive.distribution
+    if around is None:
         return result
-    around: Distribution[Primitive] = Distribution(primitive, primitive.variation,
-                                                   lambda one: one)
     for numbers in contexts.numbers:
         moved = around.condition(context=numbers)
         times = moved.duration * np.linspace(0.0, 1.0, SAMPLES)
@@ -85,8 +83,8 @@ def _in_contexts(primitive: Primitive, contexts: Contexts) -> list[Demonstration
     return result
 
 
-def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tolerance: float,
-              samples: int) -> Primitive:
+def _smallest(make: Callable[[int], Skill], shown: list[Demonstration], tolerance: float,
+              samples: int) -> Skill:
     """
     The primitive with the fewest basis functions that meets the tolerance, found by bisection.
 
@@ -114,7 +112,7 @@ def _smallest(make: Callable[[int], Primitive], shown: list[Demonstration], tole
     return make(high)
 
 
-def _error_measure(finest: Primitive, shown: list[Demonstration]) -> Callable[[Primitive], float]:
+def _error_measure(finest: Skill, shown: list[Demonstration]) -> Callable[[Skill], float]:
     """Error for `_smallest`: from the one demonstration, or from the finest roll-out."""
     times = np.linspace(0.0, finest.duration, 1000)
     if len(shown) == 1:

@@ -12,10 +12,11 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development, differentiate, published_derivatives
 from gdmp_ros.dmp.forcing import basis
-from gdmp_ros.dmp.primitive import frame_of, Primitive
+from gdmp_ros.dmp.primitive import frame_of
 from gdmp_ros.dmp.response import LAST
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import CutLocusError, GdmpWarning
 from gdmp_ros.learning.preparation import (
     blank_primitive,
@@ -35,7 +36,7 @@ class _Inverted(NamedTuple):
     velocity: np.ndarray
 
 
-def fit_forcing(shown: list[Demonstration], settings: FitSettings) -> Callable[[int], Primitive]:
+def fit_forcing(shown: list[Demonstration], settings: FitSettings) -> Callable[[int], Skill]:
     """
     Prepare the fit; the result makes a primitive with a number of basis functions.
 
@@ -47,14 +48,14 @@ def fit_forcing(shown: list[Demonstration], settings: FitSettings) -> Callable[[
     s, forcing = (np.concatenate([p.s for p in parts]), np.vstack([p.forcing for p in parts]))
     blank = replace(blank, velocity=np.mean([p.velocity for p in parts], axis=0))
 
-    def with_basis(count: int) -> Primitive:
+    def with_basis(count: int) -> Skill:
         functions = basis(count, settings.gains.alpha_x)
         return replace(blank, weights=regress(functions, settings.gains.alpha_x, s, forcing,
                                               settings.regularization))
     return with_basis
 
 
-def _invert(demonstration: Demonstration, blank: Primitive) -> _Inverted:
+def _invert(demonstration: Demonstration, blank: Skill) -> _Inverted:
     """Solve [GDMP] eq. (17) for the forcing term along a uniform demonstration."""
     manifold, gains, points = blank.manifold, blank.gains, demonstration.flat_points
     duration = demonstration.duration
@@ -95,7 +96,7 @@ class _Motion(NamedTuple):
     points: np.ndarray
 
 
-def with_published(fitted: Primitive, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Primitive:
+def with_published(fitted: Skill, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Skill:
     """
     Make the motions of a primitive with the published connection.
 
@@ -135,13 +136,13 @@ def _samples(count: int) -> np.ndarray:
     return np.arange(0.0, LAST, 1.0 / max(SAMPLES, SAMPLES_PER_FUNCTION * count))
 
 
-def _path(primitive: Primitive, start: np.ndarray, goal: np.ndarray, s: np.ndarray) -> np.ndarray:
+def _path(primitive: Skill, start: np.ndarray, goal: np.ndarray, s: np.ndarray) -> np.ndarray:
     rollout = Rollout(primitive, start=start, goal=goal, duration=1.0)
     return np.asarray(rollout.sample(s).points.reshape(len(s), -1))
 
 
-def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarray],
-              s: np.ndarray) -> Primitive:
+def _inverted(primitive: Skill, wanted: list[_Motion], paths: list[np.ndarray],
+              s: np.ndarray) -> Skill:
     """Solve [GDMP] eq. (17) for the forcing term along the paths."""
     manifold, gains = primitive.manifold, primitive.gains
     shown = s <= 1.0
@@ -160,5 +161,5 @@ def _inverted(primitive: Primitive, wanted: list[_Motion], paths: list[np.ndarra
     return replace(primitive, weights=weights)
 
 
-def _unrolled(primitive: Primitive, one: _Motion, path: np.ndarray) -> Development:
+def _unrolled(primitive: Skill, one: _Motion, path: np.ndarray) -> Development:
     return Development(primitive.manifold, path, frame_of(primitive, one.start))

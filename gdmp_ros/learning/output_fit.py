@@ -18,10 +18,11 @@ import numpy as np
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.primitive import frame_of, Primitive
+from gdmp_ros.dmp.primitive import frame_of
 from gdmp_ros.dmp.response import response_to, responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.segments import targets
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import CutLocusError, ParameterError
 from gdmp_ros.learning.forcing_fit import with_published
 from gdmp_ros.learning.lost_detail import Reproduced, warn_of_lost_detail
@@ -104,7 +105,7 @@ class OutputFit:
         self._wanted = np.vstack([self._rows.scale(k)[:, None] * self._linearised(k)
                                   for k in range(len(samples))])
 
-    def primitive(self, count: int) -> Primitive:
+    def primitive(self, count: int) -> Skill:
         """
         The primitive with ``count`` basis functions.
 
@@ -237,7 +238,7 @@ class OutputFit:
                       self._goal[columns])
                 for columns, moving in zip(self._columns, self._moving)]
 
-    def _fitted(self, count: int, wanted: np.ndarray) -> Primitive:
+    def _fitted(self, count: int, wanted: np.ndarray) -> Skill:
         velocity = np.zeros(self._manifold.tangent_size)
         weights = np.zeros((count, self._manifold.tangent_size))
         for columns, moving, found in zip(self._columns, self._moving,
@@ -247,12 +248,12 @@ class OutputFit:
             weights[:, columns] = found.solution[-count:]
         return replace(self._blank, velocity=velocity, weights=weights)
 
-    def _predicted(self, primitive: Primitive) -> np.ndarray:
+    def _predicted(self, primitive: Skill) -> np.ndarray:
         """What the responses of a primitive add up to."""
         matrix = regression(primitive.n_basis, self._settings.gains, self._rows, True).matrix
         return np.asarray(matrix @ np.vstack([primitive.velocity, primitive.weights]))
 
-    def _refined(self, primitive: Primitive) -> tuple[Primitive, np.ndarray]:
+    def _refined(self, primitive: Skill) -> tuple[Skill, np.ndarray]:
         """Gauss-Newton steps with the real roll-out, while they improve it; its residuals."""
         best, residuals = primitive, self._residuals(primitive)
         for _ in range(STEPS):
@@ -266,7 +267,7 @@ class OutputFit:
             best, residuals = step, after
         return best, residuals
 
-    def _residuals(self, primitive: Primitive) -> np.ndarray:
+    def _residuals(self, primitive: Skill) -> np.ndarray:
         """
         From the roll-out to the demonstrations, in its frame; scaled rows.
 
@@ -278,7 +279,7 @@ class OutputFit:
         except CutLocusError:
             return np.full(self._wanted.shape, np.inf)
 
-    def _deviations(self, primitive: Primitive) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _deviations(self, primitive: Skill) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         manifold = self._manifold
         primitive = replace(primitive, steps=COARSE)
         for number, shape in enumerate(self._shapes):

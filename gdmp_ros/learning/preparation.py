@@ -12,8 +12,9 @@ import numpy as np
 from gdmp_ros.choices import ENDS, FITS
 from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.options import SHORTEST_DURATION
-from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS, Primitive
+from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.variation_fit import Contexts, GivenContexts
 from gdmp_ros.manifolds import Manifold
@@ -241,7 +242,7 @@ def prepared(demonstrations: Demonstration | Sequence[Demonstration],
 
 
 def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals: list[np.ndarray],
-                    segments: Segments, settings: FitSettings) -> Primitive:
+                    segments: Segments, settings: FitSettings) -> Skill:
     """
     The primitive without velocity and weights: everything that does not depend on them.
 
@@ -252,7 +253,7 @@ def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals:
     manifold, weights = shown[0].manifold, settings.weights(len(shown))
     start = _mean(manifold, starts, weights)
     duration = float(np.average([d.duration for d in shown], weights=weights))
-    return Primitive(
+    return Skill(
         manifold=manifold, connection=settings.connection, gains=settings.gains, start=start,
         goal=_mean(manifold, goals, weights), frame=manifold.frame(start), duration=duration,
         velocity=np.zeros(manifold.tangent_size), weights=np.zeros((2, manifold.tangent_size)),
@@ -279,7 +280,7 @@ def common_segments(shown: list[Demonstration], settings: FitSettings) -> Segmen
     return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)
 
 
-def own_segments(blank: Primitive, demonstration: Demonstration) -> Segments:
+def own_segments(blank: Skill, demonstration: Demonstration) -> Segments:
     """The segments of a primitive with the waypoints of one demonstration."""
     if len(blank.segments) == 1:
         return blank.segments

@@ -11,8 +11,8 @@ from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.forcing import basis, periodic_basis, periodic_design
-from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.cycles import CycleFit, thinned
 from gdmp_ros.learning.preparation import noise_level, prepared
@@ -76,7 +76,7 @@ class Fit(NamedTuple):
     demonstrations: tuple[DemonstrationFit, ...]
 
 
-def fit_report(skill: Primitive, demonstrations: Demonstration | Sequence[Demonstration]) -> Fit:
+def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstration]) -> Fit:
     """
     Compare a skill with the demonstrations it was learned from.
 
@@ -93,7 +93,7 @@ def fit_report(skill: Primitive, demonstrations: Demonstration | Sequence[Demons
                tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
 
 
-def _cycle_report(skill: Primitive, shown: list[Demonstration]) -> Fit:
+def _cycle_report(skill: Skill, shown: list[Demonstration]) -> Fit:
     matrix = np.empty((PHASES, skill.n_basis))
     periodic_design(periodic_basis(skill.n_basis), np.arange(PHASES) / PHASES, matrix)
     found = []
@@ -107,7 +107,7 @@ def _cycle_report(skill: Primitive, shown: list[Demonstration]) -> Fit:
                tuple(found))
 
 
-def _fit(skill: Primitive, demonstration: Demonstration) -> DemonstrationFit:
+def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
     times = demonstration.times - demonstration.times[0]
     away = deviation(skill, demonstration, times)
     error = relative(mean_distance(away), demonstration.span())
@@ -191,7 +191,7 @@ class CycleTake(NamedTuple):
     points: np.ndarray
 
 
-def cycle_takes(skill: Primitive, shown: list[Demonstration]) -> list[CycleTake]:
+def cycle_takes(skill: Skill, shown: list[Demonstration]) -> list[CycleTake]:
     """
     Find the cycles of recordings, and their distances from that of a rhythmic skill.
 

@@ -10,7 +10,8 @@ import numpy as np
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.forcing import periodic_basis, periodic_design
 from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
-from gdmp_ros.dmp.primitive import Gains, MIN_STEPS, Primitive
+from gdmp_ros.dmp.primitive import Gains, MIN_STEPS
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.cycles import coordinates, CycleFit, FittedCycle, thinned
 from gdmp_ros.learning.preparation import (
@@ -36,7 +37,7 @@ _STEP = 1e-3
 class LearnedCycle(NamedTuple):
     """A rhythmic primitive and how the recordings agree with it."""
 
-    primitive: Primitive
+    primitive: Skill
     fitted: FittedCycle
 
 
@@ -65,7 +66,7 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
     if n_basis == 'auto' and error > 1.0:
         warn_tolerance(chosen, error * tolerance, tolerance)
     lasts = float(np.average([one.period for one in fitted.takes], weights=weights))
-    primitive = Primitive(
+    primitive = Skill(
         manifold=manifold, connection=settings.connection, gains=gains, start=curve.start,
         goal=curve.centre, frame=manifold.frame(curve.start), duration=lasts,
         velocity=manifold.to_frame(manifold.frame(curve.start), velocity), weights=found,

@@ -112,7 +112,7 @@ def _fit(shown: Sequence[Demonstration]) -> Callable[[int], Skill]:
         # What each number of functions loses is the result itself.
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', GdmpWarning)
-            return Skill.of(fit.primitive(count))
+            return fit.primitive(count)
     return make
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from gdmp_ros.dmp.changes import shifted
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.development import Development
-from gdmp_ros.dmp.primitive import change_of_frame, frame_of, Primitive
+from gdmp_ros.dmp.primitive import change_of_frame, frame_of
 from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.variation import ContextModel, correlations, kriging, Variation
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.learning.regression import Smoother, smoother
@@ -160,7 +161,7 @@ NEGLIGIBLE = 1e-3
 CORRECTIONS, CONVERGED = 5, 1e-3
 
 
-def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
+def variation_of(primitive: Skill, takes: Sequence[Demonstration],
                  take_weights: np.ndarray, contexts: Contexts | None) -> Variation:
     """
     Compute the variation of at least two aligned takes.
@@ -214,7 +215,7 @@ def variation_of(primitive: Primitive, takes: Sequence[Demonstration],
                      float(timing), model)
 
 
-def _context_fit(primitive: Primitive, contexts: Contexts, take_weights: np.ndarray,
+def _context_fit(primitive: Skill, contexts: Contexts, take_weights: np.ndarray,
                  maps: Smoother, ends: np.ndarray, rest: np.ndarray
                  ) -> tuple[ContextFit, Callable[[np.ndarray], np.ndarray]]:
     """What the contexts of takes explain; and how to get rows of a factor from ends and rest."""
@@ -231,7 +232,7 @@ def _context_fit(primitive: Primitive, contexts: Contexts, take_weights: np.ndar
     return fit, rows
 
 
-def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
+def _ends(primitive: Skill, take: Demonstration) -> np.ndarray:
     """Shift of start and goal."""
     manifold = primitive.manifold
     goal_frame = frame_of(primitive, primitive.goal)
@@ -241,7 +242,7 @@ def _ends(primitive: Primitive, take: Demonstration) -> np.ndarray:
             (goal_frame, take.points[-1], primitive.goal))])
 
 
-def _rest(primitive: Primitive, take: Demonstration, ends: np.ndarray, progress: np.ndarray,
+def _rest(primitive: Skill, take: Demonstration, ends: np.ndarray, progress: np.ndarray,
           maps: Smoother) -> np.ndarray:
     """
     From the moved skill to the take, in its frames, shape ``(samples, n)``.
@@ -265,7 +266,7 @@ def _rest(primitive: Primitive, take: Demonstration, ends: np.ndarray, progress:
     return rest
 
 
-def _equal_ends(primitive: Primitive, samples: np.ndarray) -> np.ndarray:
+def _equal_ends(primitive: Skill, samples: np.ndarray) -> np.ndarray:
     """Rows of a factor: start and goal vary alike in all directions of a factor."""
     size, count = primitive.manifold.tangent_size, primitive.n_basis
     variances = (samples ** 2).sum(axis=0).reshape(2, size)
@@ -276,7 +277,7 @@ def _equal_ends(primitive: Primitive, samples: np.ndarray) -> np.ndarray:
     return np.hstack([np.diag(np.sqrt(variances.reshape(-1))), np.zeros((2 * size, count * size))])
 
 
-def _equal_weights(primitive: Primitive, rest: np.ndarray, smoother: np.ndarray,
+def _equal_weights(primitive: Skill, rest: np.ndarray, smoother: np.ndarray,
                    progress: np.ndarray) -> np.ndarray:
     """Rows of a factor: deviations as large as the takes', alike in all directions of a factor."""
     size, count = primitive.manifold.tangent_size, primitive.n_basis
@@ -295,7 +296,7 @@ def _equal_weights(primitive: Primitive, rest: np.ndarray, smoother: np.ndarray,
     return np.vstack(result)
 
 
-def _units(primitive: Primitive, ends: np.ndarray, rest: np.ndarray) -> np.ndarray:
+def _units(primitive: Skill, ends: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """For each coordinate, one over the deviation of its factor."""
     result = np.empty(primitive.manifold.tangent_size)
     for factor, columns in zip(primitive.manifold.factors, primitive.manifold.tangent_slices):

@@ -61,7 +61,7 @@ class PairSkill(StreamedSkill):
         super().__init__(skill, settings)
         if not is_of_two_arms(skill):
             raise DataError(f'the skill is on {skill.manifold!r}, expected the poses of two tools')
-        self.sides = [ToolSkill(Skill.of(half(skill, number)), settings) for number in (0, 1)]
+        self.sides = [ToolSkill(half(skill, number), settings) for number in (0, 1)]
         self._points = self.sides[0].manifold.point_size
         tangents = self.sides[0].manifold.tangent_size
         velocity = 2 + skill.manifold.point_size

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gdmp_ros.dmp.primitive import Primitive
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
@@ -37,12 +36,11 @@ def prediction(rollout: Rollout, count: int) -> tuple[np.ndarray, np.ndarray]:
 class Tube:
     """How takes vary around a skill of pose and stiffness whose start and goal are known."""
 
-    def __init__(self, primitive: Primitive, count: int):
+    def __init__(self, skill: Skill, count: int):
         """
         :param count: of intervals of progress
         :raises DataError: if it was learned from a single take
         """
-        skill = Skill.of(primitive)
         self._progress = np.linspace(0.0, 1.0, count + 1)
         if skill.distribution is not None:
             skill = skill.distribution.condition([(0.0, skill.start), (1.0, skill.goal)])

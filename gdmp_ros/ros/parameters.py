@@ -38,7 +38,6 @@ class Spec:
     :ivar choices: the strings allowed
     :ivar changes: when a change takes effect: with the next ``configure`` (until then it is
         refused), ``live``, or with the next ``motion``
-    :ivar formerly: older name, still accepted
     :ivar each: whether an array may have one entry for all, or one for each joint
     """
 
@@ -50,7 +49,6 @@ class Spec:
     high: float | None = None
     choices: tuple[str, ...] = ()
     changes: str = 'configure'
-    formerly: str = ''
     each: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
@@ -89,21 +87,19 @@ class Spec:
 
 
 def specs_of(settings_class: type, changes: str = 'live', names: Mapping[str, str] | None = None,
-             fixed: Collection[str] = (), formerly: Mapping[str, str] | None = None
-             ) -> tuple[Spec, ...]:
+             fixed: Collection[str] = ()) -> tuple[Spec, ...]:
     """
     Parameters for the fields of a settings dataclass (`gdmp_ros.util.settings.setting`).
 
     :param changes: when changes take effect
     :param names: parameter names of fields that have another one
     :param fixed: fields that change with the next ``configure`` only
-    :param formerly: older parameter names by field
     """
-    names, formerly = names or {}, formerly or {}
+    names = names or {}
     return tuple(
         Spec(names.get(field, field), list(default) if isinstance(default, tuple) else default,
              known.description, known.unit, known.low, known.high, known.choices,
-             'configure' if field in fixed else changes, formerly.get(field, ''), known.each)
+             'configure' if field in fixed else changes, known.each)
         for field, (default, known) in about(settings_class).items())
 
 
@@ -132,12 +128,10 @@ class Parameters:
     :ivar locked: whether the node is configured
     """
 
-    def __init__(self, node: Node, specs: Sequence[Spec],
-                 retired: Mapping[str, tuple[str, str]] | None = None):
+    def __init__(self, node: Node, specs: Sequence[Spec]):
         """
         Declare all of them.
 
-        :param retired: parameters with another unit now: name and what to set instead
         :raises ParameterError: if a value at start-up is out of range
         """
         self.check: Callable[[Any], object] = lambda _: None
@@ -145,16 +139,10 @@ class Parameters:
         self.locked = False
         self._node = node
         self._specs = {spec.name: spec for spec in specs}
-        self._newer = {spec.formerly: spec.name for spec in specs if spec.formerly}
-        self._retired, self._refused = dict(retired or {}), ''
-        for name, (_, reason) in self._retired.items():
-            if self._given(name) is not None:
-                raise ParameterError(reason)
         for spec in specs:
             problem = spec.problem(self._declared(spec))
             if problem:
                 raise ParameterError(problem)
-        node.add_pre_set_parameters_callback(self._rename)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._after)
 
@@ -165,56 +153,12 @@ class Parameters:
 
     def _declared(self, spec: Spec) -> Any:
         """Declare a parameter and return its value."""
-        default = self._former_value(spec)
         try:
-            return self._node.declare_parameter(spec.name, default, spec.descriptor()).value
+            return self._node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
         except ParameterException as error:  # rclpy checks types and ranges of scalars
             raise ParameterError(str(error)) from None
 
-    def _former_value(self, spec: Spec) -> Any:
-        """Value given at start-up under the older name, otherwise the default."""
-        if not spec.formerly:
-            return spec.default
-        given = self._given(spec.formerly)
-        if given is None:
-            return spec.default
-        self._warn_of_name(spec.formerly)
-        # In YAML 20 is an integer.
-        value = float(given) if isinstance(spec.default, float) and type(given) is int else given
-        if type(value) is not type(spec.default):
-            raise ParameterError(f'{spec.formerly} is {given!r}, expected a '
-                                 f'{type(spec.default).__name__}')
-        return value
-
-    def _given(self, name: str) -> Any:
-        """Value given at start-up for a name that is no parameter; None without one."""
-        given = self._node.declare_parameter(name, None,
-                                             ParameterDescriptor(dynamic_typing=True)).value
-        self._node.undeclare_parameter(name)
-        return given
-
-    def _warn_of_name(self, name: str) -> None:
-        self._node.get_logger().warning(
-            f'the parameter {name} is now called {self._newer[name]}')
-
-    def _rename(self, changes: list[Parameter]) -> list[Parameter]:
-        result, self._refused = [], ''
-        for change in changes:
-            if change.name in self._newer:
-                self._warn_of_name(change.name)
-            if change.name in self._retired:
-                # Only the check that follows can refuse; what it gets is the present value.
-                newer, self._refused = self._retired[change.name]
-                result.append(self._node.get_parameter(newer))
-            else:
-                result.append(Parameter(self._newer.get(change.name, change.name), change.type_,
-                                        change.value))
-        return result
-
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
-        refused, self._refused = self._refused, ''
-        if refused:
-            return SetParametersResult(successful=False, reason=refused)
         for change in changes:
             problem = self._problem(change)
             if problem:

@@ -175,7 +175,7 @@ class Workbench:
         changes = self.changes
         skill = (self.skill, *changes.corrections)[-1]
         if changes.duration is not None:
-            skill = Skill.of(replace(skill, duration=max(changes.duration, SHORTEST_DURATION)))
+            skill = replace(skill, duration=max(changes.duration, SHORTEST_DURATION))
         if changes.start is not None or changes.goal is not None:
             skill = skill.between(*(None if pose is None else _with_pose(point, pose)
                                     for point, pose in ((skill.start, changes.start),
@@ -183,7 +183,7 @@ class Workbench:
         if changes.via:
             points = [(s, _with_pose(skill.goal, position))
                       for s, position in sorted(changes.via.items())]
-            skill = Skill.of(through(skill, points, ['position']))
+            skill = through(skill, points, ['position'])
         return skill
 
     def add_via(self, progress: float, position: np.ndarray) -> None:
@@ -207,7 +207,7 @@ class Workbench:
         :raises GdmpError: if there is no push, or the skill cannot be corrected
         """
         found = correction((self.skill, *self.changes.corrections)[-1], followed)
-        self.changes.corrections += (Skill.of(found.primitive),)
+        self.changes.corrections += (found.primitive,)
         return found.pushes
 
     def undo_correction(self) -> None:

@@ -101,9 +101,9 @@ def test_without_the_coupling_it_does_not(pair):
 
 
 def test_the_leader_does_not_feel_the_follower(pair):
-    led = Skill.of(replace(pair, couplings=(replace(pair.couplings[0], leads=True),)))
+    led = replace(pair, couplings=(replace(pair.couplings[0], leads=True),))
     goal = moved(pair, False)
-    alone = Skill.of(replace(pair, couplings=())).rollout()
+    alone = replace(pair, couplings=()).rollout()
     rollout = led.rollout()
     for k in range(5000):
         if k == 1800:
@@ -242,7 +242,7 @@ def test_what_cannot_be_coupled_says_why(pair):
             *arm_path(), ARM), alpha_z=40.0)))
     far = replace(one, relation=(0.5, *one.relation[1:]))
     with pytest.warns(GdmpWarning, match='demonstrations'):
-        Skill.of(replace(pair, couplings=())).coupled(far)
+        replace(pair, couplings=()).coupled(far)
 
 
 def test_the_path_does_not_depend_on_the_time_step(pair):

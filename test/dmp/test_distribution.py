@@ -71,7 +71,7 @@ def test_conditioning_is_that_of_a_promp_with_the_same_weights(rng):
     # A distribution of the weights alone.
     root = np.zeros(((2 + count) * size, 50))
     root[2 * size:] = 0.1 * rng.standard_normal((count * size, 50))
-    skill = Skill.of(replace(plain, variation=Variation(root, np.zeros(size))))
+    skill = replace(plain, variation=Variation(root, np.zeros(size)))
     # Their weights are ordered by dimension.
     order = np.arange(count * size).reshape(count, size).T.reshape(-1)
     weights = root[2 * size:][order]

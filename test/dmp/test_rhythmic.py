@@ -40,7 +40,7 @@ def _stays(skill, curve, periods):
     first = cycle_error(rollout, curve)
     assert first.max() < 1e-3 * curve.span
     # A coarse grid is enough to see a drift, and four times as fast.
-    coarse = Skill.of(replace(skill, steps=1000))
+    coarse = replace(skill, steps=1000)
     late = Rollout(coarse)
     late.sample(np.array([0.0, 0.5 * periods, periods - 1.0]) * skill.duration)
     assert cycle_error(late, curve).max() < 1e-3 * curve.span

@@ -79,7 +79,7 @@ def test_three_pushes_move_the_path_where_it_was_pushed_and_nowhere_else(skill, 
 
 def test_what_is_added_is_gentle(skill, pushed):
     def largest(primitive):
-        rollout = Skill.of(primitive).rollout()
+        rollout = primitive.rollout()
         return max(np.linalg.norm(rollout.advance(1e-3 * skill.duration).acceleration[:3])
                    for _ in range(1000))
     assert largest(correction(skill, pushed).primitive) < largest(skill) + 1.0
@@ -97,7 +97,7 @@ def test_a_push_that_lasts_to_the_end_moves_the_goal(skill):
     found = correction(skill, FollowedMotion(s, reference, measured))
     np.testing.assert_allclose(found.primitive.goal[:3], skill.goal[:3] + [0.0, 0.06, 0.0],
                                atol=1e-9)
-    rollout = Skill.of(found.primitive).rollout()
+    rollout = found.primitive.rollout()
     rollout.advance(1.5 * skill.duration)
     np.testing.assert_allclose(rollout.state.point[:3], found.primitive.goal[:3], atol=1e-3)
 
@@ -123,7 +123,7 @@ def test_a_turn_of_the_tool_is_a_push_too(skill):
 
 
 def test_the_takes_vary_around_the_corrected_path_as_before(skill, pushed):
-    made = Skill.of(correction(skill, pushed).primitive)
+    made = correction(skill, pushed).primitive
     for s in (0.3, 0.5, 0.8):
         before, after = (one.distribution.covariance(s) for one in (skill, made))
         assert np.trace(after) == pytest.approx(np.trace(before), rel=0.05)
@@ -132,7 +132,7 @@ def test_the_takes_vary_around_the_corrected_path_as_before(skill, pushed):
 @pytest.mark.parametrize('count', [7, 20, 40])
 def test_more_functions_describe_the_same_motion(rng, count):
     plain = Skill.learn(takes(TOOL, 4, rng), count)
-    finer = Skill.of(with_functions(plain, 90))
+    finer = with_functions(plain, 90)
     assert finer.n_basis == 90 and with_functions(plain, count) is plain
     s = np.linspace(0.0, 1.2, 100)
     ways = [one.rollout(duration=1.0).sample(s).points for one in (plain, finer)]
@@ -145,7 +145,7 @@ def test_an_undone_correction_leaves_the_same_bytes(skill, pushed, tmp_path):
     skill.save(path)
     versions = [path.read_bytes()]
     for _ in range(2):
-        skills.replace(path, Skill.of(correction(Skill.load(path), pushed).primitive))
+        skills.replace(path, correction(Skill.load(path), pushed).primitive)
         versions.append(path.read_bytes())
     assert len(set(versions)) == 3
     for before in reversed(versions[:2]):

@@ -17,7 +17,7 @@ from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.realtime.loop import Loop, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import ArmCommands
-from gdmp_ros.ros.arm.parameters import controller_settings, payload, RETIRED, tool_transform
+from gdmp_ros.ros.arm.parameters import controller_settings, payload, tool_transform
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
@@ -46,7 +46,7 @@ class ArmNode(ManagedNode):
 
     def __init__(self, name: str, specs: Sequence[Spec]) -> None:
         super().__init__(name)
-        self.parameters = Parameters(self, specs, RETIRED)
+        self.parameters = Parameters(self, specs)
         self.active = False
         self._refused = 0
         self.lateness = LatenessRecorder(1_000_000)

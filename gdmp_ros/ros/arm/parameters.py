@@ -43,9 +43,7 @@ ARM = (
          'Hz', 1, 100),
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
-    *specs_of(LimitSettings, formerly={'angular_speed': 'turn_speed',
-                                       'angular_acceleration': 'turn_acceleration',
-                                       'catch_up_angular_speed': 'catch_up_turn_speed'}),
+    *specs_of(LimitSettings),
     *specs_of(TankSettings, names=_TANK, fixed=('energy',)),
     *specs_of(FrictionSettings, names=_FRICTION),
     *specs_of(ContactSettings),
@@ -84,11 +82,6 @@ GRIPPER = (
     Spec('homing', False, 'let the fingers find the ends of their travel first: they open and '
          'close'),
 )
-#: Parameters that are gone, or have another unit.
-RETIRED = {'jump_stiffness': ('stiffness_rate', 'jump_stiffness is gone: a stiffness that changes '
-                              'is ramped with stiffness_rate'),
-           'torque_rate': ('torque_slew', 'torque_rate [Nm per tick] is now torque_slew [Nm/s]: '
-                           '1 Nm per tick of 1 ms is 1000 Nm/s')}
 
 
 def hand_settings(parameters: Any) -> HandSettings:

@@ -75,7 +75,7 @@ SPECS = (
     Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one'),
     *specs_of(StreamSettings),
     *specs_of(RobotSettings),
-    *specs_of(PlayerSettings, 'motion', formerly={'goal_angular_speed': 'goal_turn_speed'}),
+    *specs_of(PlayerSettings, 'motion'),
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the streaming thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),

@@ -11,6 +11,7 @@ import numpy as np
 
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.dmp.primitive import Primitive
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction, Tube
@@ -170,8 +171,8 @@ class ServerReport:
 
     def _publish_tube(self, skill: Primitive, poses: np.ndarray, progress: np.ndarray, stamp: Time
                       ) -> None:
-        if (skill.variation is None or self._tube_out.subscribers() == 0
-                or self._streamer.joints):
+        if (not isinstance(skill, Skill) or skill.variation is None
+                or self._tube_out.subscribers() == 0 or self._streamer.joints):
             return
         if self._tube is None or self._tube[0] is not skill:
             self._tube = skill, Tube(skill, PLAN_POSES)

@@ -283,7 +283,7 @@ class Refinement:
         skill, name = self._skills.loaded()
         if self._proposed is None or self._proposed[0] is not skill:
             raise ParameterError('no correction of this skill was proposed')
-        corrected = Skill.of(self._proposed[1].primitive)
+        corrected = self._proposed[1].primitive
         if request.output:
             corrected.save(Path(request.output))
         warning = self._skills.use(corrected, name)
