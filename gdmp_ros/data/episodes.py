@@ -43,10 +43,6 @@ def read(source: Path, settings: Import | None = None) -> Imported:
     """
     path, number = _parts(source)
     settings = settings or Import()
-    if (number is None and settings == Import(rate_hz=settings.rate_hz)
-            and foreign.is_own(path)):
-        own = foreign.read_csv if path.suffix == '.csv' else foreign.read_npz
-        return Imported(own(path), ())
     found = _episodes(path, _stamp(path))
     if not 0 <= (number or 0) < len(found):
         raise DataError(f'{path}: there is no episode {number}, it has {len(found)}')

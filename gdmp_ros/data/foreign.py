@@ -329,66 +329,10 @@ def write_csv(path: Path, demonstration: Demonstration) -> None:
     write_text(path, out.getvalue())
 
 
-def read_csv(path: Path) -> Demonstration:
-    """
-    Read a demonstration of a tool from CSV.
-
-    :raises DataError: naming the line and what is wrong with it
-    """
-    rows = list(csv.reader(io.StringIO(_text(path))))
-    size = next((n for n in (0, 3, 6) if rows and rows[0] == columns(n)), None)
-    if size is None:
-        raise DataError(f'{path}: the first line is {",".join(rows[0]) if rows else ""!r}, '
-                        f'expected {",".join(POSE)}, with k11, k12, … of a 3×3 or 6×6 stiffness')
-    numbers = []
-    for line, row in enumerate(rows[1:], 2):
-        try:
-            numbers.append([float(value) for value in row])
-        except ValueError as error:
-            raise DataError(f'{path}, line {line}: {error}') from None
-        if len(row) != len(rows[0]):
-            raise DataError(f'{path}, line {line}: {len(row)} numbers, expected {len(rows[0])}')
-    table = np.array(numbers).reshape(len(numbers), len(rows[0]))
-    return _demonstration(path, table[:, 0], table[:, 1:], size)
-
-
-def is_own(path: Path) -> bool:
-    """Whether a table or an archive has the columns or arrays that are written here."""
-    try:
-        if path.suffix == '.csv':
-            with path.open() as text:
-                first = text.readline().strip().split(',')
-            return first in [columns(size) for size in (0, 3, 6)]
-        if path.suffix == '.npz':
-            with np.load(path, allow_pickle=False) as found:
-                return set(found.files) == {'times', 'points'}
-    except (OSError, ValueError, UnicodeDecodeError, EOFError):
-        return False
-    return False
-
-
 def write_npz(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as an archive of ``times`` and ``points``."""
     stiffness_size_of(demonstration, path)
     write_archive(path, {'times': demonstration.times, 'points': demonstration.points})
-
-
-def read_npz(path: Path) -> Demonstration:
-    """
-    Read a demonstration of a tool from an archive; pickled objects are refused.
-
-    :raises DataError: if it is not one
-    """
-    try:
-        with np.load(path, allow_pickle=False) as found:
-            times, points = (np.asarray(found[name], dtype=float) for name in ('times', 'points'))
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise DataError(f'{path}: not an archive of times and points: {error}') from None
-    size = {7: 0, 16: 3, 43: 6}.get(points.shape[1] if points.ndim == 2 else 0)
-    if size is None:
-        raise DataError(f'{path}: points have shape {points.shape}, expected (T, 7), (T, 16) or '
-                        '(T, 43)')
-    return _demonstration(path, times, points, size)
 
 
 def _demonstration(path: Path, times: np.ndarray, points: np.ndarray, size: int) -> Demonstration:

@@ -172,15 +172,28 @@ def solve(regression: Regression, wanted: np.ndarray, goal: np.ndarray) -> Ridge
     found = regression.basis.T @ wanted
     # Computed directly: the difference of two sums of squares has no digits left on clean data.
     outside = float(((wanted - regression.basis @ found) ** 2).sum())
-    squares, rows = (found ** 2).sum(axis=1), len(wanted)
     strengths = regression.singular[0] ** 2 * STRENGTHS
     kept = regression.singular ** 2 / (regression.singular ** 2 + strengths[:, None])
-    residual = outside + (1.0 - kept) ** 2 @ squares
+    best, score = _cross_validated(kept, found, outside, len(wanted))
+    gains = regression.singular / (regression.singular ** 2 + strengths[best])
+    return Ridge(smoothest + regression.back @ (gains[:, None] * found), score)
+
+
+def _cross_validated(kept: np.ndarray, coordinates: np.ndarray, outside: float, rows: int
+                     ) -> tuple[int, float]:
+    """
+    Strength of a penalty with the best score in generalised cross-validation, and this score.
+
+    :param kept: part of each coordinate that is kept at each strength, shape ``(strengths, n)``
+    :param coordinates: of what is fitted, shape ``(n, outputs)``
+    :param outside: sum of the squares that no strength explains
+    :param rows: number of samples
+    """
+    residual = outside + (1.0 - kept) ** 2 @ (coordinates ** 2).sum(axis=1)
     freedom = 1.0 - INFLATION * kept.sum(axis=1) / rows
     scores = np.where(freedom > 0.0, residual / rows / np.maximum(freedom, 1e-9) ** 2, np.inf)
     best = int(np.argmin(scores))
-    gains = regression.singular / (regression.singular ** 2 + strengths[best])
-    return Ridge(smoothest + regression.back @ (gains[:, None] * found), float(scores[best]))
+    return best, float(scores[best])
 
 
 class Smoother(NamedTuple):
@@ -269,7 +282,5 @@ class FourierRegression:
         found = self._basis.T @ (self._matrix.T @ wanted)
         outside = float(((wanted - self._matrix @ (self._basis @ found)) ** 2).sum())
         kept = 1.0 / (1.0 + FOURIER_STRENGTHS[:, None] * self._penalties)
-        residual = outside + (1.0 - kept) ** 2 @ (found ** 2).sum(axis=1)
-        freedom = 1.0 - INFLATION * kept.sum(axis=1) / len(wanted)
-        scores = np.where(freedom > 0.0, residual / np.maximum(freedom, 1e-9) ** 2, np.inf)
-        return np.asarray(self._basis @ (kept[int(np.argmin(scores))][:, None] * found))
+        best, _ = _cross_validated(kept, found, outside, len(wanted))
+        return np.asarray(self._basis @ (kept[best][:, None] * found))

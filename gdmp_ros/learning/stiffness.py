@@ -89,12 +89,22 @@ def bounded_stiffness(covariances: np.ndarray, k_min: float = 200.0,
     :raises ParameterError: unless ``0 < k_min < k_max``
     """
     check_stiffness_bounds(k_min, k_max)
+    return _of_covariances(covariances, k_min, k_max, centred=True)
+
+
+def _of_covariances(covariances: np.ndarray, least: float, most: float, centred: bool,
+                    floor: float = 0.0) -> np.ndarray:
+    """
+    ``K ∝ (Σ + floor I)^-γ`` with γ as large as the bounds allow, and at most 1.
+
+    :param centred: geometrically between the bounds; otherwise the largest eigenvalue is ``most``
+    """
     values, vectors = np.linalg.eigh(covariances)
-    precision = -np.log(values)
-    span = np.ptp(precision)
-    power = min(1.0, np.log(k_max / k_min) / span) if span > 0.0 else 1.0
-    centred = power * (precision - 0.5 * (precision.max() + precision.min()))
-    stiffness = np.exp(centred) * np.sqrt(k_min * k_max)
+    logarithm = np.log(np.maximum(values, 0.0) + floor)
+    span, room = np.ptp(logarithm), np.log(most / least)
+    power = min(1.0, room / span) if span > 0.0 else 1.0
+    largest = np.log(most) - (0.5 * (room - power * span) if centred else 0.0)
+    stiffness = np.exp(largest - power * (logarithm - logarithm.min()))
     result = np.einsum('tij,tj,tkj->tik', vectors, stiffness, vectors)
     return np.asarray(0.5 * (result + result.transpose(0, 2, 1)))
 
@@ -246,13 +256,7 @@ def _shrunk(covariance: np.ndarray, freedom: int) -> np.ndarray:
 
 
 def _stiffness(found: np.ndarray, least: float, most: float) -> np.ndarray:
-    values, vectors = np.linalg.eigh(found)
-    values = np.maximum(values, 0.0) + AGREEMENT ** 2
-    span = np.log(values.max() / values.min())
-    power = min(1.0, np.log(most / least) / span) if span > 0.0 else 1.0
-    stiffness = most * (values.min() / values) ** power
-    result = np.einsum('tij,tj,tkj->tik', vectors, stiffness, vectors)
-    return np.asarray(0.5 * (result + result.transpose(0, 2, 1)))
+    return _of_covariances(found, least, most, centred=False, floor=AGREEMENT ** 2)
 
 
 #: The stiffness in a direction is known if its standard error is at most this part of the range.
