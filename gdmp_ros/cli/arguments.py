@@ -62,14 +62,14 @@ class _NamedNumbers(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: object, option_string: str | None = None) -> None:
-        found = {}
+        result = {}
         for word in values if isinstance(values, list) else []:
             name, _, number = str(word).partition('=')
             try:
-                found[name] = float(number)
+                result[name] = float(number)
             except ValueError:
                 parser.error(f'{option_string}: {word!r} is not NAME=NUMBER')
-        setattr(namespace, self.dest, found)
+        setattr(namespace, self.dest, result)
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:

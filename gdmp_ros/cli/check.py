@@ -45,17 +45,17 @@ def run(options: argparse.Namespace) -> int:
         from gdmp_ros.sim.path_check import check_skill, PathChecker
     if options.goal_position is not None:
         skill = _with_goal_at(skill, options.goal_position)
-    found, positions = check_skill(skill, PathChecker(Arm(options.model)))
-    problems = found.problems()
+    result, positions = check_skill(skill, PathChecker(Arm(options.model)))
+    problems = result.problems()
     table(f'{options.skill} with {options.model or "the Panda"}', ['', 'least'], [
-        [one.label, f'{one.values.min():.3f}'] for one in found.margins])
+        [margin.label, f'{margin.values.min():.3f}'] for margin in result.margins])
     for problem in problems:
         print(problem)
     print('the arm cannot follow the whole path' if problems
           else 'the arm can follow the whole path')
     if options.plot:
         from gdmp_ros.view import plots, skill_plots
-        plots.save(skill_plots.check_figure(found, positions), options.plot)
+        plots.save(skill_plots.check_figure(result, positions), options.plot)
         print(f'wrote {options.plot}')
     return 1 if problems else 0
 

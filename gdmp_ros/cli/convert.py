@@ -104,39 +104,39 @@ def _convert(options: argparse.Namespace, target: str) -> None:
         deviation = foreign.to_movement_primitives(output, _skill(_only(options.sources)))
         print(f'the pose only; its motion deviates by at most {1e3 * deviation:.1f} mm')
         return
-    found = [one for source in options.sources for one in _demonstrations(options, source)]
-    shown = [demonstration for demonstration, _ in found]
+    result = [demo for source in options.sources for demo in _demonstrations(options, source)]
+    demos = [demonstration for demonstration, _ in result]
     if target == 'skill':
         names = [str(source) for source in options.sources]
-        Skill.learn(shown, provenance={'converted from': names}).save(output)
+        Skill.learn(demos, provenance={'converted from': names}).save(output)
     elif target == 'bag':
-        _write_bags(options, found)
+        _write_bags(options, result)
     elif target == 'lerobot':
         if output.exists():
             raise DataError(f'{output}: exists; a data set is not replaced')
-        lerobot.write(output, shown, options.fps, options.task)
+        lerobot.write(output, demos, options.fps, options.task)
     elif target == 'robomimic':
-        robomimic.write(output, shown, options.fps)
+        robomimic.write(output, demos, options.fps)
     else:
         write = foreign.write_csv if target == 'csv' else foreign.write_npz
-        write(output, _only(shown))
+        write(output, _only(demos))
 
 
-def _only(found: list[T]) -> T:
+def _only(result: list[T]) -> T:
     """:raises DataError: unless there is exactly one"""
-    if len(found) != 1:
-        raise DataError(f'there are {len(found)} demonstrations, but the result holds one: name '
+    if len(result) != 1:
+        raise DataError(f'there are {len(result)} demonstrations, but the result holds one: name '
                         'an episode, such as data.hdf5#0, or convert to bags, LeRobot or HDF5')
-    return found[0]
+    return result[0]
 
 
-def _write_bags(options: argparse.Namespace, found: list[tuple[Demonstration, str]]) -> None:
+def _write_bags(options: argparse.Namespace, result: list[tuple[Demonstration, str]]) -> None:
     from gdmp_ros.data import recordings
     output = options.output
-    for number, (shown, frame) in enumerate(found, 1):
-        bag = output if len(found) == 1 else output / f'take_{number:03d}'
+    for number, (demo, frame) in enumerate(result, 1):
+        bag = output if len(result) == 1 else output / f'take_{number:03d}'
         bag.parent.mkdir(parents=True, exist_ok=True)
-        recordings.overwrite(bag, shown, frame, recordings.EPOCH_NS, options.storage)
+        recordings.overwrite(bag, demo, frame, recordings.EPOCH_NS, options.storage)
 
 
 def _skill(source: Path) -> Skill:
@@ -152,12 +152,12 @@ def _demonstrations(options: argparse.Namespace, source: Path
     """The demonstrations in a source, and their frames."""
     from gdmp_ros.data import episodes, foreign, recordings, takes
     if episodes.is_foreign(source):
-        return [(_imported(one, options), options.frame) for one in episodes.sources(source)]
+        return [(_imported(item, options), options.frame) for item in episodes.sources(source)]
     if not source.exists():
         raise DataError(f'{source}: no such bag or file')
     if source.is_dir():
         read = [recordings.read(bag) for bag in takes.bags_in(source)]
-        return [(one.demonstration, one.frame) for one in read]
+        return [(item.demonstration, item.frame) for item in read]
     if foreign.is_foreign(source):
         return [(foreign.from_movement_primitives(source), options.frame)]
     return _motions(options, source)
@@ -165,10 +165,10 @@ def _demonstrations(options: argparse.Namespace, source: Path
 
 def _imported(source: Path, options: argparse.Namespace) -> Demonstration:
     from gdmp_ros.data import episodes
-    found = episodes.read(source, _import(options))
-    if found.notes:
-        print(f'{source}: {"; ".join(found.notes)}')
-    return found.demonstration
+    result = episodes.read(source, _import(options))
+    if result.notes:
+        print(f'{source}: {"; ".join(result.notes)}')
+    return result.demonstration
 
 
 def _import(options: argparse.Namespace) -> Import:

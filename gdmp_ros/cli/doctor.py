@@ -41,11 +41,11 @@ def run(options: argparse.Namespace) -> int:
             from gdmp_ros.franka import doctor as franka_doctor
         findings += franka_doctor.examine(options.franka, max(options.seconds, LEAST_FRANKA_S))
     if options.json:
-        print(json.dumps([one._asdict() for one in findings], indent=1))
+        print(json.dumps([finding._asdict() for finding in findings], indent=1))
     else:
         table('this machine', ['', 'verdict', 'found'],
-              [[one.subject, one.level, one.found] for one in findings])
-        for one in findings:
-            if one.advice:
-                print(f'{one.subject}: {one.advice}')
-    return int(any(one.level == doctor.BAD for one in findings))
+              [[finding.subject, finding.level, finding.found] for finding in findings])
+        for finding in findings:
+            if finding.advice:
+                print(f'{finding.subject}: {finding.advice}')
+    return int(any(finding.level == doctor.BAD for finding in findings))

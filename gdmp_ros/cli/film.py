@@ -62,14 +62,14 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(extra('sim')):
         from gdmp_ros.view.films import render_to
         times, joints, path = _motion(options)
-    wanted = np.arange(times[0], times[-1], options.speed / options.fps)
-    shown = joints[np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)]
+    target = np.arange(times[0], times[-1], options.speed / options.fps)
+    postures = joints[np.clip(np.searchsorted(times, target), 0, len(times) - 1)]
     still = options.output.suffix == '.png'
-    missing = render_to(options.output, shown[-1] if still else shown,
+    missing = render_to(options.output, postures[-1] if still else postures,
                         path[::max(1, len(path) // _SPHERES)], options.model, 1.0 / options.fps)
     if missing is not None:
         raise GdmpError(missing)
-    print(f'wrote {options.output}: {1 if still else len(shown)} pictures')
+    print(f'wrote {options.output}: {1 if still else len(postures)} pictures')
 
 
 def _motion(options: argparse.Namespace) -> _Motion:

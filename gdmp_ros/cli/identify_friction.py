@@ -44,15 +44,15 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.ros.clients.arm_client import identify, identify_alone
     if options.arm == 'franka':
         options.friction = None
-        found = identify_alone(arm_choice(options), options.output)
+        result = identify_alone(arm_choice(options), options.output)
     elif options.host or options.protocol_server:
         raise ParameterError('--host and --protocol-server need --arm franka')
     else:
         from gdmp_ros.util.dds_network import default_environment
         os.environ.update(default_environment())
-        found = identify(options.arm, options.output, options.set)
+        result = identify(options.arm, options.output, options.set)
     table('friction', ['joint', 'viscous [Nm s/rad]', 'dry [Nm]'],
           [[number, f'{viscous:.3f}', f'{dry:.3f}']
-           for number, (viscous, dry) in enumerate(zip(found['viscous'], found['dry']), 1)])
+           for number, (viscous, dry) in enumerate(zip(result['viscous'], result['dry']), 1)])
     print(f'wrote {options.output}: --ros-args --params-file {options.output}'
           + ('; the node uses it now' if options.set else ''))

@@ -53,11 +53,11 @@ def _print_foreign(path: Path) -> None:
 def _episode_row(source: Path) -> list[object]:
     from gdmp_ros.data import episodes
     try:
-        found = episodes.read(source)
+        result = episodes.read(source)
     except DataError as error:
         return [source.name, '', '', f'refused: {error}']
-    shown = found.demonstration
-    return [source.name, len(shown.times), f'{shown.duration:.3f}', '; '.join(found.notes)]
+    contexts = result.demonstration
+    return [source.name, len(contexts.times), f'{contexts.duration:.3f}', '; '.join(result.notes)]
 
 
 def _print_bag(path: Path, pose_topic: str) -> None:
@@ -102,13 +102,13 @@ def _print_skill(path: Path) -> None:
         ['start', _numbers(skill.start)],
         ['centre' if skill.rhythmic else 'goal', _numbers(skill.goal)]]
     if skill.variation is not None and skill.variation.contexts is not None:
-        shown = skill.variation.contexts
+        contexts = skill.variation.contexts
         rows += [[f'context {name}', f'{low:g} … {high:g}'] for name, low, high in zip(
-            shown.names, shown.takes.min(axis=0), shown.takes.max(axis=0))]
-    rows += [[f'coupling {one.kind}{", the first leads" if one.leads else ""}',
-              f'{", ".join(one.second)} to {", ".join(one.first)}: '
-              f'{" ".join(f"{number:.4g}" for number in one.relation)}']
-             for one in skill.couplings]
+            contexts.names, contexts.takes.min(axis=0), contexts.takes.max(axis=0))]
+    rows += [[f'coupling {coupling.kind}{", the first leads" if coupling.leads else ""}',
+              f'{", ".join(coupling.second)} to {", ".join(coupling.first)}: '
+              f'{" ".join(f"{number:.4g}" for number in coupling.relation)}']
+             for coupling in skill.couplings]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
 

@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.data.takes import bags_in
     if not options.each:
         check_output(options.output)
-    bags = [found for given in options.bags for found in bags_in(given)]
+    bags = [result for given in options.bags for result in bags_in(given)]
     settings = LearningSettings(
         options.n_basis, options.connection, options.tolerance, options.smooth,
         options.regularization, options.alpha_g, options.stiffness, options.k_min, options.k_max,
@@ -216,5 +216,5 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
         print(f'the motion passes the cut locus of its goal: it is split into '
               f'{len(fit.segments) + 1} segments at s = {at}')
     for bag, d in zip(bags, fit.demonstrations):
-        for found in d.suspicions:
-            print(f'{bag.name}: sample {found.sample} (t = {found.time:.3f} s) {found.reason}')
+        for result in d.suspicions:
+            print(f'{bag.name}: sample {result.sample} (t = {result.time:.3f} s) {result.reason}')

@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
         print(f'wrote {options.output}')
         return
     skill = Skill.load(options.skill)
-    shown = [recordings.read(bag).demonstration for source in options.demonstrations
+    demos = [recordings.read(bag).demonstration for source in options.demonstrations
              for bag in takes.bags_in(source)]
-    plots.save(skill_plots.skill_figure(skill, shown), options.output)
+    plots.save(skill_plots.skill_figure(skill, demos), options.output)
     print(f'wrote {options.output}')

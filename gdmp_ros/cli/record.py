@@ -78,9 +78,9 @@ def _write_bags(options: argparse.Namespace) -> None:
     targets = [options.output / f'{options.name}_{i + 1}'
                for i in range(len(lasa.strokes(options.name)))]
     _check_free(targets, options.force)
-    shown = lasa.robot_demonstrations(options.name, options.k_min, options.k_max, options.extent)
+    demos = lasa.robot_demonstrations(options.name, options.k_min, options.k_max, options.extent)
     with progress('recording', len(targets)) as step:
-        for i, (target, demonstration) in enumerate(zip(targets, shown)):
+        for i, (target, demonstration) in enumerate(zip(targets, demos)):
             recordings.overwrite(target, demonstration, options.frame,
                                  recordings.EPOCH_NS + i * _SPACING_S * NS, options.storage)
             step()
@@ -96,8 +96,8 @@ def _write_archives(options: argparse.Namespace) -> None:
     with progress('mapping', len(names)) as step:
         for name, target in targets.items():
             arrays = {}
-            for number, shown in enumerate(lasa.data_set(name, options.manifold), 1):
-                arrays[f'times_{number}'], arrays[f'points_{number}'] = shown.times, shown.points
+            for number, demo in enumerate(lasa.data_set(name, options.manifold), 1):
+                arrays[f'times_{number}'], arrays[f'points_{number}'] = demo.times, demo.points
             options.output.mkdir(parents=True, exist_ok=True)
             write_archive(target, arrays)
             step()

@@ -63,21 +63,21 @@ def run(options: argparse.Namespace) -> None:
     with progress('reading', 1):
         recorded = runs.read(options.run, options.robot)
     try:
-        found = correction(skill, followed_motion(recorded), least=1e-3 * options.least)
+        result = correction(skill, followed_motion(recorded), least=1e-3 * options.least)
     except DataError as error:
         raise DataError(f'{options.run}: {error}') from None
     table(f'pushes in {options.run}',
           ['what', 'from s', 'to s', 'largest at s', 'moved by', 'way in and out [s]'],
-          [[one.quantity, f'{one.begin:.2f}', f'{one.end:.2f}', f'{one.at:.2f}',
-            f'{1e3 * one.largest:.1f} mm' if one.quantity == 'position'
-            else f'{one.largest:.2f} rad', f'{one.way * skill.duration:.2f}']
-           for one in found.pushes])
+          [[push.quantity, f'{push.begin:.2f}', f'{push.end:.2f}', f'{push.at:.2f}',
+            f'{1e3 * push.largest:.1f} mm' if push.quantity == 'position'
+            else f'{push.largest:.2f} rad', f'{push.way * skill.duration:.2f}']
+           for push in result.pushes])
     if options.plot is not None:
         from gdmp_ros.view import plots
         from gdmp_ros.view.skill_plots import correction_figure
-        plots.save(correction_figure(skill, found), options.plot)
+        plots.save(correction_figure(skill, result), options.plot)
         print(f'wrote {options.plot}')
-    corrected = found.primitive
+    corrected = result.primitive
     if options.output is not None:
         corrected.save(options.output)
         print(f'wrote {options.output}')

@@ -34,23 +34,23 @@ def run(options: argparse.Namespace) -> None:
         print(f'dropped: moved to {takes.drop(options.folder, name)}')
     bags = takes.bags_in(options.folder)
     with progress('reading', len(bags)) as step:
-        shown = []
+        loaded = []
         for bag in bags:
-            shown.append(recordings.read(bag, options.pose_topic))
+            loaded.append(recordings.read(bag, options.pose_topic))
             step()
-    compared = takes.compare(shown)
+    compared = takes.compare(loaded)
     table(str(options.folder), ['take', 'duration [s]', 'path length [m]',
                                 'distance from the others [mm]', 'angle [rad]', ''],
-          [[one.name, f'{one.duration:.2f}', f'{one.length:.3f}', f'{1e3 * one.distance:.1f}',
-            f'{one.angle:.3f}', 'outlier' if one.outlier else ''] for one in compared])
-    for one in compared:
-        if one.outlier:
-            print(f'{one.name} is an outlier: {one.outlier}')
-            print(f'  gdmp takes {options.folder} --drop {one.name}')
+          [[item.name, f'{item.duration:.2f}', f'{item.length:.3f}', f'{1e3 * item.distance:.1f}',
+            f'{item.angle:.3f}', 'outlier' if item.outlier else ''] for item in compared])
+    for item in compared:
+        if item.outlier:
+            print(f'{item.name} is an outlier: {item.outlier}')
+            print(f'  gdmp takes {options.folder} --drop {item.name}')
     if options.plot:
         from gdmp_ros.view import plots, skill_plots
-        plots.save(skill_plots.takes_figure([one.demonstration for one in shown],
-                                            [one.name for one in compared],
-                                            [bool(one.outlier) for one in compared]),
+        plots.save(skill_plots.takes_figure([recording.demonstration for recording in loaded],
+                                            [item.name for item in compared],
+                                            [bool(item.outlier) for item in compared]),
                    options.plot)
         print(f'wrote {options.plot}')

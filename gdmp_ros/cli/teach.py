@@ -45,9 +45,9 @@ def run(options: argparse.Namespace) -> None:
     if not 1 <= options.takes <= 7:
         raise DataError(f'--takes is {options.takes}, expected 1 to 7: there are seven strokes')
     from gdmp_ros.data import lasa
-    shown = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.takes]
+    demos = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.takes]
     with optional_import(ROS):
         from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
     teach(TeachingSettings(options.output, options.storage, options.frame,
                            options.by_hand and not options.no_window,
-                           options.by_hand and options.gripper), shown)
+                           options.by_hand and options.gripper), demos)

@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.data.takes import bags_in
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.learning import tuning
-    bags = [found for given in options.bags for found in bags_in(given)]
+    bags = [result for given in options.bags for result in bags_in(given)]
     with progress('trying', len(bags) + len(tuning.COUNTS) + 1) as step:
         recorded = []
         for bag in bags:
@@ -61,8 +61,8 @@ def run(options: argparse.Namespace) -> None:
         errors = tuning.basis_errors(poses, step)
         count = tuning.sufficient_basis(errors)
         skill = Skill.learn(poses, count)
-        span = max(float(np.linalg.norm(one.points[:, :3] - one.points[0, :3], axis=1).max())
-                   for one in poses)
+        span = max(float(np.linalg.norm(pose.points[:, :3] - pose.points[0, :3], axis=1).max())
+                   for pose in poses)
         switches = tuning.goal_switches(skill, span) if span >= tuning.SMALLEST_SPAN else []
         step()
     gain = tuning.smooth_gain(switches) if switches else skill.gains.alpha_g
@@ -91,24 +91,25 @@ def _print_results(errors: Sequence[BasisError], count: int, switches: Sequence[
     several = not math.isnan(errors[0].unseen)
     table('basis functions: mean distance / span',
           ['', 'from the finest', 'from the training data', 'from one left out'],
-          [[f'{one.functions}{"  <- sufficient" if one.functions == count else ""}',
-            f'{one.detail:.2e}', f'{one.training:.2e}', f'{one.unseen:.2e}' if several else '-']
-           for one in errors])
+          [[f'{error.functions}{"  <- sufficient" if error.functions == count else ""}',
+            f'{error.detail:.2e}', f'{error.training:.2e}',
+            f'{error.unseen:.2e}' if several else '-']
+           for error in errors])
     if not switches:
         print('goal gain: the position hardly moves, no goal was switched')
         return
     table('goal gain: a switch half-way by a quarter of the span',
           ['', 'added acceleration', 'reached after'],
-          [[f'{one.gain:g}{"  <- smooth" if one.gain == gain else ""}',
-            f'{one.acceleration:.2f} x its own', f'{one.reached:.2f} durations']
-           for one in switches])
+          [[f'{switch.gain:g}{"  <- smooth" if switch.gain == gain else ""}',
+            f'{switch.acceleration:.2f} x its own', f'{switch.reached:.2f} durations']
+           for switch in switches])
 
 
 def _stiffness(recorded: Sequence[Recording], poses: Sequence[Demonstration], force: float
                ) -> list[str]:
     """Print the source of the stiffness; words for ``gdmp learn``."""
     from gdmp_ros.learning import tuning
-    if all(len(one.demonstration.points[0]) > 7 for one in recorded):
+    if all(len(item.demonstration.points[0]) > 7 for item in recorded):
         print('stiffness: as recorded')
         return []
     if len(poses) < 2:

@@ -171,7 +171,7 @@ class ImpedanceController:
         pose = self._tool_law.follow_tool(before, after, self.tank.energy)
         self.guard.hold(pose, self.guard.mode)
 
-    def _without_reference(self, measured: Measurement, wanted: np.ndarray, dt: float,
+    def _without_reference(self, measured: Measurement, target: np.ndarray, dt: float,
                            mode: ArmMode) -> Tick:
         self._take_settings()
         twist = measured.jacobian @ measured.velocity
@@ -182,7 +182,7 @@ class ImpedanceController:
                                            measured.velocity))
         self.guard.hold(measured.pose, mode)
         self._hold(measured)
-        torque = self._limited(measured, wanted, dt, violation)
+        torque = self._limited(measured, target, dt, violation)
         self._sent(measured, torque, 0.0, dt, violation)
         wrench = external_wrench(measured, self._external(measured),
                                  self.settings.gains.singularity)
@@ -219,14 +219,14 @@ class ImpedanceController:
         self._law = self._tool_law
         self._tool_law.hold(measured)
 
-    def _settle(self, measured: Measurement, wanted: np.ndarray, twist: np.ndarray, spring: float,
+    def _settle(self, measured: Measurement, target: np.ndarray, twist: np.ndarray, spring: float,
                 dt: float, violation: np.ndarray) -> tuple[np.ndarray, float]:
         """
         Limit a torque; with too little energy for it shed wrench, then stiffness.
 
         :returns: torque to be sent [Nm], energy in the spring [J]
         """
-        torque, tank = self._limited(measured, wanted, dt, violation), self.tank
+        torque, tank = self._limited(measured, target, dt, violation), self.tank
         power = self._law.power(measured, twist, spring, dt)
         missing = tank.missing(measured, torque, power, dt)
         if missing <= 0.0:
@@ -235,8 +235,8 @@ class ImpedanceController:
         velocity, bias = measured.velocity, measured.bias
         driving = dt * float(velocity @ (torque - bias))
         if driving > 0.0:
-            wanted = bias + max(1.0 - missing / driving, 0.0) * (wanted - bias)
-            torque = self._limited(measured, wanted, dt, violation)
+            target = bias + max(1.0 - missing / driving, 0.0) * (target - bias)
+            torque = self._limited(measured, target, dt, violation)
             missing = tank.missing(measured, torque, power, dt)
         if missing > 0.0:
             released = self._law.release(measured, missing)

@@ -49,18 +49,18 @@ def _energy_of(stiffness, error, gain_numbers, spring):
 
 
 @kernel
-def _limit_modes(old, wanted, error, largest, budget, violation):
+def _limit_modes(old, target, error, largest, budget, violation):
     """
     Go from ``old`` towards ``wanted``: decreasing modes always, growing modes as energy allows.
 
-    :param wanted: replaced by the stiffness that is reached
+    :param target: replaced by the stiffness that is reached
     :param error: of which the spring stores the energy ``½ eᵀ K e``
     :param largest: log of the largest ratio of a mode
     :param budget: energy for growth, beyond what decreasing modes release [J]
     :returns: energy that was missing [J]
     """
     values, modes, cost = np.empty(6), np.empty(36), np.zeros(6)
-    relative_modes(old, wanted, values, modes)
+    relative_modes(old, target, values, modes)
     released, missing = 0.0, 0.0
     for k in range(6):
         size = abs(math.log(max(values[k], 1e-12)))
@@ -78,12 +78,12 @@ def _limit_modes(old, wanted, error, largest, budget, violation):
         if cost[k] > part:
             values[k] = 1.0 + (values[k] - 1.0) * part / cost[k]
             missing += cost[k] - part
-    compose_modes(values, modes, wanted)
+    compose_modes(values, modes, target)
     return missing
 
 
 @kernel
-def _change_stiffness(old, wanted, error, gain_numbers, largest, budget, spring, violation):
+def _change_stiffness(old, target, error, gain_numbers, largest, budget, spring, violation):
     """
     Change the stiffness as `_limit_modes`, with the exact energy of the spring.
 
@@ -96,26 +96,26 @@ def _change_stiffness(old, wanted, error, gain_numbers, largest, budget, spring,
     for i in range(3):
         scaled[i] = math.sqrt(linear) * error[i]
         scaled[3 + i] = math.sqrt(angular) * error[3 + i]
-    missing = _limit_modes(old, wanted, scaled, largest, budget, violation)
-    drawn = _energy_of(wanted, error, gain_numbers, spring) - before
+    missing = _limit_modes(old, target, scaled, largest, budget, violation)
+    drawn = _energy_of(target, error, gain_numbers, spring) - before
     if drawn <= max(budget, 0.0):
         return drawn, missing
     # The bounds of the force change with the stiffness, so that the modes are not quite apart.
     missing += drawn - max(budget, 0.0)
     low, high, change = 0.0, 1.0, np.empty(36)
     for i in range(36):
-        change[i] = wanted[i] - old[i]
+        change[i] = target[i] - old[i]
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         for i in range(36):
-            wanted[i] = old[i] + middle * change[i]
-        if _energy_of(wanted, error, gain_numbers, spring) - before <= max(budget, 0.0):
+            target[i] = old[i] + middle * change[i]
+        if _energy_of(target, error, gain_numbers, spring) - before <= max(budget, 0.0):
             low = middle
         else:
             high = middle
     for i in range(36):
-        wanted[i] = old[i] + low * change[i]
-    return _energy_of(wanted, error, gain_numbers, spring) - before, missing
+        target[i] = old[i] + low * change[i]
+    return _energy_of(target, error, gain_numbers, spring) - before, missing
 
 
 @kernel
@@ -172,15 +172,15 @@ def apply_energy_budget(reference, target, pose, gain_numbers, bounds, largest, 
     :param violation: written: by how much each limit was exceeded
     :returns: energy drawn, and energy in the spring at the end [J]
     """
-    stiffness, wanted = (reference[STIFFNESS:STIFFNESS + 36],
-                         target[STIFFNESS:STIFFNESS + 36])
+    stiffness, desired = (reference[STIFFNESS:STIFFNESS + 36],
+                          target[STIFFNESS:STIFFNESS + 36])
     error, spring = np.empty(6), np.empty(SPRING_SIZE)
     pose_error(pose, reference, error)
     make_spring(stiffness, gain_numbers, spring)
-    bound_stiffness(wanted, bounds[0], bounds[1], violation)
-    stiffening, short = _change_stiffness(stiffness, wanted, error, gain_numbers, largest, budget,
+    bound_stiffness(desired, bounds[0], bounds[1], violation)
+    stiffening, short = _change_stiffness(stiffness, desired, error, gain_numbers, largest, budget,
                                           spring, violation)
-    copy_into(wanted, stiffness)
+    copy_into(desired, stiffness)
     violation[STIFFNESS_RATE] /= dt
     moving, missing = _move_reference(reference, pose, spring, budget - stiffening, dt)
     if short + missing > 1e-12:

@@ -103,10 +103,10 @@ def _accelerate(velocity, present, last, first, limit, jerk, dt, change):
     """
     for i in range(first, first + 3):
         change[i] = (velocity[i] - present[i]) / dt
-    wanted = norm(3, change[first:first + 3])
+    target = norm(3, change[first:first + 3])
     # So that the acceleration, which decreases by one step in every tick, ends at the velocity.
     most = jerk * dt
-    limit_norm(3, change[first:first + 3], 0.5 * (math.sqrt(most * (most + 8.0 * wanted)) - most))
+    limit_norm(3, change[first:first + 3], 0.5 * (math.sqrt(most * (most + 8.0 * target)) - most))
     exceeded = limit_norm(3, change[first:first + 3], limit)
     step = np.empty(3)
     for i in range(3):

@@ -156,13 +156,13 @@ class FrictionIdentification:
         friction = 0.5 * (mean[:, :, 1] - mean[:, :, 0])
         speeds = np.array(self._speeds)
         from scipy.optimize import nnls  # slow to import
-        found = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
-                          for row in friction])
-        return JointFriction(found[:, 0], found[:, 1])
+        located = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
+                            for row in friction])
+        return JointFriction(located[:, 0], located[:, 1])
 
 
 def joint_torque(measured: Measurement, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Torque that lets the joints follow positions and velocities [Nm]."""
-    wanted = (BANDWIDTH ** 2 * (position - measured.position)
+    target = (BANDWIDTH ** 2 * (position - measured.position)
               + 2.0 * BANDWIDTH * (velocity - measured.velocity))
-    return np.asarray(measured.bias + measured.inertia @ wanted)
+    return np.asarray(measured.bias + measured.inertia @ target)

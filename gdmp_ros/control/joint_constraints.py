@@ -119,11 +119,11 @@ def keep_from_singularity(velocities, jacobian, start, stop, twist):
     value = singular_value(jacobian, direction)
     if value >= start:
         return 0.0
-    gradient, one = np.zeros(6), np.zeros(n)
+    gradient, unit = np.zeros(6), np.zeros(n)
     for i in range(n):
-        one[i] = 1.0
-        slope = singular_rate(jacobian, one, direction)
-        one[i] = 0.0
+        unit[i] = 1.0
+        slope = singular_rate(jacobian, unit, direction)
+        unit[i] = 0.0
         for j in range(6):
             gradient[j] += slope * velocities[i, j]
     linear, angular = _dot(gradient, twist, 0), _dot(gradient, twist, 3)

@@ -58,27 +58,27 @@ def joint_springs(position, reference, torque):
 def _govern_joint(i, n, reference, target, limits, acceleration, dt, violation):
     """Move one joint of the governed reference for one tick; see `move_joint_reference`."""
     low, high, fastest = limits[0, i] + KEEP, limits[1, i] - KEEP, limits[2, i]
-    goal, wanted = target[i], target[n + i]
+    goal, desired = target[i], target[n + i]
     inside = min(max(goal, low), high)
     if inside != goal:
         violation[JOINT_POSITION] = max(violation[JOINT_POSITION], abs(goal - inside))
-        goal, wanted = inside, 0.0
+        goal, desired = inside, 0.0
     q, v = reference[i], reference[n + i]
-    change = wanted - v
+    change = desired - v
     if (abs(goal - q - dt * (v + 0.5 * change)) <= acceleration * dt * dt
-            and abs(wanted) <= fastest and abs(change) <= acceleration * dt):
-        return goal, wanted
-    lag = goal - q - dt * wanted
+            and abs(desired) <= fastest and abs(change) <= acceleration * dt):
+        return goal, desired
+    lag = goal - q - dt * desired
     distance = abs(lag)
     speed = min(distance / CATCH_UP_S, CATCH_UP, math.sqrt(acceleration * distance))
-    wanted += math.copysign(speed, lag)
-    if abs(wanted) > fastest:
-        violation[JOINT_SPEED] = max(violation[JOINT_SPEED], abs(wanted) - fastest)
-        wanted = math.copysign(fastest, wanted)
+    desired += math.copysign(speed, lag)
+    if abs(desired) > fastest:
+        violation[JOINT_SPEED] = max(violation[JOINT_SPEED], abs(desired) - fastest)
+        desired = math.copysign(fastest, desired)
     # It must be able to stop before its limit.
-    wanted = min(wanted, math.sqrt(2.0 * acceleration * max(high - q, 0.0)))
-    wanted = max(wanted, -math.sqrt(2.0 * acceleration * max(q - low, 0.0)))
-    v += min(max(wanted - v, -acceleration * dt), acceleration * dt)
+    desired = min(desired, math.sqrt(2.0 * acceleration * max(high - q, 0.0)))
+    desired = max(desired, -math.sqrt(2.0 * acceleration * max(q - low, 0.0)))
+    v += min(max(desired - v, -acceleration * dt), acceleration * dt)
     return min(max(q + dt * v, min(low, q)), max(high, q)), v
 
 
@@ -100,18 +100,18 @@ def move_joint_reference(reference, mean, target, position, limits, acceleration
     :returns: energy drawn, and energy in the springs at the end [J]
     """
     n = position.size
-    before, start, way = joint_energy(position, reference), np.empty(n), np.empty(n)
+    before, start, tangent = joint_energy(position, reference), np.empty(n), np.empty(n)
     for i in range(n):
         start[i] = reference[i]
         last = reference[n + i]
         q, v = _govern_joint(i, n, reference, target, limits, acceleration, dt, violation)
         # It does not wind up in front of an obstacle.
         q = min(max(q, position[i] - CLIP), position[i] + CLIP)
-        way[i], reference[n + i] = q - start[i], v
+        tangent[i], reference[n + i] = q - start[i], v
         mean[i] += min(dt / MEAN_S, 1.0) * ((v - last) / dt - mean[i])
     share = 1.0
     for i in range(n):
-        reference[i] = start[i] + way[i]
+        reference[i] = start[i] + tangent[i]
     moving = joint_energy(position, reference) - before
     if moving > max(budget, 0.0):
         violation[ENERGY] = max(violation[ENERGY], moving - max(budget, 0.0))
@@ -119,13 +119,13 @@ def move_joint_reference(reference, mean, target, position, limits, acceleration
         for _ in range(_HALVINGS):
             share = 0.5 * (low + high)
             for i in range(n):
-                reference[i] = start[i] + share * way[i]
+                reference[i] = start[i] + share * tangent[i]
             if joint_energy(position, reference) - before <= max(budget, 0.0):
                 low = share
             else:
                 high = share
         for i in range(n):
-            reference[i] = start[i] + low * way[i]
+            reference[i] = start[i] + low * tangent[i]
             reference[n + i] *= low
             mean[i] *= low
         moving = joint_energy(position, reference) - before

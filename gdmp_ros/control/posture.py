@@ -51,7 +51,7 @@ class Posture:
     def advance(self, dt: float) -> np.ndarray:
         """Let ``dt`` pass; returns the position [rad]."""
         if self._changes:
-            wanted, step = self._wanted, RATE * dt
-            self.position = self.position + np.clip(wanted - self.position, -step, step)
-            self._changes = not np.array_equal(self.position, wanted)
+            target, step = self._wanted, RATE * dt
+            self.position = self.position + np.clip(target - self.position, -step, step)
+            self._changes = not np.array_equal(self.position, target)
         return self.position

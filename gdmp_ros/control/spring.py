@@ -177,13 +177,13 @@ def keep_error(pose, reference, gain_numbers, twist):
         share = min((math.sqrt(square) / bound - SLOW_FROM) / (1.0 - SLOW_FROM), 1.0)
         if share <= 0.0:
             continue
-        away, size = 0.0, 0.0
+        offset, size = 0.0, 0.0
         for i in range(3 * part, 3 * part + 3):
-            away += forces[i] * twist[i]
+            offset += forces[i] * twist[i]
             size += forces[i] ** 2
-        if away > 0.0:
+        if offset > 0.0:
             for i in range(3 * part, 3 * part + 3):
-                twist[i] -= share * away / size * forces[i]
+                twist[i] -= share * offset / size * forces[i]
 
 
 @kernel
@@ -260,15 +260,15 @@ def moved_with_tool(reference: np.ndarray, before: np.ndarray, after: np.ndarray
     :param after: pose of the new one
     :returns: (x, y, z, qw, qx, qy, qz)
     """
-    wrench, pulls, held, found = np.empty(6), np.empty(6), after.copy(), reference.copy()
+    wrench, pulls, held, result = np.empty(6), np.empty(6), after.copy(), reference.copy()
     spring_wrench(before, reference, gain_numbers, wrench)
     wrench[3:] += np.cross(before[:3] - after[:3], wrench[:3])
     compliance = np.linalg.inv(reference[STIFFNESS:STIFFNESS + 36].reshape(6, 6))
     moved = resting_target(after)
     # The rotational part is not linear: corrected step by step.
     for _ in range(POSE_STEPS):
-        found[POSE:POSE + 7] = held
-        spring_wrench(after, found, gain_numbers, pulls)
+        result[POSE:POSE + 7] = held
+        spring_wrench(after, result, gain_numbers, pulls)
         moved[TWIST:TWIST + 6] += compliance @ (wrench - pulls)
         extrapolate_pose(moved, 1.0, held)
     return held

@@ -49,9 +49,9 @@ def whole_target(numbers: np.ndarray) -> np.ndarray:
     if np.shape(numbers) not in ((REQUIRED_SIZE,), (TARGET_SIZE,)):
         raise ParameterError(f'a target has shape {np.shape(numbers)}, expected {REQUIRED_SIZE} '
                              f'or {TARGET_SIZE} numbers')
-    whole = np.zeros(TARGET_SIZE)
-    whole[:len(numbers)] = numbers
-    return whole
+    full = np.zeros(TARGET_SIZE)
+    full[:len(numbers)] = numbers
+    return full
 
 
 @kernel

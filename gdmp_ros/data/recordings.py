@@ -107,11 +107,11 @@ def during(commands: Sequence[RecordedCommand], first: int, last: int
     Those before it count at its beginning (of several the last one), those after it at its end.
     """
     result: list[GripperEvent] = []
-    for one in commands:
-        progress = float(np.clip((one.stamp - first) / (last - first), 0.0, 1.0))
+    for command in commands:
+        progress = float(np.clip((command.stamp - first) / (last - first), 0.0, 1.0))
         if progress == 0.0 and result:
             result.clear()
-        result.append(GripperEvent(progress, one.width, one.force, one.speed))
+        result.append(GripperEvent(progress, command.width, command.force, command.speed))
     return tuple(result)
 
 
@@ -124,17 +124,17 @@ def common_events(takes: Sequence[Demonstration], names: Sequence[str],
     :param events: of each take
     :raises DataError: if the takes do not have the same commands in the same order
     """
-    kinds = [[event.force > 0.0 for event in one] for one in events]
+    kinds = [[event.force > 0.0 for event in item] for item in events]
     for name, kind in zip(names, kinds):
         if kind != kinds[0]:
             raise DataError(f'{name}: the gripper was told {_words(kind)}, in {names[0]} '
                             f'{_words(kinds[0])}: a skill needs the same commands in all takes')
     if not kinds[0]:
         return ()
-    found = align(takes)
-    places = np.array([[np.interp(event.progress, warp, found.progress) for event in one]
-                       for one, warp in zip(events, found.warps)])
-    numbers = np.median(np.array([[event[1:] for event in one] for one in events]), axis=0)
+    result = align(takes)
+    places = np.array([[np.interp(event.progress, warp, result.progress) for event in item]
+                       for item, warp in zip(events, result.warps)])
+    numbers = np.median(np.array([[event[1:] for event in item] for item in events]), axis=0)
     usual = np.maximum.accumulate(np.median(places, axis=0))
     return tuple(GripperEvent(float(progress), *map(float, row))
                  for progress, row in zip(usual, numbers))
@@ -176,7 +176,7 @@ class Recording:
     events: tuple[GripperEvent, ...] = ()
 
 
-def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
+def with_stiffness(recordings: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
                    k_max: float = 800.0) -> tuple[list[Demonstration], str]:
     """
     Demonstrations with the stiffness from a source, and the name of the source.
@@ -188,33 +188,33 @@ def with_stiffness(shown: Sequence[Recording], source: str = 'auto', k_min: floa
     :param k_max: largest eigenvalue
     :raises DataError: if these takes do not have this source
     """
-    stiff = [len(one.demonstration.points[0]) > 7 for one in shown]
+    stiff = [len(recording.demonstration.points[0]) > 7 for recording in recordings]
     if source == 'auto':
-        source = 'recorded' if any(stiff) else 'variance' if len(shown) > 1 else 'none'
+        source = 'recorded' if any(stiff) else 'variance' if len(recordings) > 1 else 'none'
     if source == 'recorded':
         if not all(stiff):
-            raise DataError(f'{shown[stiff.index(False)].bag}: no stiffness was recorded; '
+            raise DataError(f'{recordings[stiff.index(False)].bag}: no stiffness was recorded; '
                             'choose variance or none')
-        return [one.demonstration for one in shown], source
-    poses = [Demonstration(one.demonstration.times, one.demonstration.points[:, :7],
-                           tool_manifold(None)) for one in shown]
+        return [recording.demonstration for recording in recordings], source
+    poses = [Demonstration(recording.demonstration.times, recording.demonstration.points[:, :7],
+                           tool_manifold(None)) for recording in recordings]
     if source == 'none':
         return poses, source
-    if len(shown) < 2:
-        raise DataError(f'{shown[0].bag}: stiffness from variance needs two takes or more')
+    if len(recordings) < 2:
+        raise DataError(f'{recordings[0].bag}: stiffness from variance needs two takes or more')
     profiles = stiffness_of_each(poses, k_min, k_max)
-    return [Demonstration(one.times, np.hstack([one.points, k.reshape(-1, 9)]), tool_manifold(3))
-            for one, k in zip(poses, profiles)], source
+    return [Demonstration(pose.times, np.hstack([pose.points, k.reshape(-1, 9)]), tool_manifold(3))
+            for pose, k in zip(poses, profiles)], source
 
 
-def with_wrench(shown: Sequence[Recording], demonstrations: Sequence[Demonstration]
+def with_wrench(recordings: Sequence[Recording], demonstrations: Sequence[Demonstration]
                 ) -> list[Demonstration]:
     """The same demonstrations with the wrenches of their recordings, if these have some."""
-    return [same if one.wrench is None else Demonstration(
-        same.times, np.hstack([same.flat_points, one.wrench]),
+    return [same if recording.wrench is None else Demonstration(
+        same.times, np.hstack([same.flat_points, recording.wrench]),
         tool_manifold(same.manifold.factors[2].size if len(same.manifold.factors) > 2 else None,
                       wrench=True))
-            for one, same in zip(shown, demonstrations)]
+            for recording, same in zip(recordings, demonstrations)]
 
 
 def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
@@ -235,23 +235,23 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
     if episodes.is_foreign(Path(bag)):
         return _imported(Path(bag))
     with bags.opened(bag) as reader:
-        found = bags.topics_in(reader)
-        pose_topic = pose_topic or _only(bag, found, 'pose', bags.POSE, bags.REFERENCE)
+        result = bags.topics_in(reader)
+        pose_topic = pose_topic or _only(bag, result, 'pose', bags.POSE, bags.REFERENCE)
         poses = bags.series_in(reader, bag, pose_topic, bags.POSE, bags.REFERENCE)
         matrices, block = None, None
         if poses.values.shape[1] > 7:
             matrices, block = _matrices(poses, poses.values[:, 7:])
-        elif stiffness_topic or any(kind == bags.ARRAY for _, kind, _ in found):
-            stiffness_topic = stiffness_topic or _only(bag, found, 'stiffness', bags.ARRAY)
+        elif stiffness_topic or any(kind == bags.ARRAY for _, kind, _ in result):
+            stiffness_topic = stiffness_topic or _only(bag, result, 'stiffness', bags.ARRAY)
             series = bags.series_in(reader, bag, stiffness_topic, bags.ARRAY)
             matrices, block = _matrices(series, series.values)
             matrices = _at_stamps(matrices, series, poses)
         felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
         commands = commands_in(reader, str(bag))
-    whole = _joined(poses, matrices)
-    kept = without_rest(whole, f'{poses.bag}, topic {poses.topic}')
-    times = whole.times[kept]
-    demonstration = Demonstration(times - times[0], whole.points[kept], whole.manifold)
+    full = _joined(poses, matrices)
+    kept = without_rest(full, f'{poses.bag}, topic {poses.topic}')
+    times = full.times[kept]
+    demonstration = Demonstration(times - times[0], full.points[kept], full.manifold)
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
     stamps = poses.stamps[kept]
     return Recording(demonstration, str(bag), poses.frame, block, wrench,
@@ -275,13 +275,13 @@ def read_joints(bag: str | Path, topic: str = '') -> Recording:
     manifold = Product(Euclidean(series.values.shape[1]), names=('joints',))
     where = f'{series.bag}, topic {series.topic}'
     try:
-        whole = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values,
-                              manifold)
+        full = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values,
+                             manifold)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
-    kept = without_rest(whole, where)
-    times = whole.times[kept]
-    return Recording(Demonstration(times - times[0], whole.points[kept], manifold), str(bag),
+    kept = without_rest(full, where)
+    times = full.times[kept]
+    return Recording(Demonstration(times - times[0], full.points[kept], manifold), str(bag),
                      series.frame, None, joints=series.names,
                      events=during(commands, series.stamps[kept][0], series.stamps[kept][-1]))
 
@@ -306,11 +306,11 @@ def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: i
                 writer.matrix(STIFFNESS_TOPIC, stamp, stiffness[0])
 
 
-def _only(bag: str | Path, found: Sequence[tuple[str, str, int]], what: str, *types: str) -> str:
-    names = [topic for topic, kind, _ in found if kind in types]
+def _only(bag: str | Path, result: Sequence[tuple[str, str, int]], what: str, *types: str) -> str:
+    names = [topic for topic, kind, _ in result if kind in types]
     if len(names) == 1:
         return names[0]
-    have = ', '.join(f'{topic} ({kind})' for topic, kind, _ in found) or 'nothing'
+    have = ', '.join(f'{topic} ({kind})' for topic, kind, _ in result) or 'nothing'
     reason = f'several topics hold a {what}' if names else f'no topic holds a {what}'
     raise DataError(f'{bag}: {reason}, name one of type {" or ".join(types)}; the bag has {have}')
 
@@ -376,13 +376,13 @@ def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.
 
 def _imported(source: Path) -> Recording:
     """An episode of another program."""
-    found = episodes.read(source)
-    if found.notes:
-        warnings.warn(f'{source}: {"; ".join(found.notes)}', GdmpWarning, stacklevel=3)
-    whole = found.demonstration
-    kept = without_rest(whole, str(source))
-    times = whole.times[kept]
-    return Recording(Demonstration(times - times[0], whole.points[kept], whole.manifold),
+    result = episodes.read(source)
+    if result.notes:
+        warnings.warn(f'{source}: {"; ".join(result.notes)}', GdmpWarning, stacklevel=3)
+    full = result.demonstration
+    kept = without_rest(full, str(source))
+    times = full.times[kept]
+    return Recording(Demonstration(times - times[0], full.points[kept], full.manifold),
                      str(source), FRAME, None)
 
 

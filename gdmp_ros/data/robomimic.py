@@ -44,21 +44,21 @@ def episodes(arrays: Mapping[str, np.ndarray], rate_hz: float | None = None
     :param arrays: of an HDF5 file, such as ``data/demo_0/actions``
     :param rate_hz: see `control_rate`; robomimic itself writes no times
     """
-    found: dict[str, dict[str, np.ndarray]] = {}
+    result: dict[str, dict[str, np.ndarray]] = {}
     for name, array in arrays.items():
         group, _, rest = name.removeprefix(f'{GROUP}/').partition('/')
         if name.startswith(f'{GROUP}/') and rest:
-            found.setdefault(group, {})[rest] = array
-    order = sorted(found, key=lambda group: (len(group), group))
-    for episode in found.values():
+            result.setdefault(group, {})[rest] = array
+    order = sorted(result, key=lambda group: (len(group), group))
+    for episode in result.values():
         if f'obs/{SITE_ORIENTATION}' in episode:
             episode.pop(f'obs/{ORIENTATION}', None)
         if rate_hz is not None and TIMES not in episode and 'actions' in episode:
             episode[COUNTED] = np.arange(len(episode['actions'])) / rate_hz
-    return [found[group] for group in order]
+    return [result[group] for group in order]
 
 
-def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
+def write(path: Path, demos: Sequence[Demonstration], rate_hz: float) -> None:
     """
     Write demonstrations of a tool as episodes.
 
@@ -69,17 +69,17 @@ def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
     """
     with optional_import(extra('datasets')):
         import h5py
-    if not shown:
+    if not demos:
         raise DataError(f'{path}: there is nothing to write')
-    for one in shown:
-        stiffness_size_of(one, path)
+    for demo in demos:
+        stiffness_size_of(demo, path)
     partial = path.with_name(f'.{path.name}.partial')
     try:
         with h5py.File(partial, 'w') as file:
             data = file.create_group(GROUP)
             total = 0
-            for number, one in enumerate(shown):
-                total += _write_episode(data.create_group(f'demo_{number}'), one, rate_hz)
+            for number, item in enumerate(demos):
+                total += _write_episode(data.create_group(f'demo_{number}'), item, rate_hz)
             data.attrs['total'] = total
             data.attrs['env_args'] = json.dumps(
                 {'env_name': 'gdmp', 'type': 1, 'env_kwargs': {'control_freq': rate_hz}})
@@ -90,9 +90,9 @@ def write(path: Path, shown: Sequence[Demonstration], rate_hz: float) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _write_episode(group: object, shown: Demonstration, rate_hz: float) -> int:
+def _write_episode(group: object, demo: Demonstration, rate_hz: float) -> int:
     """Write an episode; returns its number of frames."""
-    times, rows = frames(shown, rate_hz)
+    times, rows = frames(demo, rate_hz)
     later, count = next_of(rows), len(rows)
     done = np.zeros(count, dtype=int)
     done[-1] = 1
@@ -106,7 +106,7 @@ def _write_episode(group: object, shown: Demonstration, rate_hz: float) -> int:
 
 
 def _observed(group: str, rows: np.ndarray) -> dict[str, np.ndarray]:
-    found = {f'{group}/{POSITION}': rows[:, :3], f'{group}/{ORIENTATION}': rows[:, [4, 5, 6, 3]]}
+    result = {f'{group}/{POSITION}': rows[:, :3], f'{group}/{ORIENTATION}': rows[:, [4, 5, 6, 3]]}
     if rows.shape[1] > 7:
-        found[f'{group}/{STIFFNESS}'] = rows[:, 7:]
-    return found
+        result[f'{group}/{STIFFNESS}'] = rows[:, 7:]
+    return result

@@ -26,10 +26,10 @@ def files(folder: Path) -> list[Path]:
 
     :raises DataError: if there are none
     """
-    found = sorted(folder.glob('*.npy'))
-    if not found:
+    result = sorted(folder.glob('*.npy'))
+    if not result:
         raise DataError(f'{folder}: no task of RoboTasks9 (.npy)')
-    return found
+    return result
 
 
 def takes(path: Path) -> list[Demonstration]:
@@ -48,5 +48,5 @@ def takes(path: Path) -> list[Demonstration]:
     points[:, :, :3] *= _METRES
     points[:, :, 3:] /= np.linalg.norm(points[:, :, 3:], axis=2, keepdims=True)
     times = np.linspace(0.0, DURATION, array.shape[1])
-    shown = [Demonstration(times, one, tool_manifold(None)) for one in points]
-    return [one.aligned(shown[0].points[0]) for one in shown]
+    demos = [Demonstration(times, point, tool_manifold(None)) for point in points]
+    return [demo.aligned(demos[0].points[0]) for demo in demos]

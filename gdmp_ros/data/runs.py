@@ -83,16 +83,16 @@ class Run:
     steps: tuple[tuple[int, str], ...] = ()
 
 
-def streams(found: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
+def streams(topics: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
     """
     Topics with references and with states in a bag (`gdmp_ros.data.bags.topics`).
 
     :param robot: namespace; by default any
     """
     within = f'/{robot.strip("/")}/' if robot else '/'
-    references, states = (sorted({topic for topic, kind, _ in found
-                                  if kind == wanted and topic.startswith(within)})
-                          for wanted in (REFERENCE, STATE))
+    references, states = (sorted({topic for topic, kind, _ in topics
+                                  if kind == target and topic.startswith(within)})
+                          for target in (REFERENCE, STATE))
     return references, states
 
 
@@ -108,13 +108,13 @@ def read(bag: Path, robot: str = '') -> Run:
     server: list[Any] = []
     published: list[int] = []
     with opened(bag) as reader, _without_garbage_collection():
-        found = streams(topics_in(reader), robot)
-        for what, topics in zip(('references', 'states of an arm'), found):
+        result = streams(topics_in(reader), robot)
+        for what, topics in zip(('references', 'states of an arm'), result):
             if len(topics) != 1:
                 have = ', '.join(topics) or 'none'
                 raise DataError(f'{bag}: expected one topic with {what}'
                                 f'{f" in {robot}" if robot else ""}, the bag has {have}')
-        reference_topic, state_topic = found[0][0], found[1][0]
+        reference_topic, state_topic = result[0][0], result[1][0]
         server_topic = reference_topic.rpartition('/')[0] + '/state'
         for connection, bag_time, raw in reader.messages():
             if connection.topic == reference_topic:
@@ -151,13 +151,13 @@ def read(bag: Path, robot: str = '') -> Run:
 
 def _steps(states: list[Any]) -> tuple[tuple[int, str], ...]:
     """When each step of a sequence began, in the states of a server."""
-    found, last = [], ('', 0)
+    result, last = [], ('', 0)
     for message, stamp in zip(states, _stamps(states).tolist()):
         now = getattr(message, 'sequence', ''), _later(message, 'step')
         if now != last and now[1]:
-            found.append((stamp, f'step {now[1]} of {message.steps} begins: {message.step_name}'))
+            result.append((stamp, f'step {now[1]} of {message.steps} begins: {message.step_name}'))
         last = now
-    return tuple(found)
+    return tuple(result)
 
 
 def lost(run: Run) -> int:
@@ -439,9 +439,9 @@ class Limited(NamedTuple):
 
 def events(run: Run) -> list[Event]:
     """What happened: motions, changes of the goal, interruptions."""
-    found = [*_motions(run), *_goals(run), *run.steps, *_interruptions(run)]
+    result = [*_motions(run), *_goals(run), *run.steps, *_interruptions(run)]
     origin = run.state_stamps[0]
-    return [Event((stamp - origin) * 1e-9, text) for stamp, text in sorted(found)]
+    return [Event((stamp - origin) * 1e-9, text) for stamp, text in sorted(result)]
 
 
 def limited_times(run: Run) -> list[Limited]:
@@ -461,7 +461,7 @@ def limited_times(run: Run) -> list[Limited]:
         begins, ends = (ends.T - run.state_stamps[0]) * 1e-9
         result.append(Limited(limit, begins, ends + tick, tick * len(active),
                               float(column.max())))
-    return sorted(result, key=lambda one: float(one.begins[0]))
+    return sorted(result, key=lambda item: float(item.begins[0]))
 
 
 def _motions(run: Run) -> list[tuple[int, str]]:
@@ -492,9 +492,9 @@ def _interruptions(run: Run) -> list[tuple[int, str]]:
 
 def _goals(run: Run) -> list[tuple[int, str]]:
     stamps, goals = run.goal_stamps, run.goals
-    away = np.linalg.norm(np.diff(goals[:, :3], axis=0), axis=1)
+    offset = np.linalg.norm(np.diff(goals[:, :3], axis=0), axis=1)
     turned = rotation_angles(goals[1:, 3:], goals[:-1, 3:])
-    changed = np.flatnonzero((away > OTHER_GOAL) | (turned > OTHER_GOAL))
+    changed = np.flatnonzero((offset > OTHER_GOAL) | (turned > OTHER_GOAL))
     if not len(changed):
         return []
     parts = np.flatnonzero(np.diff(stamps[changed]) > GOAL_MOVES_NS) + 1
@@ -529,8 +529,8 @@ def followed_motion(run: Run) -> FollowedMotion:
     rest = np.flatnonzero(~moving[:last])
     first = int(rest[-1]) + 1 if len(rest) else 0
     stamps, progress = run.goal_stamps[first:last + 1], run.progress[first:last + 1]
-    found = tracking(run, int(stamps[0]), int(stamps[-1]))
-    states, references = found.states[::_EVERY], found.references[::_EVERY]
+    result = tracking(run, int(stamps[0]), int(stamps[-1]))
+    states, references = result.states[::_EVERY], result.references[::_EVERY]
     # Differences of stamps are exact; stamps as numbers with a decimal point are not.
     at = np.interp(run.state_stamps[states] - stamps[0], stamps - stamps[0], progress)
     return FollowedMotion(at, run.references[references], run.poses[states])

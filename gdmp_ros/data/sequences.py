@@ -45,13 +45,13 @@ def read_sequence(path: str | Path) -> SkillSequence:
     if not isinstance(steps, list) or not 0 < len(steps) <= MAX_STEPS:
         raise DataError(f'{path}: steps: expected a list of 1 to {MAX_STEPS} steps')
     skills: dict[Path, Skill] = {}
-    made = []
+    result = []
     for number, given in enumerate(steps, 1):
         try:
-            made.append(_step(number, given, path.parent, skills))
+            result.append(_step(number, given, path.parent, skills))
         except GdmpError as error:
             raise DataError(f'{path}: step {number}: {error}') from None
-    return SkillSequence(made, str(path))
+    return SkillSequence(result, str(path))
 
 
 def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> Step:

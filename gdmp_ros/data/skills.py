@@ -98,24 +98,24 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     """
     contexts = None if settings.contexts is None else read_contexts(
         settings.contexts, [Path(bag).name for bag in bags])
-    shown = []
+    takes = []
     for bag in bags:
-        shown.append(_read(bag, settings))
+        takes.append(_read(bag, settings))
         step()
     if settings.joint_topic is not None:
-        demonstrations, source = _of_the_same_joints(shown), 'none'
+        demonstrations, source = _of_the_same_joints(takes), 'none'
     else:
-        _check_frames(shown, settings.frame)
-        wanted = settings.stiffness
-        if settings.rhythmic and wanted == 'auto' and not all(
-                one.demonstration.manifold.point_size > 7 for one in shown):
-            wanted = 'none'
-        demonstrations, source = recordings.with_stiffness(shown, wanted, settings.k_min,
+        _check_frames(takes, settings.frame)
+        target = settings.stiffness
+        if settings.rhythmic and target == 'auto' and not all(
+                take.demonstration.manifold.point_size > 7 for take in takes):
+            target = 'none'
+        demonstrations, source = recordings.with_stiffness(takes, target, settings.k_min,
                                                            settings.k_max)
-        demonstrations = recordings.with_wrench(shown, demonstrations)
-    provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': shown[0].frame,
+        demonstrations = recordings.with_wrench(takes, demonstrations)
+    provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,
                   'stiffness': source,
-                  **({'joints': list(shown[0].joints)} if shown[0].joints else {})}
+                  **({'joints': list(takes[0].joints)} if takes[0].joints else {})}
     if settings.rhythmic:
         return LearnedSkill(_cycle(demonstrations, settings, provenance), demonstrations, source)
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
@@ -124,14 +124,14 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                         alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, contexts=contexts,
                         provenance=provenance)
-    events = common_events([one.demonstration for one in shown], [one.bag for one in shown],
-                           [one.events for one in shown])
+    events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
+                           [take.events for take in takes])
     return LearnedSkill(skill.with_events(events), demonstrations, source)
 
 
-def _cycle(shown: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
+def _cycle(demos: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]
            ) -> Skill:
-    return Skill.learn_rhythmic(shown, settings.period, settings.n_basis,
+    return Skill.learn_rhythmic(demos, settings.period, settings.n_basis,
                                 alpha_g=settings.goal_gain, tolerance=settings.tolerance,
                                 smoothing=settings.smoothing,
                                 demonstration_weights=settings.weights, provenance=provenance)
@@ -144,19 +144,20 @@ def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:
                            settings.wrench_topic)
 
 
-def _of_the_same_joints(shown: Sequence[recordings.Recording]) -> list[Demonstration]:
-    for one in shown:
-        if one.joints != shown[0].joints:
-            raise DataError(f'{one.bag}: the joints are {", ".join(one.joints)}, expected those '
-                            f'of {shown[0].bag}: {", ".join(shown[0].joints)}')
-    return [one.demonstration for one in shown]
+def _of_the_same_joints(takes: Sequence[recordings.Recording]) -> list[Demonstration]:
+    for take in takes:
+        if take.joints != takes[0].joints:
+            raise DataError(f'{take.bag}: the joints are {", ".join(take.joints)}, expected those '
+                            f'of {takes[0].bag}: {", ".join(takes[0].joints)}')
+    return [take.demonstration for take in takes]
 
 
-def _check_frames(shown: Sequence[recordings.Recording], expected: str) -> None:
-    for one in shown:
-        if expected and one.frame != expected:
-            raise DataError(f'{one.bag}: poses are in frame {one.frame!r}, expected {expected!r}')
-    frames = sorted({one.frame for one in shown})
+def _check_frames(takes: Sequence[recordings.Recording], expected: str) -> None:
+    for take in takes:
+        if expected and take.frame != expected:
+            raise DataError(f'{take.bag}: poses are in frame {take.frame!r}, '
+                            f'expected {expected!r}')
+    frames = sorted({take.frame for take in takes})
     if len(frames) > 1:
         raise DataError(f'the demonstrations are in different frames: {", ".join(frames)}')
 

@@ -36,12 +36,12 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         if path.suffix.lower() not in HDF5 and path.stat().st_size > LARGEST:
             raise DataError(f'{path}: has {path.stat().st_size} bytes, expected at most '
                             f'{LARGEST}')
-        found = reader(path)
+        result = reader(path)
     except GdmpError:
         raise
     except Exception as error:  # libraries pass on errors of struct, zlib, codecs …
         raise DataError(f'{path}: cannot be read ({type(error).__name__}: {error})') from None
-    return {name: array for name, array in found.items() if array.ndim >= 1 and array.size}
+    return {name: array for name, array in result.items() if array.ndim >= 1 and array.size}
 
 
 def _numbers(given: Any) -> np.ndarray | None:
@@ -84,18 +84,18 @@ def _is_number(text: str) -> bool:
 
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as found:
-        arrays = {name: _numbers(found[name]) for name in found.files}
+    with np.load(path, allow_pickle=False) as result:
+        arrays = {name: _numbers(result[name]) for name in result.files}
     return {name: array for name, array in arrays.items() if array is not None}
 
 
 def _mat(path: Path) -> dict[str, np.ndarray]:
     from scipy.io import loadmat
     try:
-        found = loadmat(path, squeeze_me=True)
+        result = loadmat(path, squeeze_me=True)
     except NotImplementedError:
         return _hdf5(path)  # MATLAB 7.3
-    arrays = {name: _numbers(array) for name, array in found.items()
+    arrays = {name: _numbers(array) for name, array in result.items()
               if not name.startswith('__')}
     return {name: array for name, array in arrays.items() if array is not None}
 
@@ -103,28 +103,28 @@ def _mat(path: Path) -> dict[str, np.ndarray]:
 def _hdf5(path: Path) -> dict[str, np.ndarray]:
     with optional_import(extra('datasets')):
         import h5py
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and item.ndim in (1, 2, 3):
-            found[name] = item
+            result[name] = item
     with h5py.File(path, 'r') as file:
         file.visititems(visit)
-        size = sum(item.size * np.dtype(float).itemsize for item in found.values())
+        size = sum(item.size * np.dtype(float).itemsize for item in result.values())
         if size > LARGEST:
             raise DataError(f'{path}: its numbers take {size} bytes, expected at most {LARGEST}')
-        return {name: np.asarray(item[()], dtype=float) for name, item in found.items()}
+        return {name: np.asarray(item[()], dtype=float) for name, item in result.items()}
 
 
 def _parquet(path: Path) -> dict[str, np.ndarray]:
     with optional_import(extra('datasets')):
         import pyarrow.parquet as pq
-    table, found = pq.read_table(path), {}
+    table, result = pq.read_table(path), {}
     for name in table.column_names:
         array = _numbers(_stacked(table[name].to_pylist()))
         if array is not None:
-            found[name] = array
-    return found
+            result[name] = array
+    return result
 
 
 def _stacked(values: list[Any]) -> Any:

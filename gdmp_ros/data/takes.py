@@ -50,20 +50,20 @@ class Take(NamedTuple):
 
 def compare(recordings: Sequence[Recording]) -> list[Take]:
     """Compare takes point by point along their paths: their timing may differ."""
-    paths = [_sampled(one.demonstration) for one in recordings]
+    paths = [_sampled(recording.demonstration) for recording in recordings]
     distances, angles = (np.array(column) for column in zip(*(
         _distance(own, paths[:i] + paths[i + 1:]) for i, own in enumerate(paths))))
     usual = [_usual(paths[:i] + paths[i + 1:]) for i in range(len(paths))]
-    durations = np.array([one.demonstration.duration for one in recordings])
+    durations = np.array([recording.demonstration.duration for recording in recordings])
     result = []
-    for i, one in enumerate(recordings):
+    for i, recording in enumerate(recordings):
         reasons = [reason for reason in (
             _outlier('path', distances[i], usual[i][0], LEAST_M, 'm'),
             _outlier('rotation', angles[i], usual[i][1], LEAST_RAD, 'rad'),
             _tempo(durations, i)) if reason]
-        positions = one.demonstration.points[:, :3]
+        positions = recording.demonstration.points[:, :3]
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
-        result.append(Take(Path(one.bag).name, one.demonstration.duration, length,
+        result.append(Take(Path(recording.bag).name, recording.demonstration.duration, length,
                            float(distances[i]), float(angles[i]), '; '.join(reasons)))
     return result
 
@@ -121,10 +121,10 @@ def takes_in(takes: Path) -> list[Path]:
 
     :raises DataError: if there are none
     """
-    found = sorted(path.parent for path in takes.glob('*/metadata.yaml'))
-    if not found:
+    result = sorted(path.parent for path in takes.glob('*/metadata.yaml'))
+    if not result:
         raise DataError(f'{takes}: neither a rosbag2 folder nor a folder of them')
-    return found
+    return result
 
 
 def next_name(takes: Path, prefix: str = 'take') -> str:
@@ -196,20 +196,20 @@ def read_contexts(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
     if TAKE not in heads or len(heads) < 2 or len(set(heads)) < len(heads) or not all(heads):
         raise DataError(f'{path}: the first line is {",".join(heads)!r}, expected {TAKE!r} and '
                         'different names of numbers')
-    at, found = heads.index(TAKE), {}
+    at, result = heads.index(TAKE), {}
     for number, row in lines[1:]:
         where = f'{path}, line {number}'
         if len(row) != len(heads):
             raise DataError(f'{where}: {len(row)} entries, expected {len(heads)}')
-        if row[at] in found:
+        if row[at] in result:
             raise DataError(f'{where}: {row[at]!r} occurs twice')
-        found[row[at]] = [_number(entry, f'{where}, {head}')
-                          for head, entry in zip(heads, row) if head != TAKE]
-    missing = [take for take in takes if take not in found]
+        result[row[at]] = [_number(entry, f'{where}, {head}')
+                           for head, entry in zip(heads, row) if head != TAKE]
+    missing = [take for take in takes if take not in result]
     if missing:
         raise DataError(f'{path}: no line for {", ".join(missing)}')
     names = [head for head in heads if head != TAKE]
-    return {name: [found[take][i] for take in takes] for i, name in enumerate(names)}
+    return {name: [result[take][i] for take in takes] for i, name in enumerate(names)}
 
 
 def _number(entry: str, where: str) -> float:

@@ -103,14 +103,14 @@ def _robot_figures(timeline: Timeline, arm: ArmChoice) -> dict[str, Any]:
     """Cycles of a Franka during the motion: commands in time, states lost, CPU time."""
     if arm.kind != 'franka':
         return {}
-    shown = [one for one in timeline.diagnosed if IN_TIME in one]
-    if not shown:
+    diagnoses = [item for item in timeline.diagnosed if IN_TIME in item]
+    if not diagnoses:
         raise GdmpError('the arm has published no diagnostics')
-    in_time = [float(one[IN_TIME]) for one in shown]
-    p50, p99 = (float(number) for number in shown[-1][CPU_TIME].split(','))
+    in_time = [float(state[IN_TIME]) for state in diagnoses]
+    p50, p99 = (float(number) for number in diagnoses[-1][CPU_TIME].split(','))
     return {'robot': {
         'commands_in_time': float(np.mean(in_time)), 'least_in_100': min(in_time),
-        'cycles_lost': int(shown[-1][LOST]) - int(shown[0][LOST]),
+        'cycles_lost': int(diagnoses[-1][LOST]) - int(diagnoses[0][LOST]),
         'cycle_cpu_us': {'p50': p50, 'p99': p99}}}
 
 

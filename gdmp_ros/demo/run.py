@@ -84,9 +84,9 @@ def _clear(folder: Path) -> None:
 
 
 def _record(folder: Path, name: str) -> list[Path]:
-    shown = lasa.robot_demonstrations(name)
-    bags = [folder / 'demonstrations' / f'{name}_{i + 1}' for i in range(len(shown))]
-    for i, (bag, demonstration) in enumerate(zip(bags, shown)):
+    demos = lasa.robot_demonstrations(name)
+    bags = [folder / 'demonstrations' / f'{name}_{i + 1}' for i in range(len(demos))]
+    for i, (bag, demonstration) in enumerate(zip(bags, demos)):
         recordings.write(bag, demonstration, FRAME, recordings.EPOCH_NS + i * 60 * NS)
     return bags
 
@@ -134,7 +134,7 @@ def _stream(bed: NodeTestbed, bag: Path, switch: Switch) -> Timeline:
 def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     diagnosed: list[dict[str, str]] = []
     bed.client.subscribe(DiagnosticArray, '/diagnostics', lambda message: (
-        diagnosed.extend({one.key: one.value for one in status.values}
+        diagnosed.extend({value.key: value.value for value in status.values}
                          for status in message.status if bed.arm.node in status.name)), 50)
     begun, used = time.monotonic_ns(), _cpu_seconds(bed)
     bed.spend(LEAD_S)

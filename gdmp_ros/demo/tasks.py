@@ -106,9 +106,9 @@ def _teach(bed: NodeTestbed, task: str) -> None:
         if task == 'joints':
             print(teacher.take(lasa.robot_demonstrations('GShape')[0]), flush=True)
             return
-        shown, closes = picking_motion()
+        demo, closes = picking_motion()
         teacher.command_gripper(OPEN)
-        print(teacher.take(shown, [(closes, CLOSE), (shown.duration, OPEN)]), flush=True)
+        print(teacher.take(demo, [(closes, CLOSE), (demo.duration, OPEN)]), flush=True)
     finally:
         teacher.close()
 
@@ -128,8 +128,8 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
     cubes: list[np.ndarray] = []
     bed.client.subscribe(GripperState, 'gripper/state', grippers.append, 100)
     bed.client.subscribe(TFMessage, '/tf', lambda message: cubes.extend(
-        messages.transform_numbers(one.transform) for one in message.transforms
-        if one.child_frame_id == 'cube'), 100)
+        messages.transform_numbers(transform.transform) for transform in message.transforms
+        if transform.child_frame_id == 'cube'), 100)
     if bed.arm.kind == 'franka':
         bed.children.start_node('franka_gripper', 'gdmp_ros.ros.arm.franka_gripper',
                                 {'host': bed.arm.parameters()['host']})
@@ -137,15 +137,15 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
     bed.wait('the gripper', lambda: bool(grippers), START_UP_S)
     error = _execute_task(bed, lambda: None)
     bed.spend(0.5)
-    held = [one.width for one in grippers if one.holding]
+    held = [gripper.width for gripper in grippers if gripper.holding]
     document: dict[str, Any] = {
         'error': error, 'held_width_m': float(np.median(held)) if held else 0.0,
         'width_at_the_end_m': grippers[-1].width}
     placed = True
     if cubes:  # the robot behind a server of the protocol has a virtual object only
-        away = np.abs(cubes[-1][:2] - PLACE.centre)
-        placed = bool((away < PLACE.half).all())
-        document['cube_from_the_middle_of_its_box_m'] = float(np.linalg.norm(away))
+        offset = np.abs(cubes[-1][:2] - PLACE.centre)
+        placed = bool((offset < PLACE.half).all())
+        document['cube_from_the_middle_of_its_box_m'] = float(np.linalg.norm(offset))
     document['succeeded'] = bool(not error and placed and held and abs(
         document['held_width_m'] - CUBE_EDGE) < 0.003)
     return document
@@ -166,11 +166,11 @@ def _follow_joints(bed: NodeTestbed) -> dict[str, Any]:
     followed = run.joint_references
     known = np.isfinite(followed).all(axis=1)
     lag = followed[known] - run.joints[known]
-    away = float(np.linalg.norm(run.poses[-1, :3] - goal[:3]))
+    offset = float(np.linalg.norm(run.poses[-1, :3] - goal[:3]))
     return {'error': error, 'joint_rmse_rad': float(np.sqrt(np.mean(lag ** 2))),
             'joint_max_rad': float(np.abs(lag).max()), 'goal_switched_by_m': float(
-                np.linalg.norm(GOAL_STEP_M)), 'final_position_error_m': away,
-            'succeeded': not error and away < 0.02}
+                np.linalg.norm(GOAL_STEP_M)), 'final_position_error_m': offset,
+            'succeeded': not error and offset < 0.02}
 
 
 def _execute_task(bed: NodeTestbed, half_way: Callable[[], None]) -> str:
@@ -262,16 +262,16 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
             figures['tables'].append({'skill': name, 'height_m': height,
                                       **_execute_wiping(folder, path, height, learned.duration,
                                                         testbed)})
-    kept = [one for one in figures['tables'] if one['skill'] == 'with force']
+    kept = [figure for figure in figures['tables'] if figure['skill'] == 'with force']
     figures['succeeded'] = all(
-        one['force_rmse_n'] < 0.2 * FORCE and one['least_tank_j'] > 0.0
-        and not one['error'] and not one['limits_broken'] for one in kept)
+        item['force_rmse_n'] < 0.2 * FORCE and item['least_tank_j'] > 0.0
+        and not item['error'] and not item['limits_broken'] for item in kept)
     write_json(folder / 'report.json', figures)
     table('force on the table', ['skill', 'table [mm]', 'force RMSE [N]', 'mean force [N]',
                                  'least energy in the tank [J]', 'limits'],
-          [[one['skill'], f'{1e3 * one["height_m"]:+.0f}', f'{one["force_rmse_n"]:.2f}',
-            f'{one["mean_force_n"]:.2f}', f'{one["least_tank_j"]:.2f}',
-            ', '.join(one['limits_broken']) or 'kept'] for one in figures['tables']])
+          [[figure['skill'], f'{1e3 * figure["height_m"]:+.0f}', f'{figure["force_rmse_n"]:.2f}',
+            f'{figure["mean_force_n"]:.2f}', f'{figure["least_tank_j"]:.2f}',
+            ', '.join(figure['limits_broken']) or 'kept'] for figure in figures['tables']])
     print(f'report: {folder / "report.json"}')
     return 0 if figures['succeeded'] else 1
 

@@ -64,9 +64,9 @@ def moved_cycle(primitive: P, centre: np.ndarray, frame: np.ndarray,
     :param coordinates: coordinates in it of those in the canonical frame of the old centre
     """
     manifold, old = primitive.manifold, primitive.manifold.frame(primitive.goal)
-    away, _ = manifold.log_in_frame(old, primitive.start)
-    moved = coordinates(away)
-    before, after = manifold.transport_frame(old, away), manifold.transport_frame(frame, moved)
+    offset, _ = manifold.log_in_frame(old, primitive.start)
+    moved = coordinates(offset)
+    before, after = manifold.transport_frame(old, offset), manifold.transport_frame(frame, moved)
     start = manifold.exp(centre, manifold.from_frame(frame, moved))
     velocity = manifold.to_frame(before, manifold.from_frame(primitive.frame, primitive.velocity))
     canonical = change_of_frame(manifold, frame, manifold.frame(centre))
@@ -157,8 +157,8 @@ def turned(primitive: P, turn: np.ndarray) -> P:
         return inside
 
     def point(given: np.ndarray) -> np.ndarray:
-        away, _ = manifold.log_in_frame(frame, given)
-        return manifold.exp(origin, manifold.from_frame(frame, coordinates(away)))
+        offset, _ = manifold.log_in_frame(frame, given)
+        return manifold.exp(origin, manifold.from_frame(frame, coordinates(offset)))
     if primitive.rhythmic:
         return moved_cycle(primitive, primitive.goal, frame, coordinates)
     shape = manifold.point_shape
@@ -228,10 +228,10 @@ def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
     :raises ParameterError: if their gains or connections differ, or one is split at the cut locus,
         rhythmic, or has couplings or commands for a gripper
     """
-    for name, one in zip(names, (first, second)):
-        for what, given in (('is split at the cut locus', len(one.segments.ends)),
-                            ('is rhythmic', one.rhythmic), ('has couplings', one.couplings),
-                            ('has commands for a gripper', one.events)):
+    for name, item in zip(names, (first, second)):
+        for what, given in (('is split at the cut locus', len(item.segments.ends)),
+                            ('is rhythmic', item.rhythmic), ('has couplings', item.couplings),
+                            ('has commands for a gripper', item.events)):
             if given:
                 raise ParameterError(f'{name}: the skill {what}, so it cannot be joined with '
                                      'another one')
@@ -240,19 +240,19 @@ def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
                              f'{first.gains} and {second.gains}, {first.connection} and '
                              f'{second.connection}')
     count = max(first.n_basis, second.n_basis)
-    parts = [with_functions(one, count) for one in (first, second)]
-    manifold = Product(*(factor for one in parts for factor in one.manifold.factors),
-                       names=[f'{side}_{name}' for side, one in zip(names, parts)
-                              for name in one.manifold.names])
+    parts = [with_functions(item, count) for item in (first, second)]
+    manifold = Product(*(factor for part in parts for factor in part.manifold.factors),
+                       names=[f'{side}_{name}' for side, part in zip(names, parts)
+                              for name in part.manifold.names])
     def together(name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name).reshape(-1) for one in parts])
+        return np.concatenate([getattr(part, name).reshape(-1) for part in parts])
     return replace(
-        parts[0], manifold=manifold, steps=max(one.steps for one in parts),
+        parts[0], manifold=manifold, steps=max(part.steps for part in parts),
         start=together('start'), goal=together('goal'), frame=together('frame'),
         velocity=together('velocity'),
-        duration=max(one.duration for one in parts) if duration is None else duration,
-        weights=np.hstack([one.weights for one in parts]), via=(), variation=None,
-        provenance={'joined': {name: dict(one.provenance) for name, one in zip(names, parts)}})
+        duration=max(part.duration for part in parts) if duration is None else duration,
+        weights=np.hstack([part.weights for part in parts]), via=(), variation=None,
+        provenance={'joined': {name: dict(part.provenance) for name, part in zip(names, parts)}})
 
 
 def coupled(primitive: P, coupling: Coupling) -> P:
@@ -268,9 +268,9 @@ def coupled(primitive: P, coupling: Coupling) -> P:
     coupling.check(manifold, primitive.steps)
     ends = [coupling.related(manifold, point) for point in (primitive.start, primitive.goal)]
     for name, shown in (('start', primitive.start), ('goal', primitive.goal)):
-        away = float(coupling.deviation(manifold, shown).max())
-        if away > _FAR:
-            warnings.warn(f'the {name} of {", ".join(coupling.second)} is {away:.3g} (m, rad) '
+        offset = float(coupling.deviation(manifold, shown).max())
+        if offset > _FAR:
+            warnings.warn(f'the {name} of {", ".join(coupling.second)} is {offset:.3g} (m, rad) '
                           'from where the coupling asks for it, and was moved there: the '
                           'demonstrations do not keep the relation', GdmpWarning, stacklevel=3)
     moved = between(primitive, *ends)

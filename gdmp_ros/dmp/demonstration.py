@@ -24,8 +24,8 @@ MIN_RESAMPLED = 300
 
 def as_list(demonstrations: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
     """One demonstration or several, as a list."""
-    one = isinstance(demonstrations, Demonstration)
-    return [demonstrations] if one else list(demonstrations)  # type: ignore[arg-type,list-item]
+    single = isinstance(demonstrations, Demonstration)
+    return [demonstrations] if single else list(demonstrations)  # type: ignore[arg-type,list-item]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,9 @@ class Demonstration:
 
         :param times: within the first and last stamp [s]
         """
-        wanted = np.clip(times, self.times[0], self.times[-1])
-        flat = self._development().interpolate(self.times, wanted)
-        return flat.reshape(len(wanted), *self.manifold.point_shape)
+        target = np.clip(times, self.times[0], self.times[-1])
+        flat = self._development().interpolate(self.times, target)
+        return flat.reshape(len(target), *self.manifold.point_shape)
 
     def uniform(self) -> Demonstration:
         """
@@ -143,8 +143,8 @@ class Demonstration:
     def span(self) -> float:
         """Largest geodesic distance from the first point."""
         first = np.broadcast_to(self.flat_points[0], self.flat_points.shape)
-        away = self.manifold.factor_distances(first, self.flat_points)
-        return float(np.linalg.norm(away, axis=1).max())
+        offset = self.manifold.factor_distances(first, self.flat_points)
+        return float(np.linalg.norm(offset, axis=1).max())
 
     def _development(self) -> Development:
         return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))

@@ -66,9 +66,9 @@ class Distribution:
         """
         point, frame = _point(self._skill, _checked(s))
         rows = self._rows(s) @ self._variation.whole_factor
-        found = rows @ rows.T + np.diag(self._variation.noise)
+        result = rows @ rows.T + np.diag(self._variation.noise)
         turn = change_of_frame(self._manifold, frame, self._manifold.frame(point))
-        return np.asarray(turn @ found @ turn.T)
+        return np.asarray(turn @ result @ turn.T)
 
     def sample(self, rng: np.random.Generator) -> Skill:
         """Draw a skill: other start, goal, motion and duration, as another take might show."""
@@ -103,18 +103,18 @@ class Distribution:
             known = self._in_context(context)
             around = known.distribution if len(points) else None
             return known if around is None else around.condition(points)
-        wanted = self._wanted(points)
+        target = self._wanted(points)
         factor = self._variation.whole_factor
-        rows = np.vstack([self._rows(s, ends=True) for s, _, _ in wanted])
+        rows = np.vstack([self._rows(s, ends=True) for s, _, _ in target])
         shift, moved = np.zeros(factor.shape[0]), self._skill
-        away, noise = _remaining(moved, wanted)
+        offset, noise = _remaining(moved, target)
         for _ in range(REPETITIONS):
             # The gain refers to the mean: what has been shifted already counts as remaining.
             gain = _gain(rows @ factor, noise)
-            shift = factor @ (gain @ (away + rows @ shift))
+            shift = factor @ (gain @ (offset + rows @ shift))
             moved = shifted(self._skill, shift)
-            away, noise = _remaining(moved, wanted)
-            if np.abs(away).max() <= MET:
+            offset, noise = _remaining(moved, target)
+            if np.abs(offset).max() <= MET:
                 break
         left = np.eye(factor.shape[1]) - gain @ (rows @ factor)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
@@ -156,12 +156,13 @@ class Distribution:
     def _wanted(self, points: Sequence[tuple]) -> list[tuple[float, np.ndarray, np.ndarray]]:
         manifold, result = self._manifold, []
         size = manifold.tangent_size
-        for number, one in enumerate(points):
-            if len(one) not in (2, 3):
+        for number, condition in enumerate(points):
+            if len(condition) not in (2, 3):
                 raise ParameterError(f'condition {number}: expected (s, point) or '
-                                     f'(s, point, covariance), got {len(one)} parts')
-            s, point = _checked(one[0]), manifold.check_point(one[1])
-            noise = np.zeros((size, size)) if len(one) == 2 else np.asarray(one[2], dtype=float)
+                                     f'(s, point, covariance), got {len(condition)} parts')
+            s, point = _checked(condition[0]), manifold.check_point(condition[1])
+            noise = (np.zeros((size, size)) if len(condition) == 2
+                     else np.asarray(condition[2], dtype=float))
             if (noise.shape != (size, size) or not np.isfinite(noise).all()
                     or np.linalg.eigvalsh(noise).min() < -1e-12):
                 raise ParameterError(f'condition {number}: the covariance is no positive '
@@ -189,30 +190,30 @@ def _point(skill: Primitive, s: float) -> tuple[np.ndarray, np.ndarray]:
     return point, frame_of(skill, point)
 
 
-def _remaining(skill: Primitive, wanted: list[tuple[float, np.ndarray, np.ndarray]]
+def _remaining(skill: Primitive, desired: list[tuple[float, np.ndarray, np.ndarray]]
                ) -> tuple[np.ndarray, np.ndarray]:
     """From the motion to the points, in its frames; and the covariances there, as one matrix."""
-    manifold, away = skill.manifold, []
+    manifold, offset = skill.manifold, []
     size = manifold.tangent_size
-    noise = np.zeros((size * len(wanted), size * len(wanted)))
-    for number, (s, point, covariance) in enumerate(wanted):
+    noise = np.zeros((size * len(desired), size * len(desired)))
+    for number, (s, point, covariance) in enumerate(desired):
         if s in (0.0, 1.0):
             present = skill.start if s == 0.0 else skill.goal
             frame = frame_of(skill, present)
         else:
             present, frame = _point(skill, s)
         target = manifold.align(point, present)
-        away.append(manifold.log_in_frame(frame, target)[0])
+        offset.append(manifold.log_in_frame(frame, target)[0])
         if covariance.any():
             carried = carry_frame(manifold, frame, target)[0]
             turn = change_of_frame(manifold, manifold.frame(target), carried)
             part = slice(number * size, (number + 1) * size)
             noise[part, part] = turn @ covariance @ turn.T
-    return np.concatenate(away), noise
+    return np.concatenate(offset), noise
 
 
 def _gain(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Gain of a Gaussian with identity covariance, observed through rows."""
-    found = rows @ rows.T + noise
-    found[np.diag_indices_from(found)] += _REGULAR * np.trace(found) / len(found)
-    return np.asarray(np.linalg.lstsq(found, rows, rcond=1e-15)[0].T)
+    result = rows @ rows.T + noise
+    result[np.diag_indices_from(result)] += _REGULAR * np.trace(result) / len(result)
+    return np.asarray(np.linalg.lstsq(result, rows, rcond=1e-15)[0].T)

@@ -28,8 +28,8 @@ def reproduction_error(skill: Primitive, demonstrations: Demonstration | Sequenc
 
 
 def _error(skill: Primitive, demonstration: Demonstration, dt: float) -> float:
-    whole = demonstration.duration
-    times = np.append(np.arange(0.0, whole - 1e-9, dt), whole)
+    full = demonstration.duration
+    times = np.append(np.arange(0.0, full - 1e-9, dt), full)
     return relative(mean_distance(deviation(skill, demonstration, times)), demonstration.span())
 
 
@@ -38,9 +38,9 @@ def relative(distance: float, span: float) -> float:
     return distance / span if span > STILL else distance
 
 
-def mean_distance(away: np.ndarray) -> float:
+def mean_distance(offset: np.ndarray) -> float:
     """Mean geodesic distance, given those in each factor, shape ``(count, factors)``."""
-    return float(np.linalg.norm(away, axis=1).mean())
+    return float(np.linalg.norm(offset, axis=1).mean())
 
 
 def deviation(skill: Primitive, demonstration: Demonstration, times: np.ndarray) -> np.ndarray:
@@ -55,12 +55,12 @@ def deviation(skill: Primitive, demonstration: Demonstration, times: np.ndarray)
     own = np.array_equal(demonstration.points[0], skill.start)
     start, goal = (None, None) if own else (demonstration.points[0], demonstration.points[-1])
     path = Rollout(skill, start=start, goal=goal, duration=demonstration.duration).sample(times)
-    shown = demonstration.at(demonstration.times[0] + times)
+    points = demonstration.at(demonstration.times[0] + times)
     # The roll-out may use the other representative (-q) of the same motion.
-    other = manifold.align(shown[0], path.points[0])
-    if not np.array_equal(other, shown[0]):
-        shown[0] = other
-        for i in range(1, len(shown)):
-            shown[i] = manifold.align(shown[i], shown[i - 1])
+    other = manifold.align(points[0], path.points[0])
+    if not np.array_equal(other, points[0]):
+        points[0] = other
+        for i in range(1, len(points)):
+            points[i] = manifold.align(points[i], points[i - 1])
     return manifold.factor_distances(path.points.reshape(len(times), -1),
-                                     shown.reshape(len(times), -1))
+                                     points.reshape(len(times), -1))

@@ -93,9 +93,9 @@ def _follow_target_velocity(motion, s):
     for i in range(motion.factors.size):
         factor = motion.factors[i]
         for k in range(factor.tangent, factor.tangent_end):
-            wanted = 0.0 if passed else tangents.target_velocity[k]
-            tangents.goal_velocity[k] += share * (wanted - tangents.goal_velocity[k])
-            moving = moving or max(abs(wanted), abs(tangents.goal_velocity[k])) > (
+            target = 0.0 if passed else tangents.target_velocity[k]
+            tangents.goal_velocity[k] += share * (target - tangents.goal_velocity[k])
+            moving = moving or max(abs(target), abs(tangents.goal_velocity[k])) > (
                 _NEGLIGIBLE * motion.still_speeds[i])
     if not moving:
         for k in range(motion.sizes.tangent):
@@ -278,8 +278,8 @@ def _largest_rate(manifold: Manifold, step: np.ndarray, speeds: Sequence[float] 
     """Largest rate of a goal's fraction by s."""
     if speeds is None:
         return math.inf
-    away = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
-    return min((speed * duration / d for speed, d in zip(speeds, away) if d > 0.0),
+    offset = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
+    return min((speed * duration / d for speed, d in zip(speeds, offset) if d > 0.0),
                default=math.inf)
 
 
@@ -331,10 +331,10 @@ def _has_arrived(motion):
     arrived = True
     for i in range(motion.factors.size):
         factor = motion.factors[i]
-        away = _norm(factor, tangents.curvature)
+        offset = _norm(factor, tangents.curvature)
         if scalars.goal_is_moving == 1:
-            away += scalars.offset_left * _norm(factor, tangents.goal_offset)
-        arrived = arrived and away <= motion.tolerances[i]
+            offset += scalars.offset_left * _norm(factor, tangents.goal_offset)
+        arrived = arrived and offset <= motion.tolerances[i]
     _relative_velocity(motion)
     for i in range(motion.factors.size):
         still = motion.still_speeds[i] * scalars.duration

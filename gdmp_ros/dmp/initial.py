@@ -247,9 +247,9 @@ def write_deviations(motion: Motion, couplings: Sequence[Coupling], manifold: Ma
     for coupling in couplings:
         for term in coupling.terms(manifold):
             there = term.partners(manifold, manifold.flat(start))
-            way, _ = manifold.log_in_frame(frame, there)
+            tangent, _ = manifold.log_in_frame(frame, there)
             if term.kind == DISTANCE:
-                length = np.linalg.norm(way[manifold.tangent_slices[term.second]])
-                way *= 1.0 - term.distance / length if length > 0.0 else 0.0
-            motion.deviations[row] = way
+                length = np.linalg.norm(tangent[manifold.tangent_slices[term.second]])
+                tangent *= 1.0 - term.distance / length if length > 0.0 else 0.0
+            motion.deviations[row] = tangent
             row += 1

@@ -115,8 +115,8 @@ def _interpolate(motion, u):
         to_frame(motion.factors, frames.now, tangents.velocity_before, rate, work)
         to_frame(motion.factors, frames.mid, tangents.velocity, curvature, work)
         for i in range(n):
-            whole, first, last = offset[i], h * rate[i], h * curvature[i]
-            square, cube = 3.0 * whole - 2.0 * first - last, first + last - 2.0 * whole
+            full, first, last = offset[i], h * rate[i], h * curvature[i]
+            square, cube = 3.0 * full - 2.0 * first - last, first + last - 2.0 * full
             offset[i] = u * (first + u * (square + u * cube))
             rate[i] = (first + u * (2.0 * square + 3.0 * u * cube)) / h
             curvature[i] = (2.0 * square + 6.0 * u * cube) / (h * h)

@@ -238,8 +238,8 @@ class Primitive:
         if self.couplings and self.connection != 'parallel':
             raise ParameterError(f'connection is {self.connection!r}, expected parallel for a '
                                  'skill with couplings')
-        for one in self.couplings:
-            one.check(self.manifold, self.steps)
+        for coupling in self.couplings:
+            coupling.check(self.manifold, self.steps)
 
     def check_ends(self, what: str) -> None:
         """

@@ -221,9 +221,9 @@ class Rollout:
         manifold, weights = self._manifold, self._options.error_weights
         point = self.advance(0.0).point
         measured = manifold.align(manifold.check_point(measured), point)
-        away = manifold.factor_distances(point.reshape(1, -1), measured.reshape(1, -1))[0]
-        error = float(np.ones(len(away)) @ away ** 2 if weights is None
-                      else np.asarray(weights) @ away ** 2)
+        offset = manifold.factor_distances(point.reshape(1, -1), measured.reshape(1, -1))[0]
+        error = float(np.ones(len(offset)) @ offset ** 2 if weights is None
+                      else np.asarray(weights) @ offset ** 2)
         self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
         return error
 
@@ -378,14 +378,14 @@ class Batch:
         self.rollouts = tuple(rollouts)
         if not self.rollouts:
             raise ParameterError('a batch needs at least one roll-out, got none')
-        if (len({id(one) for one in self.rollouts}) < len(self.rollouts)
-                or any(one.memory.base is not None for one in self.rollouts)):
+        if (len({id(rollout) for rollout in self.rollouts}) < len(self.rollouts)
+                or any(rollout.memory.base is not None for rollout in self.rollouts)):
             raise ParameterError('a roll-out can be in one batch only, and only once')
-        sizes = [one.memory.size for one in self.rollouts]
-        self._memory = np.concatenate([one.memory for one in self.rollouts])
-        for one, end, size in zip(self.rollouts, np.cumsum(sizes), sizes):
-            one.use_memory(self._memory[end - size:end])
-        states = np.array([one.state_size for one in self.rollouts])
+        sizes = [rollout.memory.size for rollout in self.rollouts]
+        self._memory = np.concatenate([rollout.memory for rollout in self.rollouts])
+        for rollout, end, size in zip(self.rollouts, np.cumsum(sizes), sizes):
+            rollout.use_memory(self._memory[end - size:end])
+        states = np.array([rollout.state_size for rollout in self.rollouts])
         ends = np.cumsum(states)
         self._parts = [slice(end - size, end) for end, size in zip(ends, states)]
         self._times = ends - states
@@ -403,5 +403,5 @@ class Batch:
         out = np.empty(self._size)
         out[self._times] = dt
         advance(self._memory, out)
-        return [State(out[part], one.skill.manifold)
-                for part, one in zip(self._parts, self.rollouts)]
+        return [State(out[part], rollout.skill.manifold)
+                for part, rollout in zip(self._parts, self.rollouts)]

@@ -86,8 +86,9 @@ class MotionStep(Step):
 
     def rollout(self, **options: Any) -> Rollout:
         """Roll-out of the skill with goal and duration of the step."""
-        made = merged_options(options.pop('options', None), {'amplitude': self.amplitude})
-        return Rollout(self.skill, goal=self.goal, duration=self.duration, options=made, **options)
+        result = merged_options(options.pop('options', None), {'amplitude': self.amplitude})
+        return Rollout(self.skill, goal=self.goal, duration=self.duration, options=result,
+                       **options)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'variation': _variation_document(skill.variation),
         'gripper': [event._asdict() for event in skill.events],
         'rhythmic': skill.rhythmic,
-        'couplings': [asdict(one) for one in skill.couplings],
+        'couplings': [asdict(coupling) for coupling in skill.couplings],
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
         write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
@@ -118,8 +118,8 @@ def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...])
         raise DataError(f'{name}: expected numbers') from None
     if array.ndim != len(shape) or any(want is not None and got != want
                                        for got, want in zip(array.shape, shape)):
-        wanted = tuple('any' if want is None else want for want in shape)
-        raise DataError(f'{name}: shape is {array.shape}, expected {wanted}')
+        target = tuple('any' if want is None else want for want in shape)
+        raise DataError(f'{name}: shape is {array.shape}, expected {target}')
     if not np.isfinite(array).all():
         raise DataError(f'{name}: an entry is not a finite number')
     return array
@@ -144,10 +144,10 @@ def _events(document: dict[str, Any]) -> tuple[GripperEvent, ...]:
     given, names = document.get('gripper') or [], GripperEvent._fields
     if not isinstance(given, list):
         raise DataError(f'gripper: expected a list, got {given!r}')
-    for one in given:
-        if not isinstance(one, dict) or set(one) != set(names):
-            raise DataError(f'gripper: expected objects with {", ".join(names)}, got {one!r}')
-    rows = _numbers({'gripper': [[one[name] for name in names] for one in given]}, 'gripper',
+    for item in given:
+        if not isinstance(item, dict) or set(item) != set(names):
+            raise DataError(f'gripper: expected objects with {", ".join(names)}, got {item!r}')
+    rows = _numbers({'gripper': [[each[name] for name in names] for each in given]}, 'gripper',
                     (None, len(names))) if given else ()
     return tuple(GripperEvent(*row) for row in rows)
 
@@ -156,14 +156,14 @@ def _couplings(document: dict[str, Any]) -> tuple[Coupling, ...]:
     given, names = document.get('couplings') or [], [part.name for part in fields(Coupling)]
     if not isinstance(given, list):
         raise DataError(f'couplings: expected a list, got {given!r:.100}')
-    for one in given:
-        if not isinstance(one, dict) or set(one) != set(names) or not (
-                isinstance(one['leads'], bool) and isinstance(one['first'], list)
-                and isinstance(one['second'], list)):
+    for item in given:
+        if not isinstance(item, dict) or set(item) != set(names) or not (
+                isinstance(item['leads'], bool) and isinstance(item['first'], list)
+                and isinstance(item['second'], list)):
             raise DataError(f'couplings: expected objects with {", ".join(names)}, '
-                            f'got {one!r:.100}')
-    return tuple(Coupling(**{**one, 'relation': _numbers(one, 'relation', (None,))})
-                 for one in given)
+                            f'got {item!r:.100}')
+    return tuple(Coupling(**{**each, 'relation': _numbers(each, 'relation', (None,))})
+                 for each in given)
 
 
 def _variation(document: dict[str, Any]) -> Variation | None:
@@ -218,7 +218,7 @@ def _segments(document: dict[str, Any], manifold: Manifold) -> Segments:
     if not (np.diff(ends, prepend=0.0, append=1.0) > 0.0).all():
         raise DataError(f'segments: ends must increase between 0 and 1, got {ends.tolist()}')
     if (not isinstance(split, list) or len(split) != len(manifold.factors)
-            or not all(isinstance(one, bool) for one in split)):
+            or not all(isinstance(item, bool) for item in split)):
         raise DataError(f'segments: split needs {len(manifold.factors)} booleans, got {split!r}')
     for row in waypoints:
         manifold.check_point(row.reshape(manifold.point_shape))

@@ -46,8 +46,8 @@ def kriging(near: np.ndarray, linear: np.ndarray) -> Kriging:
 
 def correlations(first: np.ndarray, second: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Correlation of contexts by their distance, shape ``(len(first), len(second))``."""
-    away = (first[:, None, :] - second[None, :, :]) / lengths
-    return np.asarray(np.exp(-0.5 * (away ** 2).sum(axis=2)))
+    offset = (first[:, None, :] - second[None, :, :]) / lengths
+    return np.asarray(np.exp(-0.5 * (offset ** 2).sum(axis=2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,8 @@ class ContextModel:
         :param columns: shift for each number of ``L⁻¹ (context - mean)``, ``(rows, m)``
         """
         size = len(mean)
-        away = np.sqrt(float(size)) * scale.T
-        takes = np.vstack([mean + away, mean - away])
+        offset = np.sqrt(float(size)) * scale.T
+        takes = np.vstack([mean + offset, mean - offset])
         slope = columns @ np.linalg.inv(scale)
         return cls(tuple(f'c{i + 1}' for i in range(size)), takes, np.ones(size),
                    np.full(len(takes), 1e6), np.column_stack([-slope @ mean, slope]),
@@ -122,8 +122,8 @@ class ContextModel:
                             'expected different names and more takes than names')
         if not ((self.lengths > 0.0).all() and (self.noise > 0.0).all()):
             raise DataError('contexts: lengths and noise must be above 0')
-        away = self.takes - self.takes.mean(axis=0)
-        if np.linalg.matrix_rank(away, tol=1e-12 * np.abs(self.takes).max()) < size:
+        offset = self.takes - self.takes.mean(axis=0)
+        if np.linalg.matrix_rank(offset, tol=1e-12 * np.abs(self.takes).max()) < size:
             raise DataError('contexts: a number does not vary between the takes, or follows from '
                             'the others')
 
@@ -180,11 +180,11 @@ class ContextModel:
         for name, number, least, most, more in zip(self.names, numbers, low, high, margin):
             if not least - more <= number <= most + more:
                 return f'{name} is {number:g}, the takes show {least:g} to {most:g}'
-        away = self.takes - self.takes.mean(axis=0)
-        inverse = np.linalg.inv(away.T @ away)
+        offset = self.takes - self.takes.mean(axis=0)
+        inverse = np.linalg.inv(offset.T @ offset)
         given = numbers - self.takes.mean(axis=0)
         if given @ inverse @ given > (1.0 + _ROUNDING) * np.einsum(
-                'ki,ij,kj->k', away, inverse, away).max():
+                'ki,ij,kj->k', offset, inverse, offset).max():
             together = ', '.join(f'{n} {x:g}' for n, x in zip(self.names, numbers))
             return f'the takes show no combination like {together}'
         return ''

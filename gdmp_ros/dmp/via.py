@@ -46,28 +46,29 @@ def through(skill: P, points: Sequence[tuple[float, np.ndarray]],
             len(set(moments.tolist())) < len(moments)):
         raise ParameterError('via points: expected different progress between 0 and 1, got '
                              f'{moments.tolist()}')
-    wanted = [manifold.check_point(point) for _, point in points]
+    target = [manifold.check_point(point) for _, point in points]
     chosen, columns = _columns(skill, factors)
     # Earlier via points and the present end of the motion are via points too.
     kept = [s for s in skill.via if not np.isclose(s, moments, atol=1e-9).any()]
     via = tuple(sorted([*kept, *moments.tolist()]))
     present = Rollout(skill).sample(skill.duration * np.array([*kept, 1.0])).points
     moments = np.concatenate([moments, kept, [1.0]])
-    wanted.extend(present)
+    target.extend(present)
     skill = replace(skill, via=via)
     response = _responses(skill, moments)
     for _ in range(_MAX_ITERATIONS):
-        error, away = _remaining(skill, moments, wanted)
-        if away[:, chosen].max() <= _TOLERANCE:
+        error, offset = _remaining(skill, moments, target)
+        if offset[:, chosen].max() <= _TOLERANCE:
             break
         weights = np.array(skill.weights)
         weights[:, columns] += response @ error[:, columns]
         skill = replace(skill, weights=weights)
-    error, away = _remaining(skill, moments, wanted)
-    if not away[:, chosen].max() <= 1e-3:
-        at = int(np.argmax(away[:, chosen].max(axis=1)))
-        raise ParameterError(f'via point at s = {moments[at]:g} stays {away[at].max():.3g} away: '
-                             'it is too far from the motion, or too close to another one in time')
+    error, offset = _remaining(skill, moments, target)
+    if not offset[:, chosen].max() <= 1e-3:
+        at = int(np.argmax(offset[:, chosen].max(axis=1)))
+        raise ParameterError(f'via point at s = {moments[at]:g} stays {offset[at].max():.3g} '
+                             'away: it is too far from the motion, or too close to another one in '
+                             'time')
     return skill
 
 
@@ -102,8 +103,8 @@ def _columns(skill: Primitive, factors: Sequence[str] | None) -> tuple[list[int]
 def _responses(skill: Primitive, moments: np.ndarray) -> np.ndarray:
     """Change of the weights for a unit displacement at each moment, shape (weights, moments)."""
     count, response = skill.n_basis, responses(skill.n_basis, skill.gains)
-    shown = response.progress <= 1.0
-    motion = response.motion[shown, 1:]
+    during = response.progress <= 1.0
+    motion = response.motion[during, 1:]
     velocity = np.gradient(motion, response.progress[1], axis=0)
     acceleration = np.gradient(velocity, response.progress[1], axis=0)
     cost = acceleration.T @ acceleration / len(motion)
@@ -117,7 +118,7 @@ def _responses(skill: Primitive, moments: np.ndarray) -> np.ndarray:
 
 
 def _remaining(skill: Primitive, moments: np.ndarray,
-               wanted: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+               desired: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Remaining error at each moment: in the coordinates of the weights, and by factor."""
     manifold, rollout = skill.manifold, Rollout(skill, duration=1.0)
     error = np.empty((len(moments), manifold.tangent_size))
@@ -126,7 +127,7 @@ def _remaining(skill: Primitive, moments: np.ndarray,
     for i in np.argsort(moments):
         state = rollout.advance(moments[i] - elapsed)
         elapsed = moments[i]
-        target = manifold.align(wanted[i], state.point)
+        target = manifold.align(desired[i], state.point)
         points[0, i], points[1, i] = state.point.reshape(-1), target.reshape(-1)
         if skill.connection == 'parallel':
             error[i], _ = manifold.log_in_frame(rollout.current_frame(), target)

@@ -132,9 +132,9 @@ class FrankaGripper:
             self._problem = f'the fingers do not reach {command.width:.4f} m'
 
     def _read(self) -> None:
-        read, wanted = self._hand.read_once(), self._wanted
-        holding = bool(read.is_grasped and wanted is not None and wanted.force
-                       and read.width > wanted.width + HELD_M)
+        read, target = self._hand.read_once(), self._wanted
+        holding = bool(read.is_grasped and target is not None and target.force
+                       and read.width > target.width + HELD_M)
         with self._lock:
             self._state = GripperState(float(read.width), float(read.max_width), False, holding,
                                        self._commands, self._problem)

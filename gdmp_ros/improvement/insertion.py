@@ -54,8 +54,8 @@ class Insertion(SimulatedTask):
     def off(self, seed: int) -> np.ndarray:
         """How far the hole is off [m], evenly distributed in a disk."""
         rng = np.random.default_rng(seed)
-        away, direction = OFF * np.sqrt(rng.random()), 2.0 * np.pi * rng.random()
-        return np.array([away * np.cos(direction), away * np.sin(direction)])
+        offset, direction = OFF * np.sqrt(rng.random()), 2.0 * np.pi * rng.random()
+        return np.array([offset * np.cos(direction), offset * np.sin(direction)])
 
     def arm(self, seed: int) -> Arm:
         """See `SimulatedTask`."""

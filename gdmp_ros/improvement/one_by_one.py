@@ -89,14 +89,14 @@ class OneByOne:
         results = self._journal.results
         order = sorted(jobs, key=_situation)
         several = len({_situation(key) for key in order}) > 1
-        made: list[str] = []
+        result: list[str] = []
         while True:
             left = [key for key in order if key not in results]
             if not left:
-                if not made or self._choose(f'{title}: all are made', {
+                if not result or self._choose(f'{title}: all are made', {
                         '': 'go on', REPEAT: AGAIN, QUIT: 'quit'}) != REPEAT:
                     break
-                del results[made.pop()]
+                del results[result.pop()]
                 continue
             key, job = left[0], jobs[left[0]]
             skill = skill_of(job)
@@ -108,15 +108,15 @@ class OneByOne:
                 where += f', situation {_situation(key) + 1}'
             self._tell(f'{where}: {_described(skill, job.variables.skill)}')
             answer = self._choose(where, {
-                '': 'go', **({REPEAT: AGAIN} if made else {}),
+                '': 'go', **({REPEAT: AGAIN} if result else {}),
                 WORST: 'worst, without trying', QUIT: 'quit'})
             if answer == REPEAT:
-                del results[made.pop()]
+                del results[result.pop()]
             elif answer == WORST:
                 self._journal.keep(key, list(Outcome(None, ended='not begun: the person did not '
                                                                  'want it')))
             elif self._made(key, job, skill):
-                made.append(key)
+                result.append(key)
         return {key: results[key] for key in jobs}
 
     def _choose(self, where: str, offered: dict[str, str]) -> str:
@@ -169,10 +169,10 @@ def _situation(key: str) -> int:
 
 def _described(skill: Skill, before: Skill) -> str:
     """How a skill differs from the one before, for a person who is to say go."""
-    paths = [one.rollout().sample(np.linspace(0.0, one.duration, SAMPLES)).points.reshape(
-        SAMPLES, -1)[:, :3] for one in (skill, before)]
-    away = np.linalg.norm(paths[0] - paths[1], axis=1).max()
+    paths = [item.rollout().sample(np.linspace(0.0, item.duration, SAMPLES)).points.reshape(
+        SAMPLES, -1)[:, :3] for item in (skill, before)]
+    offset = np.linalg.norm(paths[0] - paths[1], axis=1).max()
     steps = np.linalg.norm(np.diff(paths[0], axis=0), axis=1)
     speed = steps.max() * (SAMPLES - 1) / skill.duration
-    return (f'{skill.duration:.2f} s, at most {speed:.2f} m/s, up to {1e3 * away:.0f} mm from the '
-            'skill before')
+    return (f'{skill.duration:.2f} s, at most {speed:.2f} m/s, up to {1e3 * offset:.0f} mm from '
+            'the skill before')

@@ -92,9 +92,9 @@ class RewardWeighted:
         known = ranked(costs)
         if known is None:
             return
-        weights, away = reward_weights(known), samples - self.mean
-        found = (weights[:, None] * away).T @ away
-        mixed = (1.0 - LEARNING_RATE) * self.covariance + LEARNING_RATE * found
+        weights, offset = reward_weights(known), samples - self.mean
+        result = (weights[:, None] * offset).T @ offset
+        mixed = (1.0 - LEARNING_RATE) * self.covariance + LEARNING_RATE * result
         values, axes = np.linalg.eigh(mixed)
         values = np.clip(values, SMALLEST ** 2, LARGEST ** 2)
         self.covariance = (axes * values) @ axes.T

@@ -138,14 +138,14 @@ class Improvement:
 
     def skill(self) -> Skill:
         """Return the skill at the best guess, which says where it comes from."""
-        found = self.variables.apply(self.search.mean)
+        result = self.variables.apply(self.search.mean)
         source: dict[str, Any] = {
             'task': self.task.name, 'search': self.search_name, 'rollouts': self.rollouts,
             'seed': self.seed, 'skill': dict(self.variables.skill.provenance)}
         for name, judged in (('before', self.before), ('after', self.after)):
             if judged is not None:
                 source[name] = {'median_cost': judged.median, 'success': judged.success}
-        return replace(found, provenance={'improved': source})
+        return replace(result, provenance={'improved': source})
 
 
 def subject(task: Task, variables: Variables, search: str, effort: Effort, seed: int) -> str:
@@ -171,21 +171,21 @@ def improve(task: Task, variables: Variables, execute: Execute, effort: Effort,
     for name, least in (('updates', 1), ('samples', 2), ('situations', 1), ('held_out', 0)):
         if getattr(effort, name) < least:
             raise ParameterError(f'{name} is {getattr(effort, name)}, expected at least {least}')
-    found = search_of(search, variables.size)
-    state = Improvement(task, variables, effort, search, seed, found)
+    result = search_of(search, variables.size)
+    state = Improvement(task, variables, effort, search, seed, result)
     if effort.held_out:
         state.before = _judged(state, execute, 'before')
     for number in range(effort.updates):
-        samples = found.ask(effort.samples, np.random.default_rng([seed, number]))
+        samples = result.ask(effort.samples, np.random.default_rng([seed, number]))
         jobs = {f'{number}/{k}/{m}': Job(task, variables, sample, _situation(seed, number, m))
                 for k, sample in enumerate(samples) for m in range(effort.situations)}
         outcomes = _outcomes(execute(f'update {number + 1} of {effort.updates}', jobs))
         costs = [_mean([outcomes[f'{number}/{k}/{m}'].cost for m in range(effort.situations)])
                  for k in range(effort.samples)]
-        found.tell(samples, costs)
+        result.tell(samples, costs)
         state.updates.append(Update(costs, sorted(
-            one.ended for one in outcomes.values() if one.ended),
-            np.sqrt(np.diag(found.covariance))))
+            item.ended for item in outcomes.values() if item.ended),
+            np.sqrt(np.diag(result.covariance))))
         yield state
     if effort.held_out:
         state.after = _judged(state, execute, 'after')
@@ -202,13 +202,13 @@ def _judged(state: Improvement, execute: Execute, when: str) -> Judgement:
         state.task, state.variables, state.search.mean,
         _situation(state.seed, HELD_OUT, m)) for m in range(state.effort.held_out)}
     outcomes = list(_outcomes(execute(f'judging {when}', jobs)).values())
-    successes = [one.success is True for one in outcomes]
-    known = any(one.success is not None for one in outcomes)
-    return Judgement([one.cost for one in outcomes], successes if known else None)
+    successes = [outcome.success is True for outcome in outcomes]
+    known = any(outcome.success is not None for outcome in outcomes)
+    return Judgement([outcome.cost for outcome in outcomes], successes if known else None)
 
 
 def _outcomes(plain: dict[str, Any]) -> dict[str, Outcome]:
-    return {key: Outcome(*one) for key, one in plain.items()}
+    return {key: Outcome(*item) for key, item in plain.items()}
 
 
 def _mean(costs: Sequence[float | None]) -> float | None:

@@ -134,10 +134,10 @@ class FileTask(SimulatedTask):
     def arm(self, seed: int) -> Arm:
         """See `SimulatedTask`."""
         make = getattr(self.module(), 'arm', None)
-        made = super().arm(seed) if make is None else make(seed)
-        if not isinstance(made, Arm):
-            raise DataError(f'{self.path}: arm returned {made!r}, expected a gdmp_ros.sim.Arm')
-        return made
+        result = super().arm(seed) if make is None else make(seed)
+        if not isinstance(result, Arm):
+            raise DataError(f'{self.path}: arm returned {result!r}, expected a gdmp_ros.sim.Arm')
+        return result
 
     def score(self, trial: Trial) -> Scored:
         """See `SimulatedTask`."""
@@ -220,28 +220,28 @@ def task_from_file(path: Path, largest_force: float = np.inf) -> SimulatedTask:
     """
     if not path.is_file():
         raise DataError(f'{path}: there is no such file')
-    whole = str(path.resolve())
+    full = str(path.resolve())
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     if path.suffix == '.py':
-        task = FileTask(path.name, largest_force, whole, digest)
+        task = FileTask(path.name, largest_force, full, digest)
         if not callable(getattr(task.module(), 'score', None)):
             raise DataError(f'{path}: expected a function score(trial)')
         return task
     if not os.access(path, os.X_OK):
         raise DataError(f'{path}: neither a Python file nor executable')
-    return ExecutableTask(path.name, largest_force, whole, digest)
+    return ExecutableTask(path.name, largest_force, full, digest)
 
 
 def _finite(name: str, terms: Mapping[str, float]) -> dict[str, float]:
-    found = {}
+    result = {}
     for term, value in terms.items():
         try:
-            found[str(term)] = float(value)
+            result[str(term)] = float(value)
         except (TypeError, ValueError):
             raise ParameterError(f'{name}: the cost {term} is {value!r}, expected a number'
                                  ) from None
-        if not np.isfinite(found[str(term)]):
+        if not np.isfinite(result[str(term)]):
             raise ParameterError(f'{name}: the cost {term} is {value!r}, expected a finite number')
-    return found
+    return result
 
 

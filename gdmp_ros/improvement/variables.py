@@ -97,8 +97,8 @@ class ViaPoints:
         coordinates = np.zeros((len(self.at), manifold.tangent_size))
         coordinates[:, columns] = values.reshape(len(self.at), -1) * deviations
         return through(skill, [
-            (s, manifold.exp(point, manifold.from_frame(manifold.frame(point), one)))
-            for s, point, one in zip(self.at, path, coordinates)], list(self.deviations))
+            (s, manifold.exp(point, manifold.from_frame(manifold.frame(point), coordinate)))
+            for s, point, coordinate in zip(self.at, path, coordinates)], list(self.deviations))
 
 
 @dataclass(frozen=True)
@@ -189,8 +189,8 @@ class Variables:
             raise ParameterError('a rhythmic skill cannot be improved: it has no end')
         self.skill, self._parts = skill, parts
         names = [part.names(skill) for part in parts]
-        self._sizes = [len(one) for one in names]
-        self.names = [name for one in names for name in one]
+        self._sizes = [len(name) for name in names]
+        self.names = [name for item in names for name in item]
 
     def __repr__(self) -> str:
         return f'{type(self).__name__}({self._parts!r})'
@@ -210,8 +210,8 @@ class Variables:
         if np.shape(values) != (self.size,) or not np.isfinite(values).all():
             raise ParameterError(f'expected {self.size} finite numbers, got {values!r}')
         changed, ends = self.skill, np.cumsum(self._sizes)
-        for part, one in zip(self._parts, np.split(np.asarray(values, float), ends[:-1])):
-            changed = part.apply(changed, one)
+        for part, item in zip(self._parts, np.split(np.asarray(values, float), ends[:-1])):
+            changed = part.apply(changed, item)
         return replace(changed, variation=None)
 
 

@@ -150,8 +150,8 @@ def _add_code(digest: Any, code: CodeType) -> None:
 
 
 def _global_names(code: CodeType) -> set[str]:
-    names = {one.argval for one in dis.get_instructions(code)
-             if one.opname in ('LOAD_GLOBAL', 'LOAD_NAME')}
+    names = {instruction.argval for instruction in dis.get_instructions(code)
+             if instruction.opname in ('LOAD_GLOBAL', 'LOAD_NAME')}
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             names |= _global_names(constant)
@@ -234,12 +234,12 @@ class KernelCache(_Cache):
         return str(self._files.cache_path)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = self._files.load_overload(sig, target_context)
-        if found is None:
+        result = self._files.load_overload(sig, target_context)
+        if result is None:
             module = self._function.__module__.removeprefix('gdmp_ros.')
             for started, _ in _listeners:
                 started(f'{module}.{self._function.__name__}')
-        return found
+        return result
 
     def save_overload(self, sig: Any, data: Any) -> None:
         self._files.save_overload(sig, data)

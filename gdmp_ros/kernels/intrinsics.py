@@ -91,12 +91,12 @@ def _data_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 def _array_from(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any],
                 strides: list[Any]) -> Any:
     """Array structure around existing memory."""
-    made = context.make_array(kind)(context, builder)
+    result = context.make_array(kind)(context, builder)
     size = context.get_constant(types.intp, context.get_abi_sizeof(
         context.get_data_type(kind.dtype)))
-    arrayobj.populate_array(made, data=builder.bitcast(data, made.data.type), shape=shape,
+    arrayobj.populate_array(result, data=builder.bitcast(data, result.data.type), shape=shape,
                             strides=strides, itemsize=size, meminfo=None)
-    return made._getvalue()  # noqa: SLF001  Numba has no public name for it
+    return result._getvalue()  # noqa: SLF001  Numba has no public name for it
 
 
 @intrinsic
@@ -137,10 +137,10 @@ def _records_at(typing_context, memory, at, count, dtype):
 @intrinsic
 def _without_refcount(typing_context, array):
     def build(context, builder, signature, arguments):
-        made = context.make_array(array)(context, builder, arguments[0])
-        made.meminfo = cgutils.get_null_value(made.meminfo.type)
-        made.parent = cgutils.get_null_value(made.parent.type)
-        return made._getvalue()  # noqa: SLF001  Numba has no public name for it
+        result = context.make_array(array)(context, builder, arguments[0])
+        result.meminfo = cgutils.get_null_value(result.meminfo.type)
+        result.parent = cgutils.get_null_value(result.parent.type)
+        return result._getvalue()  # noqa: SLF001  Numba has no public name for it
 
     return array(array), build
 
@@ -184,11 +184,11 @@ def _call(result: Any, context: Any, builder: Any, signature: Any, values: Any) 
                       for i in (k + 1, k + 2))
         arrays.append(_array_from(context, builder, VECTOR, builder.gep(data, [start]),
                                   [builder.sub(end, start)], [item]))
-    wanted = kernel_signature(len(arrays))
-    function = context.call_conv.get_function_type(result, wanted).as_pointer()
+    target = kernel_signature(len(arrays))
+    function = context.call_conv.get_function_type(result, target).as_pointer()
     _, returned = context.call_conv.call_function(
-        builder, builder.inttoptr(address, function), result, wanted,
-        [context.cast(builder, size, signature.args[1], wanted[0]), *arrays])
+        builder, builder.inttoptr(address, function), result, target,
+        [context.cast(builder, size, signature.args[1], target[0]), *arrays])
     return returned
 
 

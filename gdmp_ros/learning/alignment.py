@@ -73,7 +73,7 @@ def align(takes: Sequence[Demonstration], *, moved: bool = True,
     mean = mean_path(manifold, points, points[0])
     for _ in range(0 if len(takes) == 1 else 1 if expected else REPETITIONS):
         models = [mean] * len(takes) if expected is None else [
-            _at(one, progress) for one in expected]
+            _at(item, progress) for item in expected]
         warps = np.array([_warp(_costs(
             manifold, _moved(manifold, model, path) if moved else model, path, scales))
                           for model, path in zip(models, own)])
@@ -95,11 +95,11 @@ def aligned(takes: Sequence[Demonstration], expected: Sequence[Demonstration] | 
     :param expected: see `align`
     :raises DataError: see `align`
     """
-    found = align(takes, expected=expected)
+    located = align(takes, expected=expected)
     result = []
-    for take, warp in zip(takes, found.warps):
+    for take, warp in zip(takes, located.warps):
         progress = (take.times - take.times[0]) / take.duration
-        own = np.interp(progress, found.progress, warp)
+        own = np.interp(progress, located.progress, warp)
         result.append(Demonstration(take.times, take.at(take.times[0] + own * take.duration),
                                     take.manifold))
     return result
@@ -147,9 +147,9 @@ def _costs(manifold: Manifold, mean: np.ndarray, path: np.ndarray, scales: np.nd
     """Cost of pairing each sample of the mean with each one of the path; too far is infinite."""
     count = len(mean)
     first, second = np.repeat(mean, count, axis=0), np.tile(path, (count, 1))
-    away = manifold.factor_distances(first, second) / scales
+    offset = manifold.factor_distances(first, second) / scales
     shift = np.subtract.outer(np.arange(count), np.arange(count)) / (count - 1.0)
-    costs = (away ** 2).sum(axis=1).reshape(count, count) + (TIME_COST * shift) ** 2
+    costs = (offset ** 2).sum(axis=1).reshape(count, count) + (TIME_COST * shift) ** 2
     return np.where(np.abs(shift) <= LARGEST_SHIFT, costs, np.inf)
 
 

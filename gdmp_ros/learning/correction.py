@@ -131,17 +131,17 @@ def correction(primitive: Skill, followed: FollowedMotion, *, least: float = LEA
         raise ParameterError(f'smallest deviations are {least!r} m and {least_rotation!r} rad, '
                              'expected numbers > 0')
     progress = np.linspace(0.0, 1.0, SAMPLES)
-    away = _deviations(followed, progress)
-    pushes = [push for quantity, part, limit in (('position', away[:, :3], least),
-                                                 ('orientation', away[:, 3:], least_rotation))
+    offset = _deviations(followed, progress)
+    pushes = [push for quantity, part, limit in (('position', offset[:, :3], least),
+                                                 ('orientation', offset[:, 3:], least_rotation))
               for push in _pushes(quantity, part, limit, progress, primitive.duration)]
     if not pushes:
-        most = np.linalg.norm(away[:, :3], axis=1).max()
+        most = np.linalg.norm(offset[:, :3], axis=1).max()
         raise DataError(f'no push was found: the arm was at most {1e3 * most:.1f} mm from its '
                         f'reference, a push is at least {1e3 * least:.1f} mm and {UNUSUAL:g} '
                         'times what is usual in the best quarter of the motion')
     before = _path(primitive, progress)
-    shifts = _shifts(away, pushes, progress)
+    shifts = _shifts(offset, pushes, progress)
     changed = with_functions(primitive, FUNCTIONS)
     if any(push.end >= AT_GOAL for push in pushes):
         goal = _moved(primitive.goal.reshape(1, -1), shifts[-1:])
@@ -154,40 +154,40 @@ def _deviations(followed: FollowedMotion, progress: np.ndarray) -> np.ndarray:
     """Position [m] in the base, rotation vector [rad] in the tool, shape ``(S, 6)``."""
     rotation = UnitQuaternion()
     references, measured = followed.references, followed.measured
-    away = np.empty((len(measured), 6))
-    away[:, :3] = measured[:, :3] - references[:, :3]
+    offset = np.empty((len(measured), 6))
+    offset[:, :3] = measured[:, :3] - references[:, :3]
     for row, (reference, pose) in enumerate(zip(references, measured)):
         # Half-angles in the canonical frame, which moves with the tool.
         frame = rotation.frame(reference[3:])
-        away[row, 3:] = 2.0 * rotation.log_in_frame(
+        offset[row, 3:] = 2.0 * rotation.log_in_frame(
             frame, rotation.align(pose[3:], reference[3:]))[0]
     # While the phase stands still several samples have the same progress.
     steps, place = np.unique(followed.progress, return_inverse=True)
     mean = np.zeros((len(steps), 6))
-    np.add.at(mean, place, away)
+    np.add.at(mean, place, offset)
     mean /= np.bincount(place)[:, None]
     return np.column_stack([np.interp(progress, steps, column) for column in mean.T])
 
 
-def _pushes(quantity: str, away: np.ndarray, least: float, progress: np.ndarray,
+def _pushes(quantity: str, offset: np.ndarray, least: float, progress: np.ndarray,
             duration: float) -> list[Push]:
-    size = np.linalg.norm(away, axis=1)
+    size = np.linalg.norm(offset, axis=1)
     limit = max(least, UNUSUAL * float(np.quantile(size, BEST)))
     edges = np.diff(np.concatenate([[0], (size > limit).astype(int), [0]]))
     result = []
     for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1):
         at = first + int(np.argmax(size[first:last + 1]))
         # A minimum-jerk way over d in T needs at most 5.77 d / T².
-        way = math.sqrt(5.77 * size[at] / GENTLE) / duration
+        tangent = math.sqrt(5.77 * size[at] / GENTLE) / duration
         result.append(Push(quantity, float(progress[first]), float(progress[last]),
                            float(size[at]), float(progress[at]),
-                           min(max(way, SHORTEST), LONGEST)))
+                           min(max(tangent, SHORTEST), LONGEST)))
     return result
 
 
-def _shifts(away: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> np.ndarray:
+def _shifts(offset: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> np.ndarray:
     """Shift of the path in the coordinates of `_deviations`."""
-    return np.hstack([_shift(away[:, columns], [
+    return np.hstack([_shift(offset[:, columns], [
         push for push in pushes if push.quantity == quantity], progress)
         for quantity, columns in (('position', slice(0, 3)), ('orientation', slice(3, 6)))])
 
@@ -202,36 +202,36 @@ def _moved(points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     return moved
 
 
-def _shift(away: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> np.ndarray:
+def _shift(offset: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> np.ndarray:
     """Shift of the path: as measured while a push lasts, with smooth ways in and out."""
-    size, edges = np.linalg.norm(away, axis=1), []
+    size, edges = np.linalg.norm(offset, axis=1), []
     for push in pushes:
         held = (progress >= push.begin) & (progress <= push.end) & (size >= HELD * push.largest)
         edges.append(np.flatnonzero(held)[[0, -1]])
-    result = np.zeros_like(away)
+    result = np.zeros_like(offset)
     for number, (push, (first, last)) in enumerate(zip(pushes, edges)):
-        result[first:last + 1] = away[first:last + 1]
+        result[first:last + 1] = offset[first:last + 1]
         room_before = progress[first] - (progress[edges[number - 1][1]] if number else 0.0)
         room_after = (progress[edges[number + 1][0]] if number + 1 < len(edges) else 1.0
                       ) - progress[last]
         before, after = progress[:first], progress[last + 1:]
         into = minimum_jerk(np.clip(
             1.0 - (progress[first] - before) / min(push.way, room_before), 0.0, 1.0))
-        result[:first] += into[:, None] * away[first]
+        result[:first] += into[:, None] * offset[first]
         if push.end >= AT_GOAL:
-            result[last + 1:] = away[last]
+            result[last + 1:] = offset[last]
             continue
         out = minimum_jerk(np.clip(
             1.0 - (after - progress[last]) / min(push.way, room_after), 0.0, 1.0))
-        result[last + 1:] += out[:, None] * away[last]
+        result[last + 1:] += out[:, None] * offset[last]
     return result
 
 
-def _fitted(primitive: Skill, wanted: np.ndarray, progress: np.ndarray) -> Skill:
+def _fitted(primitive: Skill, target: np.ndarray, progress: np.ndarray) -> Skill:
     """The primitive with weights that make it pass where it should."""
     manifold = primitive.manifold
     base = Development(manifold, _path(primitive, progress), frame_of(primitive, primitive.start))
-    goal, changed = base.ways_to(wanted), primitive
+    goal, changed = base.ways_to(target), primitive
     weights = np.zeros((primitive.n_basis, manifold.tangent_size))
     maps = smoother(primitive.n_basis, primitive.gains, progress, WAVELENGTH)
     for _ in range(1 if manifold.is_flat else REPETITIONS):

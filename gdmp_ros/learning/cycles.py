@@ -47,8 +47,8 @@ class Cycles(NamedTuple):
     def period(self) -> float:
         """Mean length of a whole cycle, in samples."""
         inside = self.marks[(self.marks >= self.first - 0.5) & (self.marks <= self.last + 0.5)]
-        whole = inside if len(inside) > 1 else self.marks
-        return float((whole[-1] - whole[0]) / (len(whole) - 1))
+        full = inside if len(inside) > 1 else self.marks
+        return float((full[-1] - full[0]) / (len(full) - 1))
 
     def progress(self, samples: np.ndarray) -> np.ndarray:
         """Cycles passed at each sample."""
@@ -67,15 +67,15 @@ def find_period(curve: np.ndarray, dt: float) -> float:
     :raises DataError: if it has none, or the recording is shorter than two of them
     """
     count = len(curve)
-    found = [_repetition(curve[round(left * count):count - round(left * count)], dt)
-             for left in LEFT_OUT]
-    best, period = max(found)
+    result = [_repetition(curve[round(left * count):count - round(left * count)], dt)
+              for left in LEFT_OUT]
+    best, period = max(result)
     if best < CORRELATED:
         raise DataError(f'no period was found in {count * dt:.3g} s: record at least two cycles, '
                         'or tell the period. Shifted in time the recording correlates with itself '
                         f'by {max(best, 0.0):.2f} at most, expected {CORRELATED:g}')
-    whole, first = found[0]
-    return first if whole >= AS_GOOD * best else period
+    full, first = result[0]
+    return first if full >= AS_GOOD * best else period
 
 
 def _repetition(curve: np.ndarray, dt: float) -> tuple[float, float]:
@@ -139,14 +139,14 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
     while last + 1 < len(marks) and errors[last + 1] <= limit:
         last += 1
     kept = marks[first:last + 1]
-    whole = np.array([*kept, kept[-1] + (kept[-1] - kept[-2] if len(kept) > 1 else period)])
+    full = np.array([*kept, kept[-1] + (kept[-1] - kept[-2] if len(kept) > 1 else period)])
     # Too little is left there to place a cycle by it.
-    if first == 0 and whole[0] > 0.0:
-        whole = np.array([2.0 * whole[0] - whole[1], *whole])
-    if last + 1 == len(marks) and whole[-1] < count - 1:
-        whole = np.array([*whole, 2.0 * whole[-1] - whole[-2]])
-    begin, end = max(int(np.ceil(whole[0])), 0), min(int(np.floor(whole[-1])), count - 1)
-    return Cycles(whole, begin, end)
+    if first == 0 and full[0] > 0.0:
+        full = np.array([2.0 * full[0] - full[1], *full])
+    if last + 1 == len(marks) and full[-1] < count - 1:
+        full = np.array([*full, 2.0 * full[-1] - full[-2]])
+    begin, end = max(int(np.ceil(full[0])), 0), min(int(np.floor(full[-1])), count - 1)
+    return Cycles(full, begin, end)
 
 
 def _template(curve: np.ndarray, length: int) -> int:
@@ -154,9 +154,9 @@ def _template(curve: np.ndarray, length: int) -> int:
     count, centred = len(curve), curve - curve.mean(axis=0)
     if count <= length:
         return 0
-    sums, squares = (np.concatenate([np.zeros((1, curve.shape[1])), np.cumsum(one, axis=0)])
-                     for one in (centred, centred ** 2))
-    mean, square = ((one[length:] - one[:-length]) / length for one in (sums, squares))
+    sums, squares = (np.concatenate([np.zeros((1, curve.shape[1])), np.cumsum(item, axis=0)])
+                     for item in (centred, centred ** 2))
+    mean, square = ((item[length:] - item[:-length]) / length for item in (sums, squares))
     scatter = (square - mean ** 2).sum(axis=1)
     enough = np.flatnonzero(scatter >= 0.9 * np.median(scatter[scatter >= 0.01 * scatter.max()]))
     return int(enough[np.argmin(np.abs(enough - (count - length) // 2))])
@@ -199,8 +199,8 @@ def _follow(curve: np.ndarray, template: np.ndarray, start: float, period: float
 def _distance(curve: np.ndarray, template: np.ndarray, shift: int) -> float:
     """Mean squared distance of a curve from a template that begins at a sample."""
     first, last = max(shift, 0), min(shift + len(template), len(curve))
-    away = curve[first:last] - template[first - shift:last - shift]
-    return float(np.mean((away ** 2).sum(axis=1)))
+    offset = curve[first:last] - template[first - shift:last - shift]
+    return float(np.mean((offset ** 2).sum(axis=1)))
 
 
 #: Most harmonics, and fewest samples of a cycle for each of them.
@@ -253,25 +253,25 @@ class FittedCycle(NamedTuple):
 class CycleFit:
     """Recordings and what is known of their cycle so far."""
 
-    def __init__(self, shown: list[Demonstration], weights: np.ndarray, period: float | None):
+    def __init__(self, demos: list[Demonstration], weights: np.ndarray, period: float | None):
         """
         Find the cycles.
 
-        :param shown: uniform, with consistent signs
+        :param demos: uniform, with consistent signs
         :param weights: of the recordings
         :param period: [s]; None to find it
         :raises DataError: if a recording has no period, or is shorter than one
         """
-        self._manifold, self._shown, self._weights = shown[0].manifold, shown, weights
-        self._dt = [one.duration / (len(one.times) - 1) for one in shown]
+        self._manifold, self._shown, self._weights = demos[0].manifold, demos, weights
+        self._dt = [demo.duration / (len(demo.times) - 1) for demo in demos]
         self._centre = self._guessed_centre()
-        self._coordinates = [self._seen(one) for one in shown]
-        spread = np.sqrt(np.mean([self._by_factor(one - one.mean(axis=0)).mean(axis=0)
-                                  for one in self._coordinates], axis=0))
+        self._coordinates = [self._seen(demo) for demo in demos]
+        spread = np.sqrt(np.mean([self._by_factor(curve - curve.mean(axis=0)).mean(axis=0)
+                                  for curve in self._coordinates], axis=0))
         self._span = np.where(spread > 1e-12, spread, np.inf)
-        self._cycles = [self._found(number, period) for number in range(len(shown))]
+        self._cycles = [self._found(number, period) for number in range(len(demos))]
         # The phase begins with the first sample that is used.
-        self._offsets = [-float(one.progress(np.array([one.first]))[0]) for one in self._cycles]
+        self._offsets = [-float(own.progress(np.array([own.first]))[0]) for own in self._cycles]
         self._scale = 1.0 / self._span ** 2
 
     def fitted(self) -> FittedCycle:
@@ -297,8 +297,8 @@ class CycleFit:
                                                   for number in range(len(self._shown))])
 
     def _guessed_centre(self) -> np.ndarray:
-        points = np.concatenate([one.points[::max(len(one.points) // _FEW, 1)]
-                                 for one in self._shown])
+        points = np.concatenate([demo.points[::max(len(demo.points) // _FEW, 1)]
+                                 for demo in self._shown])
         try:
             return self._manifold.mean(list(points))
         except CutLocusError as error:
@@ -306,19 +306,19 @@ class CycleFit:
                                 'near their mean, so it cannot turn all the way round',
                                 error.distance) from None
 
-    def _seen(self, one: Demonstration) -> np.ndarray:
+    def _seen(self, demo: Demonstration) -> np.ndarray:
         """Coordinates of the samples, seen from the centre."""
-        away, distances = coordinates(self._manifold, self._centre, one.flat_points)
+        offset, distances = coordinates(self._manifold, self._centre, demo.flat_points)
         at = int(np.argmin(distances))
         if distances[at] < CUT_LOCUS_LIMIT:
             raise CutLocusError(f'{self._manifold!r}: sample {at} is on the cut locus of the '
                                 'centre of the cycle; a rhythmic skill cannot turn all the way '
                                 'round', float(distances[at]))
-        return away
+        return offset
 
-    def _by_factor(self, away: np.ndarray) -> np.ndarray:
+    def _by_factor(self, offset: np.ndarray) -> np.ndarray:
         """Squared norm in each factor, shape ``(count, factors)``."""
-        return np.column_stack([(away[:, part] ** 2).sum(axis=1)
+        return np.column_stack([(offset[:, part] ** 2).sum(axis=1)
                                 for part in self._manifold.tangent_slices])
 
     def _spread(self, of_factors: np.ndarray) -> np.ndarray:
@@ -342,38 +342,38 @@ class CycleFit:
 
     def _passed(self, number: int) -> np.ndarray:
         """Cycles of a recording passed at each sample that is used."""
-        one = self._cycles[number]
-        return one.progress(np.arange(one.first, one.last + 1))
+        own = self._cycles[number]
+        return own.progress(np.arange(own.first, own.last + 1))
 
     def _progress(self, number: int) -> np.ndarray:
         """The same, on the phase that all recordings have in common."""
         return self._passed(number) + self._offsets[number]
 
     def _used(self, number: int) -> np.ndarray:
-        one = self._cycles[number]
-        return self._coordinates[number][one.first:one.last + 1]
+        own = self._cycles[number]
+        return self._coordinates[number][own.first:own.last + 1]
 
     def _series(self, numbers: range | list[int]) -> Series:
         """Fit the series to recordings."""
         progress = [self._progress(number) for number in numbers]
         period = min(self._cycles[number].period for number in numbers)
         harmonics = int(min(MOST_HARMONICS, max(period // SAMPLES_PER_HARMONIC, 1)))
-        matrix = np.vstack([fourier_columns(one, harmonics) for one in progress])
-        share = np.concatenate([np.full(len(one), self._weights[number] / len(one))
-                                for number, one in zip(numbers, progress)])
+        matrix = np.vstack([fourier_columns(item, harmonics) for item in progress])
+        share = np.concatenate([np.full(len(item), self._weights[number] / len(item))
+                                for number, item in zip(numbers, progress)])
         root = np.sqrt(share * len(share) / share.sum())[:, None]
-        wanted = root * np.vstack([self._used(number) for number in numbers])
+        target = root * np.vstack([self._used(number) for number in numbers])
         smooth = FourierRegression(root * matrix, harmonics)
         result = np.empty((1 + 2 * harmonics, self._manifold.tangent_size))
         for part in self._manifold.tangent_slices:
-            result[:, part] = smooth.fitted(wanted[:, part])
+            result[:, part] = smooth.fitted(target[:, part])
         return Series(result)
 
     def _shift(self, first: Series, other: Series) -> float:
         """By how much the phase of a cycle is to be shifted to agree with another one."""
         progress = np.arange(_PHASES) / _PHASES
         scale = 1.0 / self._spread(self._span)
-        spectra = [np.fft.rfft(one.at(progress) * scale, axis=0) for one in (first, other)]
+        spectra = [np.fft.rfft(item.at(progress) * scale, axis=0) for item in (first, other)]
         likeness = np.fft.irfft((spectra[1] * spectra[0].conj()).sum(axis=1), _PHASES)
         return -float(np.argmax(likeness)) / _PHASES
 
@@ -385,58 +385,58 @@ class CycleFit:
 
     def _correct_phase(self, number: int, series: Series) -> None:
         """One Gauss-Newton step for the beginnings of the cycles of a recording."""
-        one, passed = self._cycles[number], self._passed(number)
+        own, passed = self._cycles[number], self._passed(number)
         progress = passed + self._offsets[number]
         scale = self._spread(self._scale)
-        slope, away = series.slope(progress), self._used(number) - series.at(progress)
-        gain, error = (slope ** 2) @ scale, (slope * away) @ scale
-        cycle = np.minimum(passed.astype(np.int64), len(one.marks) - 2)
+        slope, offset = series.slope(progress), self._used(number) - series.at(progress)
+        gain, error = (slope ** 2) @ scale, (slope * offset) @ scale
+        cycle = np.minimum(passed.astype(np.int64), len(own.marks) - 2)
         after = passed - cycle
-        change = _beginnings(len(one.marks), cycle, after, gain, error)
+        change = _beginnings(len(own.marks), cycle, after, gain, error)
         if number == 0:
-            change -= np.interp(one.first, one.marks, change)
-        marks = one.marks - np.clip(change, -0.25, 0.25) * one.period
+            change -= np.interp(own.first, own.marks, change)
+        marks = own.marks - np.clip(change, -0.25, 0.25) * own.period
         if (np.diff(marks) > 0.0).all():
-            self._cycles[number] = one._replace(
-                marks=marks, first=max(one.first, int(np.ceil(marks[0]))),
-                last=min(one.last, int(np.floor(marks[-1]))))
+            self._cycles[number] = own._replace(
+                marks=marks, first=max(own.first, int(np.ceil(marks[0]))),
+                last=min(own.last, int(np.floor(marks[-1]))))
 
     def _leave_out(self, number: int, series: Series) -> None:
         """Leave out what differs from the cycle at both ends."""
-        one, scale = self._cycles[number], self._spread(1.0 / self._span ** 2)
+        own, scale = self._cycles[number], self._spread(1.0 / self._span ** 2)
         progress = self._progress(number)
         shape = series.at(progress)
         apart = (self._used(number) - shape) ** 2 @ scale
-        width = max(round(WINDOW * one.period), 1)
+        width = max(round(WINDOW * own.period), 1)
         apart = np.convolve(np.pad(apart, width, 'edge'), np.full(width, 1.0 / width), 'same')[
             width:-width]
         size = float(((shape - shape.mean(axis=0)) ** 2 @ scale).mean())
         differs = apart > max(DIFFERENT * float(np.median(apart)), ALIKE * size)
         quarter = len(apart) // 4
         before, after = np.flatnonzero(differs[:quarter]), np.flatnonzero(differs[-quarter:])
-        first = one.first + (int(before[-1]) + 1 if len(before) else 0)
-        last = one.last - (quarter - int(after[0]) if len(after) else 0)
-        if last - first >= min(one.period, 0.999 * (one.last - one.first)):
-            self._cycles[number] = one._replace(first=first, last=last)
+        first = own.first + (int(before[-1]) + 1 if len(before) else 0)
+        last = own.last - (quarter - int(after[0]) if len(after) else 0)
+        if last - first >= min(own.period, 0.999 * (own.last - own.first)):
+            self._cycles[number] = own._replace(first=first, last=last)
 
     def _recentre(self, series: Series) -> None:
         """Move the centre to the mean of the cycle."""
         manifold = self._manifold
         step = manifold.from_frame(manifold.frame(self._centre), series.coefficients[0])
         self._centre = manifold.exp(self._centre, step)
-        self._coordinates = [self._seen(one) for one in self._shown]
+        self._coordinates = [self._seen(demo) for demo in self._shown]
 
     def _take(self, number: int) -> FittedTake:
-        one = self._cycles[number]
-        return FittedTake((one.last - one.first) / one.period, one.period * self._dt[number],
-                          (one.first, one.last), self._progress(number))
+        own = self._cycles[number]
+        return FittedTake((own.last - own.first) / own.period, own.period * self._dt[number],
+                          (own.first, own.last), self._progress(number))
 
 
-def thinned(shown: Demonstration) -> Demonstration:
+def thinned(demo: Demonstration) -> Demonstration:
     """A demonstration with at most `MOST_SAMPLES`."""
-    every = -(-len(shown.times) // MOST_SAMPLES)
-    return shown if every == 1 else Demonstration(shown.times[::every], shown.points[::every],
-                                                  shown.manifold)
+    every = -(-len(demo.times) // MOST_SAMPLES)
+    return demo if every == 1 else Demonstration(demo.times[::every], demo.points[::every],
+                                                 demo.manifold)
 
 
 def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarray,

@@ -34,39 +34,39 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
     if n_basis != 'auto' and (not isinstance(n_basis, (int, np.integer))
                               or isinstance(n_basis, bool)):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
-    shown = prepared(demonstrations, settings.smoothing)
-    settings.contexts_of(len(shown))
+    demos = prepared(demonstrations, settings.smoothing)
+    settings.contexts_of(len(demos))
     if settings.fit == 'output':
-        return _fit_output(shown, n_basis, settings, tolerance)
-    with_basis = fit_forcing(shown, settings)
+        return _fit_output(demos, n_basis, settings, tolerance)
+    with_basis = fit_forcing(demos, settings)
     if n_basis == 'auto':
-        return _smallest(with_basis, shown, tolerance, sum(len(d.times) for d in shown))
+        return _smallest(with_basis, demos, tolerance, sum(len(d.times) for d in demos))
     return with_basis(int(n_basis))
 
 
-def _fit_output(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
+def _fit_output(demos: list[Demonstration], n_basis: int | str, settings: FitSettings,
                 tolerance: float) -> Skill:
-    several, contexts = len(shown) > 1, settings.contexts_of(len(shown))
+    several, contexts = len(demos) > 1, settings.contexts_of(len(demos))
     if several and settings.align and contexts is None:
-        shown = aligned(shown)
-    primitive = _fitted(shown, n_basis, settings, tolerance, contexts)
+        demos = aligned(demos)
+    primitive = _fitted(demos, n_basis, settings, tolerance, contexts)
     if contexts is None or not settings.align:
         return primitive
     for _ in range(PASSES):
         # Motions of different contexts differ: each take is aligned with the one of its context.
         expected = _in_contexts(primitive, contexts)
-        primitive = _fitted(aligned(shown, expected), n_basis, settings, tolerance, contexts)
+        primitive = _fitted(aligned(demos, expected), n_basis, settings, tolerance, contexts)
     return primitive
 
 
-def _fitted(shown: list[Demonstration], n_basis: int | str, settings: FitSettings,
+def _fitted(demos: list[Demonstration], n_basis: int | str, settings: FitSettings,
             tolerance: float, contexts: Contexts | None) -> Skill:
-    fit = OutputFit(shown, settings)
+    fit = OutputFit(demos, settings)
     primitive = fit.primitive(fit.best_count(tolerance) if n_basis == 'auto' else int(n_basis))
-    if len(shown) == 1:
+    if len(demos) == 1:
         return primitive
     return replace(primitive, variation=variation_of(
-        primitive, shown, settings.weights(len(shown)), contexts))
+        primitive, demos, settings.weights(len(demos)), contexts))
 
 
 def _in_contexts(primitive: Skill, contexts: Contexts) -> list[Demonstration]:
@@ -83,7 +83,7 @@ def _in_contexts(primitive: Skill, contexts: Contexts) -> list[Demonstration]:
     return result
 
 
-def _smallest(make: Callable[[int], Skill], shown: list[Demonstration], tolerance: float,
+def _smallest(make: Callable[[int], Skill], demos: list[Demonstration], tolerance: float,
               samples: int) -> Skill:
     """
     The primitive with the fewest basis functions that meets the tolerance, found by bisection.
@@ -92,7 +92,7 @@ def _smallest(make: Callable[[int], Skill], shown: list[Demonstration], toleranc
     """
     check_tolerance(tolerance)
     most = max(MIN_BASIS, min(MAX_BASIS, samples // 2))
-    error = _error_measure(make(most), shown)
+    error = _error_measure(make(most), demos)
     tried: dict[int, float] = {}
 
     def meets(count: int) -> bool:
@@ -112,15 +112,15 @@ def _smallest(make: Callable[[int], Skill], shown: list[Demonstration], toleranc
     return make(high)
 
 
-def _error_measure(finest: Skill, shown: list[Demonstration]) -> Callable[[Skill], float]:
+def _error_measure(finest: Skill, demos: list[Demonstration]) -> Callable[[Skill], float]:
     """Error for `_smallest`: from the one demonstration, or from the finest roll-out."""
     times = np.linspace(0.0, finest.duration, 1000)
-    if len(shown) == 1:
-        span = shown[0].span()
-        return lambda primitive: relative(mean_distance(deviation(primitive, shown[0], times)),
+    if len(demos) == 1:
+        span = demos[0].span()
+        return lambda primitive: relative(mean_distance(deviation(primitive, demos[0], times)),
                                           span)
     manifold = finest.manifold
     path = Rollout(finest).sample(times).points.reshape(len(times), -1)
-    span = max(d.span() for d in shown)
+    span = max(d.span() for d in demos)
     return lambda primitive: relative(mean_distance(manifold.factor_distances(
         path, Rollout(primitive).sample(times).points.reshape(len(times), -1))), span)

@@ -36,15 +36,15 @@ class _Inverted(NamedTuple):
     velocity: np.ndarray
 
 
-def fit_forcing(shown: list[Demonstration], settings: FitSettings) -> Callable[[int], Skill]:
+def fit_forcing(demos: list[Demonstration], settings: FitSettings) -> Callable[[int], Skill]:
     """
     Prepare the fit; the result makes a primitive with a number of basis functions.
 
     Source: [GDMP] eqs. (20), (21).
     """
-    blank = blank_primitive(shown, [d.points[0] for d in shown], [d.points[-1] for d in shown],
-                            common_segments(shown, settings), settings)
-    parts = [_invert(d, blank) for d in shown]
+    blank = blank_primitive(demos, [d.points[0] for d in demos], [d.points[-1] for d in demos],
+                            common_segments(demos, settings), settings)
+    parts = [_invert(d, blank) for d in demos]
     s, forcing = (np.concatenate([p.s for p in parts]), np.vstack([p.forcing for p in parts]))
     blank = replace(blank, velocity=np.mean([p.velocity for p in parts], axis=0))
 
@@ -104,27 +104,27 @@ def with_published(fitted: Skill, ends: Sequence[tuple[np.ndarray, np.ndarray]])
     :param ends: start and goal of each motion
     """
     s = _samples(fitted.n_basis)
-    wanted = [_Motion(start, goal, _path(fitted, start, goal, s)) for start, goal in ends]
-    paths = [one.points for one in wanted]
+    target = [_Motion(start, goal, _path(fitted, start, goal, s)) for start, goal in ends]
+    paths = [motion.points for motion in target]
     published = replace(fitted, connection='published')
     best, smallest = published, np.inf
     for _ in range(INVERSIONS):
         try:
-            candidate = _inverted(published, wanted, paths, s)
-            made = [_path(candidate, one.start, one.goal, s) for one in wanted]
-            moves = [_unrolled(fitted, one, path).ways_to(one.points)
-                     for one, path in zip(wanted, made)]
+            candidate = _inverted(published, target, paths, s)
+            result = [_path(candidate, motion.start, motion.goal, s) for motion in target]
+            moves = [_unrolled(fitted, motion, path).ways_to(motion.points)
+                     for motion, path in zip(target, result)]
         except CutLocusError:
             break
-        error = float(sum((one ** 2).sum() for one in moves))
+        error = float(sum((move ** 2).sum() for move in moves))
         if not error < smallest:
             break
         best, smallest = candidate, error
-        paths = [_unrolled(fitted, one, path).moved(move)
-                 for one, path, move in zip(wanted, paths, moves)]
-    rms = math.sqrt(smallest / (len(s) * len(wanted)))
-    span = max(float(np.linalg.norm(_unrolled(fitted, one, one.points).unrolled, axis=1).max())
-               for one in wanted)
+        paths = [_unrolled(fitted, motion, path).moved(move)
+                 for motion, path, move in zip(target, paths, moves)]
+    rms = math.sqrt(smallest / (len(s) * len(target)))
+    span = max(float(np.linalg.norm(_unrolled(fitted, each, each.points).unrolled, axis=1).max())
+               for each in target)
     if rms > LARGEST_CURVATURE_ERROR * span:
         warnings.warn(f"connection='published': the roll-out is {rms:.2g} away from the fitted "
                       f"motion, {rms / span:.0%} of the span; connection='parallel' follows it",
@@ -141,25 +141,25 @@ def _path(primitive: Skill, start: np.ndarray, goal: np.ndarray, s: np.ndarray) 
     return np.asarray(rollout.sample(s).points.reshape(len(s), -1))
 
 
-def _inverted(primitive: Skill, wanted: list[_Motion], paths: list[np.ndarray],
+def _inverted(primitive: Skill, target: list[_Motion], paths: list[np.ndarray],
               s: np.ndarray) -> Skill:
     """Solve [GDMP] eq. (17) for the forcing term along the paths."""
     manifold, gains = primitive.manifold, primitive.gains
-    shown = s <= 1.0
-    x = np.exp(-gains.alpha_x * s[shown])[:, None]
+    during = s <= 1.0
+    x = np.exp(-gains.alpha_x * s[during])[:, None]
     forcing = []
-    for one, path in zip(wanted, paths):
-        goal = one.goal.reshape(-1)
+    for motion, path in zip(target, paths):
+        goal = motion.goal.reshape(-1)
         attracting = targets(manifold, primitive.segments, goal, s)
         velocity, acceleration, to_target = published_derivatives(manifold, path, attracting,
                                                                   s[1] - s[0])
-        first = manifold.log(one.start, attracting[0].reshape(manifold.point_shape))
+        first = manifold.log(motion.start, attracting[0].reshape(manifold.point_shape))
         pull = (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
-        forcing.append((pull - to_target)[shown] + first * x)
+        forcing.append((pull - to_target)[during] + first * x)
     weights = regress(basis(primitive.n_basis, gains.alpha_x), gains.alpha_x,
-                      np.tile(s[shown], len(forcing)), np.vstack(forcing), 0.0)
+                      np.tile(s[during], len(forcing)), np.vstack(forcing), 0.0)
     return replace(primitive, weights=weights)
 
 
-def _unrolled(primitive: Skill, one: _Motion, path: np.ndarray) -> Development:
-    return Development(primitive.manifold, path, frame_of(primitive, one.start))
+def _unrolled(primitive: Skill, motion: _Motion, path: np.ndarray) -> Development:
+    return Development(primitive.manifold, path, frame_of(primitive, motion.start))

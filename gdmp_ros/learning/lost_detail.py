@@ -33,10 +33,10 @@ AVERAGED = 1.0 - math.sqrt(0.5)
 
 class Reproduced(NamedTuple):
     """
-    A demonstration and what its reproduction leaves, both at the same samples.
+    A demonstration and what its each leaves, both at the same samples.
 
     :ivar curve: the demonstration, unrolled into Rⁿ, shape ``(samples, n)``
-    :ivar residual: from the reproduction to the demonstration, shape ``(samples, n)``
+    :ivar residual: from the each to the demonstration, shape ``(samples, n)``
     :ivar noise: of a sample in each factor, as known from a few samples at the ends
     """
 
@@ -63,28 +63,29 @@ class LostDetail(NamedTuple):
     distance: float
 
 
-def lost_detail(shown: Sequence[Reproduced], count: int = 0) -> LostDetail:
+def lost_detail(reproductions: Sequence[Reproduced], count: int = 0) -> LostDetail:
     """
     Compare demonstrations with their reproductions, in the columns of one factor.
 
     :param count: number of basis functions
     """
-    bins = min(max(BINS, BINS_PER_FUNCTION * count), *(len(one.curve) for one in shown))
-    noise = [_noise(one) for one in shown]
-    curves = [_binned(one.curve, bins) for one in shown]
-    residuals = [_binned(one.residual, bins) for one in shown]
+    bins = min(max(BINS, BINS_PER_FUNCTION * count), *(len(each.curve) for each in reproductions))
+    noise = [_noise(each) for each in reproductions]
+    curves = [_binned(each.curve, bins) for each in reproductions]
+    residuals = [_binned(each.residual, bins) for each in reproductions]
     # Variance of the step between two bins, from the noise of their samples.
-    steps = [2.0 * sd ** 2 * bins / len(one.curve) for sd, one in zip(noise, shown)]
+    steps = [2.0 * sd ** 2 * bins / len(each.curve) for sd, each in zip(noise, reproductions)]
     total = sum(_energy(curve, step) for curve, step in zip(curves, steps))
     kept = sum(_energy(curve - left, 0.0) for curve, left in zip(curves, residuals))
     mean = np.mean(residuals, axis=0)
-    common = len(shown) * _energy(mean, float(np.mean(steps)) / len(shown))
-    varying = sum(_energy(left - mean, step * (1.0 - 1.0 / len(shown)))
+    common = len(reproductions) * _energy(mean, float(np.mean(steps)) / len(reproductions))
+    varying = sum(_energy(left - mean, step * (1.0 - 1.0 / len(reproductions)))
                   for left, step in zip(residuals, steps))
-    square = np.mean([(one.residual ** 2).sum(axis=1).mean()
-                      - sd ** 2 * one.residual.shape[1] for one, sd in zip(shown, noise)])
+    square = np.mean([(each.residual ** 2).sum(axis=1).mean()
+                      - sd ** 2 * each.residual.shape[1]
+                      for each, sd in zip(reproductions, noise)])
     shorter = 0.0
-    if total - kept > SIGNIFICANT * _noise_error(steps, curves, shown):
+    if total - kept > SIGNIFICANT * _noise_error(steps, curves, reproductions):
         shorter = 1.0 - math.sqrt(kept / total)
     return LostDetail(shorter,
                       common / (common + varying) if common > 0.0 else 0.0,
@@ -92,7 +93,7 @@ def lost_detail(shown: Sequence[Reproduced], count: int = 0) -> LostDetail:
                       math.sqrt(max(float(square), 0.0)))
 
 
-def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduced],
+def warn_of_lost_detail(manifold: Manifold, count: int, reproductions: Sequence[Reproduced],
                         contexts: bool) -> None:
     """
     Warn of factors whose path is much shorter than that of the demonstrations.
@@ -102,8 +103,8 @@ def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduc
     """
     for k, (name, factor, columns) in enumerate(zip(
             manifold.names, manifold.factors, manifold.tangent_slices)):
-        lost = lost_detail([Reproduced(one.curve[:, columns], one.residual[:, columns],
-                                       one.noise[k:k + 1]) for one in shown], count)
+        lost = lost_detail([Reproduced(each.curve[:, columns], each.residual[:, columns],
+                                       each.noise[k:k + 1]) for each in reproductions], count)
         averaged = lost.common < 0.5
         if (lost.shorter < (AVERAGED if averaged else SHORTER)
                 or lost.distance < factor.goal_tolerance or (averaged and contexts)):
@@ -120,15 +121,15 @@ def warn_of_lost_detail(manifold: Manifold, count: int, shown: Sequence[Reproduc
         warnings.warn(text, GdmpWarning, stacklevel=6)
 
 
-def _noise(one: Reproduced) -> float:
+def _noise(item: Reproduced) -> float:
     """
     Noise of a sample.
 
     Detail of a few samples looks like noise in the residual. At the ends it does not, but there
     are few samples: they only count if they tell much less.
     """
-    residual = noise_level(one.residual)
-    return one.noise[0] if one.noise and one.noise[0] < MUCH_LESS * residual else residual
+    residual = noise_level(item.residual)
+    return item.noise[0] if item.noise and item.noise[0] < MUCH_LESS * residual else residual
 
 
 def _binned(samples: np.ndarray, bins: int) -> np.ndarray:
@@ -145,7 +146,7 @@ def _energy(binned: np.ndarray, noise: float) -> float:
 
 
 def _noise_error(steps: Sequence[float], curves: Sequence[np.ndarray],
-                 shown: Sequence[Reproduced]) -> float:
+                 reproductions: Sequence[Reproduced]) -> float:
     """
     Standard error of the motion energy.
 
@@ -153,17 +154,17 @@ def _noise_error(steps: Sequence[float], curves: Sequence[np.ndarray],
     differences, which the noise is known from, 4.6 / n.
     """
     return math.sqrt(sum((step * curve.size) ** 2
-                         * (3.0 / curve.size + 4.6 / one.curve.size)
-                         for step, curve, one in zip(steps, curves, shown)))
+                         * (3.0 / curve.size + 4.6 / each.curve.size)
+                         for step, curve, each in zip(steps, curves, reproductions)))
 
 
 def _along(curves: Sequence[np.ndarray], varying: Sequence[np.ndarray]) -> float:
     """Part of the variance that is along the curves."""
     along = total = 0.0
-    for curve, away in zip(curves, varying):
+    for curve, offset in zip(curves, varying):
         tangent = np.gradient(curve, axis=0)
         speed = np.linalg.norm(tangent, axis=1)
         tangent /= np.where(speed > 0.0, speed, 1.0)[:, None]
-        along += float(((away * tangent).sum(axis=1) ** 2).sum())
-        total += float((away ** 2).sum())
+        along += float(((offset * tangent).sum(axis=1) ** 2).sum())
+        total += float((offset ** 2).sum())
     return along / total if total > 0.0 else 0.0

@@ -82,19 +82,19 @@ class _Shape(NamedTuple):
 class OutputFit:
     """A prepared fit: makes primitives with any number of basis functions."""
 
-    def __init__(self, shown: list[Demonstration], settings: FitSettings):
-        """:param shown: uniform (`gdmp_ros.learning.preparation.prepared`)"""
-        self._starts, self._goals = [start_of(d) for d in shown], [goal_of(d) for d in shown]
+    def __init__(self, demos: list[Demonstration], settings: FitSettings):
+        """:param demos: uniform (`gdmp_ros.learning.preparation.prepared`)"""
+        self._starts, self._goals = [start_of(d) for d in demos], [goal_of(d) for d in demos]
         starts, goals = self._starts, self._goals
-        samples = [averaged(d) for d in shown]
-        self._shown, self._settings = shown, settings
-        self._manifold = manifold = shown[0].manifold
-        segments = common_segments([one.demonstration for one in samples], settings)
+        samples = [averaged(d) for d in demos]
+        self._shown, self._settings = demos, settings
+        self._manifold = manifold = demos[0].manifold
+        segments = common_segments([sample.demonstration for sample in samples], settings)
         self._blank = replace(blank_primitive(
-            shown, [one.point for one in starts], [one.point for one in goals], segments,
+            demos, [start.point for start in starts], [goal.point for goal in goals], segments,
             settings), connection='parallel')
-        self._weights = settings.weights(len(shown))
-        self._rows = Rows(tuple(one.progress for one in samples), tuple(self._weights),
+        self._weights = settings.weights(len(demos))
+        self._rows = Rows(tuple(sample.progress for sample in samples), tuple(self._weights),
                           settings.rests)
         self._moving = self._which_move(starts)
         self._shapes = [self._shape(k, samples[k], starts[k].point, goals[k].point)
@@ -130,7 +130,7 @@ class OutputFit:
         self._warn(count, residuals)
         if self._settings.connection == 'parallel':
             return fitted
-        return with_published(fitted, [(one.start, one.goal) for one in self._shapes])
+        return with_published(fitted, [(shape.start, shape.goal) for shape in self._shapes])
 
     def best_count(self, tolerance: float) -> int:
         """
@@ -161,13 +161,13 @@ class OutputFit:
         """Warn of detail that is lost."""
         if not np.isfinite(residuals).all():
             return
-        shown, row = [], 0
+        demo, row = [], 0
         for number, shape in enumerate(self._shapes):
             scale, samples = self._rows.scale(number), self._rows.progress[number][2]
             own = residuals[row:row + samples] / scale[:samples, None]
-            shown.append(Reproduced(shape.curve[:samples], own, self._noise(number, samples)))
+            demo.append(Reproduced(shape.curve[:samples], own, self._noise(number, samples)))
             row += len(scale)
-        warn_of_lost_detail(self._manifold, count, shown, self._settings.contexts is not None)
+        warn_of_lost_detail(self._manifold, count, demo, self._settings.contexts is not None)
 
     def _noise(self, number: int, samples: int) -> tuple[float, ...]:
         """Noise of a demonstration at its ends, by factor, after the average of samples."""
@@ -190,21 +190,21 @@ class OutputFit:
             velocities.append(manifold.to_frame(frame_of(self._blank, first), tangent))
         shares = self._weights / len(starts)
         velocity = shares @ np.array(velocities)
-        error = np.sqrt(shares ** 2 @ np.array([one.velocity_error ** 2 for one in starts]))
+        error = np.sqrt(shares ** 2 @ np.array([start.velocity_error ** 2 for start in starts]))
         return tuple(bool(np.linalg.norm(velocity[columns])
                           > MOVING * np.linalg.norm(error[columns]))
                      for columns in self._columns)
 
     def _shape(self, number: int, samples: Samples, start: np.ndarray, goal: np.ndarray
                ) -> _Shape:
-        manifold, shown = self._manifold, samples.demonstration
+        manifold, demo = self._manifold, samples.demonstration
         progress = self._rows.of(number)
         flat_goal = manifold.flat(goal)
         held = np.broadcast_to(flat_goal, (self._rows.holds(number), flat_goal.size))
-        points = np.vstack([shown.flat_points, held])
-        attracting = targets(manifold, own_segments(self._blank, shown), flat_goal, progress)
+        points = np.vstack([demo.flat_points, held])
+        attracting = targets(manifold, own_segments(self._blank, demo), flat_goal, progress)
         frame = frame_of(self._blank, start)
-        offset, _ = manifold.log_in_frame(frame, shown.points[0])
+        offset, _ = manifold.log_in_frame(frame, demo.points[0])
         development = Development(manifold, points, manifold.transport_frame(frame, offset),
                                   targets=attracting)
         return _Shape(start, goal, frame, progress, points, attracting,
@@ -227,25 +227,25 @@ class OutputFit:
     # Regression
 
     def _scores(self, count: int) -> np.ndarray:
-        shown = np.concatenate([np.arange(len(self._rows.of(k))) < self._rows.progress[k][2]
-                                for k in range(len(self._shapes))])
+        demo = np.concatenate([np.arange(len(self._rows.of(k))) < self._rows.progress[k][2]
+                               for k in range(len(self._shapes))])
         rows = replace(self._rows, rests=False)
-        return np.array([one.score for one in self._solve(count, self._wanted[shown], rows)])
+        return np.array([item.score for item in self._solve(count, self._wanted[demo], rows)])
 
-    def _solve(self, count: int, wanted: np.ndarray, rows: Rows) -> list[Ridge]:
+    def _solve(self, count: int, target: np.ndarray, rows: Rows) -> list[Ridge]:
         """The regression of each factor."""
-        return [solve(regression(count, self._settings.gains, rows, moving), wanted[:, columns],
+        return [solve(regression(count, self._settings.gains, rows, moving), target[:, columns],
                       self._goal[columns])
                 for columns, moving in zip(self._columns, self._moving)]
 
-    def _fitted(self, count: int, wanted: np.ndarray) -> Skill:
+    def _fitted(self, count: int, target: np.ndarray) -> Skill:
         velocity = np.zeros(self._manifold.tangent_size)
         weights = np.zeros((count, self._manifold.tangent_size))
-        for columns, moving, found in zip(self._columns, self._moving,
-                                          self._solve(count, wanted, self._rows)):
+        for columns, moving, result in zip(self._columns, self._moving,
+                                           self._solve(count, target, self._rows)):
             if moving:
-                velocity[columns] = found.solution[0]
-            weights[:, columns] = found.solution[-count:]
+                velocity[columns] = result.solution[0]
+            weights[:, columns] = result.solution[-count:]
         return replace(self._blank, velocity=velocity, weights=weights)
 
     def _predicted(self, primitive: Skill) -> np.ndarray:
@@ -274,8 +274,8 @@ class OutputFit:
         Infinite if the roll-out jumps or is held.
         """
         try:
-            return np.vstack([scale[:, None] * away
-                              for scale, away in self._deviations(primitive)])
+            return np.vstack([scale[:, None] * offset
+                              for scale, offset in self._deviations(primitive)])
         except CutLocusError:
             return np.full(self._wanted.shape, np.inf)
 
@@ -286,11 +286,11 @@ class OutputFit:
             rollout = Rollout(primitive, start=shape.start, goal=shape.goal, duration=1.0)
             path = rollout.sample(shape.progress).points.reshape(len(shape.progress), -1)
             offset, _ = manifold.log_in_frame(shape.frame, path[0].reshape(manifold.point_shape))
-            away = Development(manifold, path, manifold.transport_frame(
+            deviation = Development(manifold, path, manifold.transport_frame(
                 shape.frame, offset)).ways_to(shape.points)
             if 'held' in rollout.flags:
-                away[:] = np.inf
-            yield self._rows.scale(number), away
+                deviation[:] = np.inf
+            yield self._rows.scale(number), deviation
 
 
 def _size(residuals: np.ndarray) -> float:

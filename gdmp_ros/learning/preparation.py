@@ -225,23 +225,23 @@ def prepared(demonstrations: Demonstration | Sequence[Demonstration],
 
     :raises DataError: without demonstrations, if their manifolds differ, or if one is too short
     """
-    shown = as_list(demonstrations)
-    if not shown:
+    demos = as_list(demonstrations)
+    if not demos:
         raise DataError('learning needs at least one demonstration, got none')
-    for number, demonstration in enumerate(shown):
-        if demonstration.manifold != shown[0].manifold:
+    for number, demonstration in enumerate(demos):
+        if demonstration.manifold != demos[0].manifold:
             raise DataError(f'demonstration {number} is on {demonstration.manifold!r}, '
-                            f'the first on {shown[0].manifold!r}')
+                            f'the first on {demos[0].manifold!r}')
         if demonstration.duration < SHORTEST_DURATION:
             raise DataError(f'demonstration {number} lasts {demonstration.duration:.4g} s, '
                             f'expected at least {SHORTEST_DURATION:g} s: no arm follows a '
                             'shorter motion')
     if smoothing is not None:
-        shown = [d.smoothed(smoothing) for d in shown]
-    return [d.uniform().aligned(shown[0].points[0]) for d in shown]
+        demos = [d.smoothed(smoothing) for d in demos]
+    return [d.uniform().aligned(demos[0].points[0]) for d in demos]
 
 
-def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals: list[np.ndarray],
+def blank_primitive(demos: list[Demonstration], starts: list[np.ndarray], goals: list[np.ndarray],
                     segments: Segments, settings: FitSettings) -> Skill:
     """
     The primitive without velocity and weights: everything that does not depend on them.
@@ -250,9 +250,9 @@ def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals:
     :param goals: its goal
     :param segments: see `common_segments`
     """
-    manifold, weights = shown[0].manifold, settings.weights(len(shown))
+    manifold, weights = demos[0].manifold, settings.weights(len(demos))
     start = _mean(manifold, starts, weights)
-    duration = float(np.average([d.duration for d in shown], weights=weights))
+    duration = float(np.average([d.duration for d in demos], weights=weights))
     return Skill(
         manifold=manifold, connection=settings.connection, gains=settings.gains, start=start,
         goal=_mean(manifold, goals, weights), frame=manifold.frame(start), duration=duration,
@@ -261,20 +261,20 @@ def blank_primitive(shown: list[Demonstration], starts: list[np.ndarray], goals:
         segments=segments, provenance=settings.provenance)
 
 
-def common_segments(shown: list[Demonstration], settings: FitSettings) -> Segments:
+def common_segments(demos: list[Demonstration], settings: FitSettings) -> Segments:
     """Where a motion is split at the cut locus; all demonstrations have the same segments."""
     if not settings.split:
         return Segments()
-    manifold = shown[0].manifold
+    manifold = demos[0].manifold
     distances, spacing = zip(*(cut_locus_distances(manifold, d.flat_points, d.flat_points[-1])
-                               for d in shown))
+                               for d in demos))
     split = tuple(any(column) for column in zip(
-        *(split_factors(manifold, one, steps) for one, steps in zip(distances, spacing))))
+        *(split_factors(manifold, each, steps) for each, steps in zip(distances, spacing))))
     if not any(split):
         return Segments()
     ends = segment_ends(spacing, split)
-    at = [_points_at(d, ends) for d in shown]
-    weights = settings.weights(len(shown))
+    at = [_points_at(d, ends) for d in demos]
+    weights = settings.weights(len(demos))
     waypoints = [_mean(manifold, [points[k] for points in at], weights)
                  for k in range(len(ends))]
     return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)

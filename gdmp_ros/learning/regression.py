@@ -96,10 +96,10 @@ class Rows:
     def of(self, number: int) -> np.ndarray:
         """Progress of the rows of one demonstration."""
         first, last, count = self.progress[number]
-        shown = np.linspace(first, last, count)
+        demo = np.linspace(first, last, count)
         if not self.rests:
-            return shown
-        return np.concatenate([shown, np.linspace(1.0, LAST, self.holds(number) + 1)[1:]])
+            return demo
+        return np.concatenate([demo, np.linspace(1.0, LAST, self.holds(number) + 1)[1:]])
 
     def holds(self, number: int) -> int:
         """Number of samples at the goal after the end."""
@@ -160,23 +160,23 @@ class Ridge(NamedTuple):
     score: float
 
 
-def solve(regression: Regression, wanted: np.ndarray, goal: np.ndarray) -> Ridge:
+def solve(regression: Regression, target: np.ndarray, goal: np.ndarray) -> Ridge:
     """
     Choose the strength of the penalty by generalised cross-validation.
 
-    :param wanted: what the responses have to add up to, shape ``(rows, n)``
+    :param target: what the responses have to add up to, shape ``(rows, n)``
     :param goal: coordinates from the start, shape ``(n,)``; the motion to it is to be smooth
     """
     smoothest = regression.smoothest[:, None] * goal
-    wanted = wanted - regression.matrix @ smoothest
-    found = regression.basis.T @ wanted
+    target = target - regression.matrix @ smoothest
+    result = regression.basis.T @ target
     # Computed directly: the difference of two sums of squares has no digits left on clean data.
-    outside = float(((wanted - regression.basis @ found) ** 2).sum())
+    outside = float(((target - regression.basis @ result) ** 2).sum())
     strengths = regression.singular[0] ** 2 * STRENGTHS
     kept = regression.singular ** 2 / (regression.singular ** 2 + strengths[:, None])
-    best, score = _cross_validated(kept, found, outside, len(wanted))
+    best, score = _cross_validated(kept, result, outside, len(target))
     gains = regression.singular / (regression.singular ** 2 + strengths[best])
-    return Ridge(smoothest + regression.back @ (gains[:, None] * found), score)
+    return Ridge(smoothest + regression.back @ (gains[:, None] * result), score)
 
 
 def _cross_validated(kept: np.ndarray, coordinates: np.ndarray, outside: float, rows: int
@@ -277,10 +277,10 @@ class FourierRegression:
         self._penalties, self._basis = eigh(np.diag([0.0, *penalty]), gram)
         self._penalties = np.maximum(self._penalties, 0.0) * len(matrix)
 
-    def fitted(self, wanted: np.ndarray) -> np.ndarray:
+    def fitted(self, target: np.ndarray) -> np.ndarray:
         """Coefficients, with the strength of the penalty that cross-validation chooses."""
-        found = self._basis.T @ (self._matrix.T @ wanted)
-        outside = float(((wanted - self._matrix @ (self._basis @ found)) ** 2).sum())
+        result = self._basis.T @ (self._matrix.T @ target)
+        outside = float(((target - self._matrix @ (self._basis @ result)) ** 2).sum())
         kept = 1.0 / (1.0 + FOURIER_STRENGTHS[:, None] * self._penalties)
-        best, _ = _cross_validated(kept, found, outside, len(wanted))
-        return np.asarray(self._basis @ (kept[best][:, None] * found))
+        best, _ = _cross_validated(kept, result, outside, len(target))
+        return np.asarray(self._basis @ (kept[best][:, None] * result))

@@ -83,36 +83,37 @@ def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstrat
     Each demonstration is reproduced between its own start and goal, in its own duration. Of a
     rhythmic skill the cycle is compared; the duration of a demonstration is then that of a cycle.
     """
-    shown, alpha_x = as_list(demonstrations), skill.gains.alpha_x
+    demos, alpha_x = as_list(demonstrations), skill.gains.alpha_x
     if skill.rhythmic:
-        return _cycle_report(skill, shown)
+        return _cycle_report(skill, demos)
     # As many samples as learning uses: `Demonstration.uniform`.
-    s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), MIN_RESAMPLED)) for d in shown])
+    s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), MIN_RESAMPLED)) for d in demos])
     matrix, _ = scaled_design_matrix(basis(skill.n_basis, alpha_x), alpha_x, s)
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
-               tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in shown))
+               tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in demos))
 
 
-def _cycle_report(skill: Skill, shown: list[Demonstration]) -> Fit:
+def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
     matrix = np.empty((PHASES, skill.n_basis))
     periodic_design(periodic_basis(skill.n_basis), np.arange(PHASES) / PHASES, matrix)
-    found = []
-    for one, take in zip(shown, cycle_takes(skill, shown)):
-        found.append(DemonstrationFit(
-            take.period, len(one.times), tuple(take.away.mean(axis=0).tolist()),
+    result = []
+    for demo, take in zip(demos, cycle_takes(skill, demos)):
+        result.append(DemonstrationFit(
+            take.period, len(demo.times), tuple(take.away.mean(axis=0).tolist()),
             tuple(take.away.max(axis=0).tolist()),
-            relative(mean_distance(take.away), one.span()), tuple(suspect_samples(one)),
-            _noise(one), take.cycles, take.times))
+            relative(mean_distance(take.away), demo.span()), tuple(suspect_samples(demo)),
+            _noise(demo), take.cycles, take.times))
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2), (),
-               tuple(found))
+               tuple(result))
 
 
 def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
     times = demonstration.times - demonstration.times[0]
-    away = deviation(skill, demonstration, times)
-    error = relative(mean_distance(away), demonstration.span())
-    return DemonstrationFit(demonstration.duration, len(times), tuple(away.mean(axis=0).tolist()),
-                            tuple(away.max(axis=0).tolist()), error,
+    offset = deviation(skill, demonstration, times)
+    error = relative(mean_distance(offset), demonstration.span())
+    return DemonstrationFit(demonstration.duration, len(times),
+                            tuple(offset.mean(axis=0).tolist()),
+                            tuple(offset.max(axis=0).tolist()), error,
                             tuple(suspect_samples(demonstration)), _noise(demonstration))
 
 
@@ -133,13 +134,13 @@ def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
     times = demonstration.times - demonstration.times[0]
     spacing = np.diff(times)
     usual = float(np.median(spacing))
-    found = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
-                       f'{spacing[i] / usual:.0f} times the usual spacing')
-             for i in np.flatnonzero(spacing > _GAP * usual)]
+    result = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
+                        f'{spacing[i] / usual:.0f} times the usual spacing')
+              for i in np.flatnonzero(spacing > _GAP * usual)]
     curve = _unrolled(demonstration)
     scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
-    found += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
-    first = {one.sample: one for one in reversed(found)}
+    result += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
+    first = {item.sample: item for item in reversed(result)}
     return sorted(first.values())[:MAX_LISTED]
 
 
@@ -191,30 +192,30 @@ class CycleTake(NamedTuple):
     points: np.ndarray
 
 
-def cycle_takes(skill: Skill, shown: list[Demonstration]) -> list[CycleTake]:
+def cycle_takes(skill: Skill, demos: list[Demonstration]) -> list[CycleTake]:
     """
     Find the cycles of recordings, and their distances from that of a rhythmic skill.
 
     :raises GdmpError: if a recording does not repeat a cycle
     """
-    manifold, uniform = skill.manifold, [thinned(one) for one in prepared(shown, None)]
+    manifold, uniform = skill.manifold, [thinned(item) for item in prepared(demos, None)]
     try:
-        fitted = CycleFit(uniform, np.ones(len(shown)), None).fitted()
+        fitted = CycleFit(uniform, np.ones(len(demos)), None).fitted()
     except DataError:  # one cycle, learned with its period
-        fitted = CycleFit(uniform, np.ones(len(shown)), skill.duration).fitted()
+        fitted = CycleFit(uniform, np.ones(len(demos)), skill.duration).fitted()
     s = np.arange(_PHASES) / _PHASES
     orbit = Rollout(skill).sample((1.0 + s) * skill.duration).points.reshape(_PHASES, -1)
     spans = manifold.factor_distances(np.repeat(orbit[:1], _PHASES, axis=0), orbit).max(axis=0)
     weights = 1.0 / np.maximum(spans, 1e-9)
     takes = []
-    for one, take in zip(uniform, fitted.takes):
+    for item, take in zip(uniform, fitted.takes):
         first, last = take.samples
         points = np.array([manifold.flat(manifold.align(p, skill.start))
-                           for p in one.points[first:last + 1]])
+                           for p in item.points[first:last + 1]])
         at = np.rint(take.progress * _PHASES).astype(np.int64)
         few = slice(None, None, max(len(points) // 100, 1))
         at += _shift(manifold, points[few], at[few], orbit, weights)
-        spacing = one.duration / (len(one.times) - 1)
+        spacing = item.duration / (len(item.times) - 1)
         takes.append(CycleTake(take.cycles, take.period, (first * spacing, last * spacing),
                                manifold.factor_distances(points, orbit[at % _PHASES]),
                                at / _PHASES, points))
@@ -225,8 +226,8 @@ def _shift(manifold: Manifold, points: np.ndarray, at: np.ndarray, orbit: np.nda
            weights: np.ndarray) -> int:
     """By how many phases points have to be shifted to be nearest to the cycle."""
     def apart(shift: int) -> float:
-        away = manifold.factor_distances(points, orbit[(at + shift) % _PHASES])
-        return float(((weights * away) ** 2).sum())
+        offset = manifold.factor_distances(points, orbit[(at + shift) % _PHASES])
+        return float(((weights * offset) ** 2).sum())
     shift, around = 0, _PHASES
     for step in _STEPS:
         shift = min(range(shift - around // 2, shift + around // 2 + 1, step), key=apart)

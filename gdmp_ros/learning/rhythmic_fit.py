@@ -52,24 +52,24 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
                              "'auto'")
     check_tolerance(tolerance)
-    shown = [thinned(one) for one in prepared(demonstrations, settings.smoothing)]
-    weights = settings.weights(len(shown))
-    fitted = CycleFit(shown, weights, period).fitted()
-    manifold, gains = shown[0].manifold, settings.gains
+    demos = [thinned(item) for item in prepared(demonstrations, settings.smoothing)]
+    weights = settings.weights(len(demos))
+    fitted = CycleFit(demos, weights, period).fitted()
+    manifold, gains = demos[0].manifold, settings.gains
     curve = _Curve(manifold, fitted.centre, fitted.series)
     counts = COUNTS if n_basis == 'auto' else (int(n_basis),)
     phases = max(PHASES, PER_FUNCTION * counts[-1])
     progress = np.arange(phases) / phases
     forcing, velocity = curve.forcing(progress, gains)
-    chosen, found, error = _smallest(counts, progress, forcing,
-                                     curve.limits(progress, tolerance))
+    chosen, result, error = _smallest(counts, progress, forcing,
+                                      curve.limits(progress, tolerance))
     if n_basis == 'auto' and error > 1.0:
         warn_tolerance(chosen, error * tolerance, tolerance)
-    lasts = float(np.average([one.period for one in fitted.takes], weights=weights))
+    lasts = float(np.average([take.period for take in fitted.takes], weights=weights))
     primitive = Skill(
         manifold=manifold, connection=settings.connection, gains=gains, start=curve.start,
         goal=curve.centre, frame=manifold.frame(curve.start), duration=lasts,
-        velocity=manifold.to_frame(manifold.frame(curve.start), velocity), weights=found,
+        velocity=manifold.to_frame(manifold.frame(curve.start), velocity), weights=result,
         steps=max(MIN_STEPS, math.ceil(lasts / 1e-3 - 1e-6)), provenance=settings.provenance,
         rhythmic=True)
     return LearnedCycle(primitive, fitted)
@@ -110,8 +110,8 @@ class _Curve:
         self.centre = manifold.align(self.centre, centre)
         fine = 4 * count
         points = _points(manifold, manifold.frame(centre), series.at(np.arange(fine) / fine))
-        away, _ = coordinates(manifold, self.centre, points)
-        self._series = _interpolated(away)
+        offset, _ = coordinates(manifold, self.centre, points)
+        self._series = _interpolated(offset)
         self._frame = manifold.frame(self.centre)
         self.start = _points(manifold, self._frame, self._series.at(np.zeros(1))).reshape(
             manifold.point_shape)
@@ -140,21 +140,22 @@ class _Curve:
         :returns: the forcing term in the frame of the centre, and the velocity by progress at the
             start, a tangent there
         """
-        manifold, away = self._manifold, self._series.at(progress)
-        frames = manifold.transport_frame(self._frame, away)
+        manifold, offset = self._manifold, self._series.at(progress)
+        frames = manifold.transport_frame(self._frame, offset)
         near = {}
         for step in (-2, -1, 1, 2):
             points = _points(manifold, self._frame, self._series.at(progress + step * _STEP))
             near[step], _ = manifold.log_in_frame(frames, manifold.unflat(points))
         velocity = (8.0 * (near[1] - near[-1]) - (near[2] - near[-2])) / (12.0 * _STEP)
         acceleration = (16.0 * (near[1] + near[-1]) - (near[2] + near[-2])) / (12.0 * _STEP ** 2)
-        forcing = away + (acceleration + gains.alpha_z * velocity) / (gains.alpha_z * gains.beta_z)
+        pull = gains.alpha_z * gains.beta_z
+        forcing = offset + (acceleration + gains.alpha_z * velocity) / pull
         return forcing, manifold.from_frame(frames[0], velocity[0])
 
 
-def _points(manifold: Manifold, frame: np.ndarray, away: np.ndarray) -> np.ndarray:
+def _points(manifold: Manifold, frame: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Flat points at coordinates, shape ``(count, point_size)``."""
-    return manifold.flat(manifold.frame_point(manifold.transport_frame(frame, away)))
+    return manifold.flat(manifold.frame_point(manifold.transport_frame(frame, offset)))
 
 
 def _interpolated(values: np.ndarray) -> Series:

@@ -52,12 +52,12 @@ class Mixture:
         :returns: shape ``(len(times), d, d)``
         """
         means, covariances = self._fitted.means_, self._fitted.covariances_
-        away = np.asarray(times)[:, None] - means[:, 0]
+        offset = np.asarray(times)[:, None] - means[:, 0]
         variances, slopes = covariances[:, 0, 0], covariances[:, 1:, 0]
-        exponents = -0.5 * (away ** 2 / variances + np.log(variances))
+        exponents = -0.5 * (offset ** 2 / variances + np.log(variances))
         shares = softmax(np.log(self._fitted.weights_) + exponents, axis=1)
         # Of each component, given the time: mean, and covariance, which is the same at all times.
-        given = means[:, 1:] + (away / variances)[:, :, None] * slopes
+        given = means[:, 1:] + (offset / variances)[:, :, None] * slopes
         within = covariances[:, 1:, 1:] - np.einsum('ki,kj->kij', slopes,
                                                     slopes / variances[:, None])
         given -= np.einsum('tk,tki->ti', shares, given)[:, None]
@@ -168,8 +168,8 @@ def stiffness_from_takes(demonstrations: Sequence[Demonstration], least: float =
     :raises ParameterError: unless ``0 < least < most``
     """
     check_stiffness_bounds(least, most)
-    found, size = _aligned_takes(demonstrations)
-    return found.progress, _stiffness(covariances(found, size), least, most)
+    result, size = _aligned_takes(demonstrations)
+    return result.progress, _stiffness(covariances(result, size), least, most)
 
 
 def stiffness_of_each(demonstrations: Sequence[Demonstration], least: float = 200.0,
@@ -180,13 +180,13 @@ def stiffness_of_each(demonstrations: Sequence[Demonstration], least: float = 20
     :returns: for each demonstration, shape ``(T, d, d)`` [N/m]
     """
     check_stiffness_bounds(least, most)
-    found, size = _aligned_takes(demonstrations)
-    matrices = _stiffness(covariances(found, size), least, most)
-    profile = Demonstration(found.progress, matrices, SymmetricPositiveDefinite(size))
+    located, size = _aligned_takes(demonstrations)
+    matrices = _stiffness(covariances(located, size), least, most)
+    profile = Demonstration(located.progress, matrices, SymmetricPositiveDefinite(size))
     result = []
-    for take, warp in zip(demonstrations, found.warps):
+    for take, warp in zip(demonstrations, located.warps):
         own = (take.times - take.times[0]) / take.duration
-        result.append(profile.at(np.interp(own, warp, found.progress)))
+        result.append(profile.at(np.interp(own, warp, located.progress)))
     return result
 
 
@@ -199,16 +199,16 @@ def covariances_of_takes(demonstrations: Sequence[Demonstration]) -> np.ndarray:
     return covariances(*_aligned_takes(demonstrations))
 
 
-def covariances(found: Aligned, size: int) -> np.ndarray:
+def covariances(result: Aligned, size: int) -> np.ndarray:
     """:param size: of the position, the first numbers of each point"""
-    positions = found.points[:, :, :size]
-    away = positions - positions.mean(axis=0)
+    positions = result.points[:, :, :size]
+    offset = positions - positions.mean(axis=0)
     freedom = len(positions) - 1
-    raw = np.einsum('kti,ktj->tij', away, away) / freedom
+    raw = np.einsum('kti,ktj->tij', offset, offset) / freedom
     smooth = gaussian_filter1d(raw, SMOOTHING * (SAMPLES - 1), axis=0, mode='nearest')
-    along = _directions(found.mean[:, :size])
-    return np.array([_shrunk(_at_least_along(one, direction), freedom)
-                     for one, direction in zip(smooth, along)])
+    along = _directions(result.mean[:, :size])
+    return np.array([_shrunk(_at_least_along(item, direction), freedom)
+                     for item, direction in zip(smooth, along)])
 
 
 def _directions(path: np.ndarray) -> np.ndarray:
@@ -255,8 +255,8 @@ def _shrunk(covariance: np.ndarray, freedom: int) -> np.ndarray:
     return np.asarray((1.0 - share) * covariance + share * trace / size * np.eye(size))
 
 
-def _stiffness(found: np.ndarray, least: float, most: float) -> np.ndarray:
-    return _of_covariances(found, least, most, centred=False, floor=AGREEMENT ** 2)
+def _stiffness(result: np.ndarray, least: float, most: float) -> np.ndarray:
+    return _of_covariances(result, least, most, centred=False, floor=AGREEMENT ** 2)
 
 
 #: The stiffness in a direction is known if its standard error is at most this part of the range.
@@ -364,11 +364,11 @@ def force_stiffness(records: ForceRecords, mass: float, damping: float, window: 
         spread - ((count - 1.0) * position_noise ** 2 * used)[:, None, None] * np.eye(size))
     least = _LEAST_EXCITATION * np.einsum('tii->t', spread)[:, None]
     floored = np.maximum(excited, least)
-    found = np.array([_symmetric(vectors, values, one) for vectors, values, one
-                      in zip(directions, floored, work)])
-    errors = np.where(excited > least, _errors(offset, force, found, directions, records.times,
+    result = np.array([_symmetric(vectors, values, item) for vectors, values, item
+                       in zip(directions, floored, work)])
+    errors = np.where(excited > least, _errors(offset, force, result, directions, records.times,
                                                window) / floored, np.inf)
-    values, vectors = np.linalg.eigh(found)
+    values, vectors = np.linalg.eigh(result)
     clipped = np.einsum('tij,tj,tkj->tik', vectors, np.clip(values, k_min, k_max), vectors)
     profile = Demonstration(records.times, clipped, SymmetricPositiveDefinite(size))
     return ForceStiffness(np.array(profile.smoothed(smoothing).points), directions, errors,
@@ -381,7 +381,7 @@ def _symmetric(vectors: np.ndarray, values: np.ndarray, work: np.ndarray) -> np.
     return np.asarray(vectors @ (both / np.add.outer(values, values)) @ vectors.T)
 
 
-def _errors(offset: np.ndarray, force: np.ndarray, found: np.ndarray, directions: np.ndarray,
+def _errors(offset: np.ndarray, force: np.ndarray, result: np.ndarray, directions: np.ndarray,
             times: np.ndarray, window: float) -> np.ndarray:
     """
     Standard error of ``K A u`` in each direction u.
@@ -390,10 +390,10 @@ def _errors(offset: np.ndarray, force: np.ndarray, found: np.ndarray, directions
     time.
     """
     count = len(offset)
-    rest = force - np.einsum('tij,ntj->nti', found, offset)
+    rest = force - np.einsum('tij,ntj->nti', result, offset)
     along = np.einsum('nti,tij->ntj', offset, directions)
-    scores = np.array([_windowed(np.einsum('ti,tj->tij', one, other), times, window)
-                       for one, other in zip(rest, along)])
+    scores = np.array([_windowed(np.einsum('ti,tj->tij', item, other), times, window)
+                       for item, other in zip(rest, along)])
     return np.asarray(np.sqrt(count / (count - 1.0) * (scores ** 2).sum(axis=(0, 2))))
 
 

@@ -88,25 +88,25 @@ def basis_errors(demonstrations: Sequence[Demonstration],
     demonstrations = aligned(demonstrations)
     fit, left_out = _fit(demonstrations), []
     if len(demonstrations) > 1:
-        left_out = [(one, _fit([*demonstrations[:i], *demonstrations[i + 1:]]))
-                    for i, one in enumerate(demonstrations)]
+        left_out = [(demo, _fit([*demonstrations[:i], *demonstrations[i + 1:]]))
+                    for i, demo in enumerate(demonstrations)]
     finest = fit(COUNTS[-1]).reproduce(_DT)
     manifold = demonstrations[0].manifold
     motion = Demonstration(finest.times, finest.points, manifold)
     for count in COUNTS:
         skill = fit(count)
         training = reproduction_error(skill, demonstrations, _DT).mean()
-        made = skill.reproduce(_DT).points.reshape(len(finest.times), -1)
-        detail = mean_distance(manifold.factor_distances(motion.flat_points, made)) / motion.span()
-        unseen = [reproduction_error(other(count), one, _DT)[0] for one, other in left_out]
+        path = skill.reproduce(_DT).points.reshape(len(finest.times), -1)
+        detail = mean_distance(manifold.factor_distances(motion.flat_points, path)) / motion.span()
+        unseen = [reproduction_error(other(count), item, _DT)[0] for item, other in left_out]
         result.append(BasisError(count, detail, float(training),
                                  float(np.mean(unseen)) if unseen else float('nan')))
         step()
     return result
 
 
-def _fit(shown: Sequence[Demonstration]) -> Callable[[int], Skill]:
-    fit = OutputFit(prepared(shown, None), FitSettings(Gains(), 'parallel', end='moving'))
+def _fit(demos: Sequence[Demonstration]) -> Callable[[int], Skill]:
+    fit = OutputFit(prepared(demos, None), FitSettings(Gains(), 'parallel', end='moving'))
 
     def make(count: int) -> Skill:
         # What each number of functions loses is the result itself.
@@ -118,8 +118,8 @@ def _fit(shown: Sequence[Demonstration]) -> Callable[[int], Skill]:
 
 def sufficient_basis(errors: Sequence[BasisError]) -> int:
     """Fewest basis functions whose missing detail is small against the demonstrations' spread."""
-    limit = max(SMALL_DETAIL, DETAIL * min(one.training for one in errors))
-    return next(one.functions for one in errors if one.detail <= limit)
+    limit = max(SMALL_DETAIL, DETAIL * min(error.training for error in errors))
+    return next(error.functions for error in errors if error.detail <= limit)
 
 
 def goal_switches(skill: Skill, span: float) -> list[GoalSwitch]:
@@ -168,13 +168,13 @@ def _switched(skill: Skill, plain: np.ndarray, times: np.ndarray, offset: np.nda
 
 def smooth_gain(switches: Sequence[GoalSwitch]) -> float:
     """Largest gain whose goal switch is smooth (`SMOOTH_SWITCH`); the smallest if none is."""
-    return max((one.gain for one in switches if one.acceleration <= SMOOTH_SWITCH),
+    return max((switch.gain for switch in switches if switch.acceleration <= SMOOTH_SWITCH),
                default=switches[0].gain)
 
 
 def speeds(demonstrations: Sequence[Demonstration], skill: Skill) -> Speeds:
     """Largest speeds of the skill's path, at the tempo of the fastest demonstration."""
-    fastest = skill.duration / min(one.duration for one in demonstrations)
+    fastest = skill.duration / min(demo.duration for demo in demonstrations)
     path = skill.reproduce(_DT)
     linear, half_angular = (np.linalg.norm(path.velocities[:, part], axis=1).max()
                             for part in (slice(0, 3), slice(3, 6)))

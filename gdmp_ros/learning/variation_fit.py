@@ -83,22 +83,22 @@ class ContextFit:
     :ivar left: what is left of each take if the others explain it, shape ``(takes, any)``
     """
 
-    def __init__(self, contexts: Contexts, shown: np.ndarray, scales: np.ndarray,
+    def __init__(self, contexts: Contexts, demo: np.ndarray, scales: np.ndarray,
                  take_weights: np.ndarray):
         """
-        :param shown: numbers of each take, shape ``(takes, any)``
+        :param demo: numbers of each take, shape ``(takes, any)``
         :param scales: that make these numbers comparable
         :param take_weights: 1 on average
         """
-        self._contexts, self._shown, self._weights = contexts, shown, take_weights
-        self._linear = np.column_stack([np.ones(len(shown)), contexts.numbers])
+        self._contexts, self._shown, self._weights = contexts, demo, take_weights
+        self._linear = np.column_stack([np.ones(len(demo)), contexts.numbers])
         self._range = np.ptp(contexts.numbers, axis=0)
         # Distances between the takes are all that the choice needs: a square matrix has them.
-        left, values, _ = np.linalg.svd(shown * scales, full_matrices=False)
+        left, values, _ = np.linalg.svd(demo * scales, full_matrices=False)
         self._compact = left * values
         self._lengths, self._noise = self._chosen()
         self._maps = kriging(self._covariance(self._lengths, self._noise), self._linear)
-        self.left = (self._maps.bend @ shown) / np.diag(self._maps.bend)[:, None]
+        self.left = (self._maps.bend @ demo) / np.diag(self._maps.bend)[:, None]
 
     def model(self, rows: Callable[[np.ndarray], np.ndarray], lengths: np.ndarray
               ) -> tuple[ContextModel, np.ndarray]:
@@ -113,8 +113,8 @@ class ContextFit:
         near = correlations(self._contexts.numbers, self._contexts.numbers, self._lengths)
         explained = self._linear @ trend.T + near @ bend.T
         roots = np.sqrt(self._weights)[:, None]
-        away = roots * (explained - np.average(explained, axis=0, weights=self._weights))
-        _, values, right = np.linalg.svd(away / np.sqrt(len(away) - 1.0), full_matrices=False)
+        offset = roots * (explained - np.average(explained, axis=0, weights=self._weights))
+        _, values, right = np.linalg.svd(offset / np.sqrt(len(offset) - 1.0), full_matrices=False)
         kept = values > 1e-9 * values[0]
         # The few durations say no more than a trend.
         timing = np.linalg.lstsq(roots * self._linear, roots[:, 0] * lengths, rcond=None)[0]
@@ -143,10 +143,10 @@ class ContextFit:
     def _chosen(self) -> tuple[np.ndarray, float]:
         """One length for all numbers: one for each would be chosen from too few takes."""
         from scipy.optimize import minimize  # slow to import
-        found = min((minimize(self._unlikelihood, np.log(start), method='L-BFGS-B',
-                              bounds=np.log([LENGTHS, NOISES])) for start in STARTS),
-                    key=lambda one: float(one.fun))
-        length, noise = np.exp(found.x)
+        result = min((minimize(self._unlikelihood, np.log(start), method='L-BFGS-B',
+                               bounds=np.log([LENGTHS, NOISES])) for start in STARTS),
+                     key=lambda item: float(item.fun))
+        length, noise = np.exp(result.x)
         return length * self._range, float(noise)
 
 
@@ -176,8 +176,8 @@ def variation_of(primitive: Skill, takes: Sequence[Demonstration],
     # Second moments are then weighted means.
     roots = np.sqrt(take_weights)[:, None]
     ends = np.array([_ends(primitive, take) for take in takes])
-    rest = np.array([_rest(primitive, take, one, progress, maps)
-                     for take, one in zip(takes, ends)])
+    rest = np.array([_rest(primitive, take, end, progress, maps)
+                     for take, end in zip(takes, ends)])
     lengths = np.log([take.duration / primitive.duration for take in takes])
     model = None
     if contexts is None:
@@ -256,11 +256,11 @@ def _rest(primitive: Skill, take: Demonstration, ends: np.ndarray, progress: np.
         weights = maps.weights @ rest
         moved = shifted(primitive, np.concatenate([ends, weights.reshape(-1)]))
         path = Rollout(moved, duration=1.0).sample(progress).points.reshape(len(progress), -1)
-        shown = take.aligned(moved.start).at(take.times[0] + progress * take.duration)
+        demo = take.aligned(moved.start).at(take.times[0] + progress * take.duration)
         # Coordinates of the weights are those in the frame carried from the skill's own start.
         frame = frame_of(primitive, moved.start)
-        away = Development(manifold, path, frame).ways_to(shown.reshape(len(progress), -1))
-        before, rest = rest, maps.motion @ weights + away
+        offset = Development(manifold, path, frame).ways_to(demo.reshape(len(progress), -1))
+        before, rest = rest, maps.motion @ weights + offset
         if np.abs(rest - before).max() <= CONVERGED * (np.abs(rest).max() + 1e-12):
             break
     return rest

@@ -91,14 +91,14 @@ def work_size(size: int) -> int:
 @functools.cache
 def _addresses(kernels: Kernels) -> tuple[int, ...]:
     """Addresses of compiled kernels; compiles them, or loads them from the cache."""
-    found = []
+    result = []
     for name, function in zip(Kernels._fields, kernels):
         signature = kernel_signature(_ARRAYS[name])
         dispatcher: Any = function
         dispatcher.compile(signature)
         compiled = dispatcher.overloads[signature]
-        found.append(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
-    return tuple(found)
+        result.append(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    return tuple(result)
 
 
 def factor_table(factors: Sequence[Any]) -> np.ndarray:

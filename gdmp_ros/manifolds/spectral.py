@@ -187,9 +187,9 @@ def _ql(m, diagonal, beside, vectors):
                 g = c * turn - b
                 upper, lower = row_of(vectors, i, m), row_of(vectors, i + 1, m)
                 for k in range(m):
-                    one, other = upper[k], lower[k]
-                    lower[k] = s * one + c * other
-                    upper[k] = c * one - s * other
+                    item, other = upper[k], lower[k]
+                    lower[k] = s * item + c * other
+                    upper[k] = c * item - s * other
                 i -= 1
             if r == 0.0 and i >= first:
                 continue

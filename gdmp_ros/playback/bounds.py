@@ -89,7 +89,7 @@ class StreamBounds:
 
     def configure(self, settings: StreamSettings) -> None:
         """Use other bounds from now on."""
-        self._limits = np.array([one or math.inf for one in (
+        self._limits = np.array([item or math.inf for item in (
             settings.stream_speed, settings.stream_acceleration, settings.stream_angular_speed,
             settings.stream_angular_acceleration)])
 
@@ -124,19 +124,19 @@ def _bound_joints(target, out, limits, n, dt):
     for i in range(2 * n, out.size):
         out[i] = target[i]
     for i in range(n):
-        wanted, velocity = target[n + i], out[n + i]
-        change = wanted - velocity
+        desired, velocity = target[n + i], out[n + i]
+        change = desired - velocity
         jump = target[i] - out[i] - dt * (velocity + 0.5 * change)
-        if (abs(jump) <= acceleration * dt * dt and abs(wanted) <= _TOLERANCE * speed
+        if (abs(jump) <= acceleration * dt * dt and abs(desired) <= _TOLERANCE * speed
                 and abs(change) <= _TOLERANCE * acceleration * dt):
-            out[i], out[n + i] = target[i], wanted
+            out[i], out[n + i] = target[i], desired
             continue
         bounded = True
         lag = target[i] - out[i] - dt * velocity
         closing = min(abs(lag) / CATCH_UP_S, CATCH_UP_SHARE * speed,
                       math.sqrt(acceleration * abs(lag)))
-        wanted = min(max(wanted + math.copysign(closing, lag), -speed), speed)
-        out[n + i] += min(max(wanted - velocity, -acceleration * dt), acceleration * dt)
+        desired = min(max(desired + math.copysign(closing, lag), -speed), speed)
+        out[n + i] += min(max(desired - velocity, -acceleration * dt), acceleration * dt)
         out[i] += dt * out[n + i]
     return bounded
 
@@ -155,7 +155,7 @@ class JointBounds:
 
     def configure(self, settings: StreamSettings) -> None:
         """Use other bounds from now on."""
-        self._limits = np.array([one or math.inf for one in (
+        self._limits = np.array([item or math.inf for item in (
             settings.stream_angular_speed, settings.stream_angular_acceleration)])
 
     def apply(self, target: np.ndarray, dt: float) -> np.ndarray:

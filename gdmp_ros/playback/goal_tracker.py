@@ -96,8 +96,8 @@ class GoalTracker:
     def _correct(self, pose: np.ndarray, time: float, dt: float) -> None:
         expected = self._predicted(dt)
         measured = POSES.align(pose, expected)
-        away = POSES.log_anyway(expected, measured)[0]
-        if np.linalg.norm(away[:3]) > JUMP_M or 2.0 * np.linalg.norm(away[3:]) > JUMP_RAD:
+        offset = POSES.log_anyway(expected, measured)[0]
+        if np.linalg.norm(offset[:3]) > JUMP_M or 2.0 * np.linalg.norm(offset[3:]) > JUMP_RAD:
             self._begin(pose, time)
             return
         self._count += 1
@@ -106,9 +106,9 @@ class GoalTracker:
         shares = (1.0 - kept ** 2, (1.0 - kept) ** 2)
         first = (2.0 * (2.0 * self._count - 1.0), 6.0)
         count = self._count * (self._count + 1.0)
-        gain, rate = (max(share, one / count) for share, one in zip(shares, first))
-        self._pose = POSES.exp(expected, min(gain, 1.0) * away)
-        self._velocity += min(rate, 1.0) / dt * away
+        gain, rate = (max(share, item / count) for share, item in zip(shares, first))
+        self._pose = POSES.exp(expected, min(gain, 1.0) * offset)
+        self._velocity += min(rate, 1.0) / dt * offset
         self._time = time
 
     def _predicted(self, dt: float) -> np.ndarray:

@@ -91,7 +91,7 @@ def pair_of(first: MeasuredInput, second: MeasuredInput) -> MeasuredInput:
         nonlocal used
         newest = first.newest(), second.newest()
         if newest[0] is None or newest[1] is None or all(
-                one is before for one, before in zip(newest, used)):
+                item is before for item, before in zip(newest, used)):
             return None
         used = newest
         return (np.concatenate([newest[0].place, newest[1].place]),
@@ -131,6 +131,6 @@ class MeasuredInputs:
 
     def forget(self) -> None:
         """Forget what has been measured."""
-        for one in (*self._inputs.values(), self._second):
-            if one is not None:
-                one.forget()
+        for item in (*self._inputs.values(), self._second):
+            if item is not None:
+                item.forget()

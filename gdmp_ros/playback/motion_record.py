@@ -51,6 +51,6 @@ class MotionRecord:
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Progress ``(T,)``, references ``(T, 7)`` and measured poses ``(T, 7)``."""
         samples = tuple(self._samples)
-        return (np.array([one.progress for one in samples]),
-                np.array([one.reference for one in samples]).reshape(-1, 7),
-                np.array([one.measured for one in samples]).reshape(-1, 7))
+        return (np.array([sample.progress for sample in samples]),
+                np.array([sample.reference for sample in samples]).reshape(-1, 7),
+                np.array([sample.measured for sample in samples]).reshape(-1, 7))

@@ -92,11 +92,11 @@ class PairSkill(StreamedSkill):
         """
         places: list[np.ndarray | None] = [None, None]
         if place is not None:
-            places = [None if np.isnan(one[0]) else one
-                      for one in (place[:POSE_SIZE], place[POSE_SIZE:])]
-        moved = np.concatenate([side.changed(one, to, stiffness) for side, one, to in zip(
+            places = [None if np.isnan(item[0]) else item
+                      for item in (place[:POSE_SIZE], place[POSE_SIZE:])]
+        moved = np.concatenate([side.changed(part, to, stiffness) for side, part, to in zip(
             self.sides, self._halves(point), places)])
-        given = [number for number, one in enumerate(places) if one is not None]
+        given = [number for number, place in enumerate(places) if place is not None]
         return related(self.skill, moved, given[0]) if len(given) == 1 else moved
 
     def whole(self, place: np.ndarray, near: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ class PairSkill(StreamedSkill):
 
     def place_of(self, point: np.ndarray) -> np.ndarray:
         """See `StreamedSkill`."""
-        return np.concatenate([one[:POSE_SIZE] for one in self._halves(point)])
+        return np.concatenate([half_point[:POSE_SIZE] for half_point in self._halves(point)])
 
     def place_in(self, target: np.ndarray) -> np.ndarray:
         """See `StreamedSkill`; a copy."""
@@ -113,7 +113,7 @@ class PairSkill(StreamedSkill):
 
     def point_of(self, target: np.ndarray) -> np.ndarray:
         """See `StreamedSkill`."""
-        return np.concatenate([side.point_of(one) for side, one in self._of_each(target)])
+        return np.concatenate([side.point_of(item) for side, item in self._of_each(target)])
 
     def _of_each(self, target: np.ndarray) -> list[tuple[ToolSkill, np.ndarray]]:
         return [(self.sides[0], target[:TARGET_SIZE]), (self.sides[1], target[TARGET_SIZE:])]
@@ -122,19 +122,19 @@ class PairSkill(StreamedSkill):
         """See `StreamedSkill`."""
         if place is None:
             return None
-        parts = (side.start_at(one) for side, one in zip(
+        parts = (side.start_at(item) for side, item in zip(
             self.sides, (place[:POSE_SIZE], place[POSE_SIZE:])))
         return np.concatenate([part for part in parts if part is not None])
 
     def first_target(self, place: np.ndarray) -> np.ndarray:
         """See `StreamedSkill`."""
-        return np.concatenate([side.first_target(one) for side, one in zip(
+        return np.concatenate([side.first_target(item) for side, item in zip(
             self.sides, (place[:POSE_SIZE], place[POSE_SIZE:]))])
 
     def take_over(self, target: np.ndarray) -> None:
         """See `StreamedSkill`."""
-        for side, one in self._of_each(target):
-            side.take_over(one)
+        for side, item in self._of_each(target):
+            side.take_over(item)
 
     @property
     def releases(self) -> bool:
@@ -143,17 +143,17 @@ class PairSkill(StreamedSkill):
 
     def release(self, target: np.ndarray, dt: float) -> bool:
         """See `StreamedSkill`."""
-        left = [side.release(one, dt) for side, one in self._of_each(target)]
+        left = [side.release(item, dt) for side, item in self._of_each(target)]
         return any(left)
 
     def stop(self, target: np.ndarray) -> None:
         """See `StreamedSkill`."""
-        for side, one in self._of_each(target):
-            side.stop(one)
+        for side, item in self._of_each(target):
+            side.stop(item)
 
     def motion_of(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """See `StreamedSkill`."""
-        motions = [(side, side.motion_of(one)) for side, one in self._of_each(target)]
+        motions = [(side, side.motion_of(item)) for side, item in self._of_each(target)]
         if all(motion is None for _, motion in motions):
             return None
         rest = [np.zeros(side.manifold.tangent_size) for side, _ in motions]
@@ -168,12 +168,12 @@ class PairSkill(StreamedSkill):
 
     def approach(self, target: np.ndarray, place: np.ndarray) -> Way:
         """See `StreamedSkill`."""
-        return _BothWays([side.approach(one, to) for (side, one), to in zip(
+        return _BothWays([side.approach(item, to) for (side, item), to in zip(
             self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:]))])
 
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
         """See `StreamedSkill`."""
-        return all(side.is_near(one, to) for (side, one), to in zip(
+        return all(side.is_near(item, to) for (side, item), to in zip(
             self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:])))
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
@@ -184,8 +184,8 @@ class PairSkill(StreamedSkill):
 
     def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
         """See `StreamedSkill`."""
-        return [away for (side, one), to in zip(self._of_each(target), self._halves(goal))
-                for away in side.distances(one, to)]
+        return [offset for (side, item), to in zip(self._of_each(target), self._halves(goal))
+                for offset in side.distances(item, to)]
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
         """See `StreamedSkill`."""
@@ -200,8 +200,8 @@ class PairSkill(StreamedSkill):
         """See `StreamedSkill`."""
         numbers[0] = dt
         advance(rollout.memory, numbers)
-        for (side, one), part in zip(self._of_each(target), self._parts):
-            side.write_target(numbers, *part, one)
+        for (side, item), part in zip(self._of_each(target), self._parts):
+            side.write_target(numbers, *part, item)
 
 
 class _BothWays:
@@ -213,7 +213,7 @@ class _BothWays:
     def advance(self, dt: float, target: np.ndarray) -> bool:
         """See `Way`."""
         parts = target[:TARGET_SIZE], target[TARGET_SIZE:]
-        arrived = [way.advance(dt, one) for way, one in zip(self._ways, parts)]
+        arrived = [way.advance(dt, part) for way, part in zip(self._ways, parts)]
         return all(arrived)
 
 
@@ -226,12 +226,12 @@ class _BothBounds:
 
     def configure(self, settings: StreamSettings) -> None:
         """See `Bounds`."""
-        for one in self._both:
-            one.configure(settings)
+        for item in self._both:
+            item.configure(settings)
 
     def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
         """See `Bounds`."""
-        for one, cut in zip(self._both, (slice(TARGET_SIZE), slice(TARGET_SIZE, None))):
-            self._out[cut] = one.apply(target[cut], dt)
-        self.bounded = sum(one.bounded for one in self._both)
+        for item, cut in zip(self._both, (slice(TARGET_SIZE), slice(TARGET_SIZE, None))):
+            self._out[cut] = item.apply(target[cut], dt)
+        self.bounded = sum(item.bounded for item in self._both)
         return self._out

@@ -82,7 +82,7 @@ def likely_path(skill: Skill, first: np.ndarray, last: np.ndarray, count: int
 def _pose_covariance(skill: Skill, point: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     manifold = skill.manifold
     frame = manifold.frame(point)
-    columns = np.array([manifold.from_frame(frame, one) for one in np.eye(len(covariance))])
+    columns = np.array([manifold.from_frame(frame, item) for item in np.eye(len(covariance))])
     # Tangents on S³ are half the rotation vector.
     scale = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     pose = columns[:, :6] * scale

@@ -193,8 +193,8 @@ class ReferenceSource:
     @property
     def _tempo(self) -> float:
         """Tempo that is wanted now."""
-        wanted = self._speed if self._own_speed is None else self._own_speed
-        return 0.0 if self._waits else wanted
+        target = self._speed if self._own_speed is None else self._own_speed
+        return 0.0 if self._waits else target
 
     def stop(self) -> None:
         """Come to a smooth stop on the path and hold there."""
@@ -227,9 +227,9 @@ class ReferenceSource:
 
     def _do_then(self) -> None:
         then, self._then = self._then, []
-        for one in then:
+        for item in then:
             try:
-                one()
+                item()
             except GdmpError as error:
                 self._refuse(str(error))
 

@@ -45,8 +45,8 @@ class PreparedSequence(NamedTuple):
     @property
     def first_tool(self) -> StreamedSkill:
         """Skill of the first motion; of a sequence that has none any more, of the last."""
-        later = [one.tool for index, one in self.motions.items() if index >= self.first]
-        return (later or [one.tool for one in self.motions.values()][-1:])[0]
+        later = [item.tool for index, item in self.motions.items() if index >= self.first]
+        return (later or [item.tool for item in self.motions.values()][-1:])[0]
 
     @property
     def moves_first(self) -> bool:
@@ -109,14 +109,14 @@ class SequenceRunner:
         :raises GdmpError: if a skill or goal cannot be used, or there is no such step
         """
         sequence.check_index(first)
-        made: dict[int, PreparedStep] = {}
+        result: dict[int, PreparedStep] = {}
         for index, step in enumerate(sequence.steps):
             if isinstance(step, MotionStep):
                 tool = streamed(step.skill, settings)
                 rollout = step.rollout(options=tool.options(0.0, None))
                 check(tool, tool.place_of(rollout.goal))
-                made[index] = PreparedStep(tool, rollout)
-        name, tools = sequence.name, [one.tool for one in made.values()]
+                result[index] = PreparedStep(tool, rollout)
+        name, tools = sequence.name, [item.tool for item in result.values()]
         if len({tool.kind for tool in tools}) > 1:
             raise ParameterError(f'{name}: skills of the tool, of two tools and of the joints '
                                  'cannot be in one sequence')
@@ -127,7 +127,7 @@ class SequenceRunner:
                                  'known')
         for skill in {tool.skill for tool in tools}:
             rehearse(skill, settings)
-        return PreparedSequence(sequence, first, made)
+        return PreparedSequence(sequence, first, result)
 
     def begin(self, prepared: PreparedSequence, measured: np.ndarray | None) -> None:
         """
@@ -157,8 +157,8 @@ class SequenceRunner:
         if run is None:
             return None
         steps, at = run.course.sequence.steps, run.course.index
-        shown = min(at, len(steps) - 1)
-        return SequenceStatus(run.course.sequence.name, shown + 1, len(steps), steps[shown].name,
+        index = min(at, len(steps) - 1)
+        return SequenceStatus(run.course.sequence.name, index + 1, len(steps), steps[index].name,
                               self._run is run, run.problem, run.gripper_failed, run.motion)
 
     def advance(self, player: Player, dt: float) -> None:
@@ -182,8 +182,8 @@ class SequenceRunner:
     def _enter(self, run: _Run, player: Player) -> None:
         run.entered, step = True, run.course.step
         if isinstance(step, MotionStep):
-            made = run.prepared[run.course.index]
-            run.motion = player.begin(made.tool, made.rollout, run.measured,
+            result = run.prepared[run.course.index]
+            run.motion = player.begin(result.tool, result.rollout, run.measured,
                                       still=lambda: self._run is run)
             run.measured = None
         elif isinstance(step, GripperStep) and self.gripper is not None:

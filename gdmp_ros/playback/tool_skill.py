@@ -200,10 +200,10 @@ class ToolSkill(StreamedSkill):
     def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
         """Distance of each factor of a reference from a goal: m, rad, geodesic, N and Nm."""
         point = self.point_of(target)
-        away = self.manifold.factor_distances(point.reshape(1, -1), goal.reshape(1, -1))[0]
+        offset = self.manifold.factor_distances(point.reshape(1, -1), goal.reshape(1, -1))[0]
         # The distance on S³ is half the angle; q and -q are the same orientation.
-        away[1] = min(2.0 * away[1], 2.0 * (np.pi - away[1]))
-        return [float(one) for one in away]
+        offset[1] = min(2.0 * offset[1], 2.0 * (np.pi - offset[1]))
+        return [float(item) for item in offset]
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
         """

@@ -58,10 +58,10 @@ def _read(path: str) -> str:
 
 
 def _python() -> Finding:
-    found = f'{platform.python_version()} ({sys.executable})'
+    result = f'{platform.python_version()} ({sys.executable})'
     if (3, 11) <= sys.version_info < (3, 14):
-        return Finding('Python', GOOD, found)
-    return Finding('Python', BAD, found, 'use Python 3.11, 3.12 or 3.13')
+        return Finding('Python', GOOD, result)
+    return Finding('Python', BAD, result, 'use Python 3.11, 3.12 or 3.13')
 
 
 def _kernel() -> Finding:
@@ -192,12 +192,12 @@ def _lateness(seconds: float) -> Finding:
     ends = clock.now() + round(seconds * NS)
     run(periodic(recorder.add, PERIOD_NS, clock), clock, lambda: clock.now() > ends)
     figures = recorder.punctuality(round(1000 * seconds))
-    found = (f'{figures.rate_hz:.1f} Hz, lateness p50 {figures.p50_us:.0f}, p99 '
-             f'{figures.p99_us:.0f}, largest {figures.max_us:.0f} µs, {figures.missed} missed')
+    result = (f'{figures.rate_hz:.1f} Hz, lateness p50 {figures.p50_us:.0f}, p99 '
+              f'{figures.p99_us:.0f}, largest {figures.max_us:.0f} µs, {figures.missed} missed')
     if figures.p99_us < LATE_US:
-        return Finding('sleeping 1 kHz loop', GOOD, found)
+        return Finding('sleeping 1 kHz loop', GOOD, result)
     level = FAIR if figures.p99_us < VERY_LATE_US else BAD
-    return Finding('sleeping 1 kHz loop', level, found,
+    return Finding('sleeping 1 kHz loop', level, result,
                    'other programs use the cores: close them, or give the stream SCHED_FIFO')
 
 

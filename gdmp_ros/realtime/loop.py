@@ -266,9 +266,9 @@ def join(clock: Clock, period_ns: int, priority: int, step: Step) -> Member:
 def _leave(loop: _SharedLoop, member: Member) -> None:
     with _changing:
         with loop.stepping:
-            loop.members = tuple(one for one in loop.members if one is not member)
+            loop.members = tuple(item for item in loop.members if item is not member)
         if loop.members:
             return
-        for key in [key for key, one in _loops.items() if one is loop]:
+        for key in [key for key, item in _loops.items() if item is loop]:
             del _loops[key]
         loop.running.end()

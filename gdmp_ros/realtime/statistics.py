@@ -69,8 +69,8 @@ class LatenessRecorder:
         ticks = self.ticks
         kept = min(ticks, self._capacity, last or ticks)
         slots = np.arange(ticks - kept, ticks) % self._capacity
-        return np.column_stack([np.frombuffer(one, dtype=np.int64)[slots]
-                                for one in (self._deadlines, self._lateness)])
+        return np.column_stack([np.frombuffer(item, dtype=np.int64)[slots]
+                                for item in (self._deadlines, self._lateness)])
 
     def save(self, path: str | Path) -> None:
         """Write `ticks_kept` as a NumPy file."""

@@ -61,9 +61,9 @@ class _PolledGroup(CallbackGroup):
 
 
 class _Publisher(Publisher):
-    def __init__(self, made: Any):
-        super().__init__(made.msg_type, made.topic_name)
-        self.made = made
+    def __init__(self, result: Any):
+        super().__init__(result.msg_type, result.topic_name)
+        self.made = result
 
     def send(self, data: bytes) -> None:
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
@@ -139,8 +139,8 @@ class DdsParticipant:
             callback_group=ReentrantCallbackGroup() if concurrent else None)
 
     def client(self, kind: Any, name: str) -> ServiceClient:
-        made: ServiceClient = self._node.create_client(kind, name)
-        return made
+        result: ServiceClient = self._node.create_client(kind, name)
+        return result
 
     def action(self, kind: Any, name: str, execute: Callable[[Any], Any],
                accept: Callable[[Any], bool], cancel: Callable[[], bool]) -> object:
@@ -160,25 +160,25 @@ class DdsParticipant:
                                        clock=RosClock(clock_type=ClockType.STEADY_TIME))
 
     def future(self) -> Future:
-        made: Future = Future(executor=self._node.executor)
+        result: Future = Future(executor=self._node.executor)
         # The executor resumes coroutines when it wakes up; only a future with a callback wakes it.
-        made.add_done_callback(lambda _: None)
-        return made
+        result.add_done_callback(lambda _: None)
+        return result
 
     def destroy(self, entity: Any) -> None:
         if isinstance(entity, (ActionServer, ActionClient)):
             entity.destroy()
             return
-        node, made = self._node, getattr(entity, 'made', entity)
+        node, result = self._node, getattr(entity, 'made', entity)
         for destroy in (node.destroy_publisher, node.destroy_subscription, node.destroy_service,
                         node.destroy_client, node.destroy_timer):
-            if destroy(made):
+            if destroy(result):
                 return
 
     def publishers(self, topic: str) -> list[str]:
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return sorted(ANOTHER_NODE if one.node_name == _NAMELESS
-                      else f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found)
+        return sorted(ANOTHER_NODE if each.node_name == _NAMELESS
+                      else f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
 
     def nodes(self) -> list[str]:
         return [f'{space.rstrip("/")}/{name}'

@@ -125,7 +125,7 @@ class FrameTree:
             side = 'newest' if stamp_ns > last else 'oldest'
             raise FrameError(f'the {side} transform of {child!r} is {late:.3g} s '
                              f'{"before" if side == "newest" else "after"} the stamp')
-        k = int(np.searchsorted([one.stamp_ns for one in past], stamp_ns))
+        k = int(np.searchsorted([item.stamp_ns for item in past], stamp_ns))
         after = past[k]
         if after.stamp_ns == stamp_ns:
             return after.pose
@@ -165,10 +165,10 @@ class Tf2Frames:
     def pose_of(self, frame: str, base: str, stamp_ns: int) -> np.ndarray:
         """Pose of a frame in another one; see `Frames`."""
         try:
-            found = self._buffer.lookup_transform_core(base, frame, Time(nanoseconds=stamp_ns))
+            result = self._buffer.lookup_transform_core(base, frame, Time(nanoseconds=stamp_ns))
         except tf2_py.TransformException as error:
             raise FrameError(str(error)) from None
-        return transform_numbers(found.transform)
+        return transform_numbers(result.transform)
 
 
 def new_frames() -> Frames:
@@ -276,12 +276,12 @@ class BaseFrame:
                 transforms = deserialized(data, TFMessage).transforms
             except GdmpError:
                 continue
-            for one in transforms:
+            for transform in transforms:
                 try:
-                    pose = transform_numbers(one.transform)
+                    pose = transform_numbers(transform.transform)
                 except GdmpError:
                     continue  # as tf2: what is no transform is left out
-                stamp = one.header.stamp
-                self._frames.add(Transform(one.header.frame_id.lstrip('/'),
-                                           one.child_frame_id.lstrip('/'), pose,
+                stamp = transform.header.stamp
+                self._frames.add(Transform(transform.header.frame_id.lstrip('/'),
+                                           transform.child_frame_id.lstrip('/'), pose,
                                            stamp.sec * NS + stamp.nanosec), fixed)

@@ -114,9 +114,9 @@ class ManagedNode(LifecycleNode):
         """Call ``callback`` ten times a second (by `gdmp_ros.ros.running`), until `release`."""
         self._reports.append(callback)
 
-    def _own(self, made: Any) -> Any:
-        self._made.append(made)
-        return made
+    def _own(self, result: Any) -> Any:
+        self._made.append(result)
+        return result
 
     def report(self) -> None:
         """Call what `add_report` added."""
@@ -126,8 +126,8 @@ class ManagedNode(LifecycleNode):
     def release(self) -> None:
         """Destroy everything that was added."""
         self._reports.clear()
-        for made in self._made:
-            self.participant.destroy(made)
+        for result in self._made:
+            self.participant.destroy(result)
         self._made.clear()
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], None],

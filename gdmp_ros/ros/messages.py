@@ -149,9 +149,9 @@ def path_message(poses: np.ndarray, frame: str, stamp: Time) -> Path:
     result = Path()
     result.header.frame_id, result.header.stamp = frame, stamp
     for numbers in poses:
-        one = PoseStamped(header=result.header)
-        set_pose(one.pose, numbers)
-        result.poses.append(one)
+        item = PoseStamped(header=result.header)
+        set_pose(item.pose, numbers)
+        result.poses.append(item)
     return result
 
 
@@ -160,9 +160,9 @@ def tube_message(poses: np.ndarray, covariances: np.ndarray, frame: str, stamp: 
     result = Tube()
     result.header.frame_id, result.header.stamp = frame, stamp
     for numbers, covariance in zip(poses, covariances):
-        one = PoseWithCovariance(covariance=covariance.reshape(-1))
-        set_pose(one.pose, numbers)
-        result.poses.append(one)
+        item = PoseWithCovariance(covariance=covariance.reshape(-1))
+        set_pose(item.pose, numbers)
+        result.poses.append(item)
     return result
 
 

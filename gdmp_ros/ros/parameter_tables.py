@@ -91,8 +91,8 @@ def _short(value: object) -> str:
 
 def files() -> dict[Path, str]:
     """All generated files, relative to the project, with their text."""
-    made = {Path('config') / f'{node}.yaml': yaml_text(node) for node in NODES}
-    return {**made, Path('docs/parameters.md'): markdown()}
+    result = {Path('config') / f'{node}.yaml': yaml_text(node) for node in NODES}
+    return {**result, Path('docs/parameters.md'): markdown()}
 
 
 if __name__ == '__main__':

@@ -96,7 +96,7 @@ class SerializedTemplate:
         fill(message, marks)
         if headers is None:
             headers = [message.header] if hasattr(message, 'header') else []
-        self._stamps = [_position_of_stamp(message, one.stamp) for one in headers]
+        self._stamps = [_position_of_stamp(message, header.stamp) for header in headers]
         self._integers = [(_position_of(message, name), form)
                           for name, form in (('sequence', '<Q'), ('mode', '<B'), ('tick', '<Q'))
                           if hasattr(message, name)]
@@ -195,10 +195,10 @@ def _position_of(message: Any, name: str) -> int:
         data.append(serialize_message(message))
     setattr(message, name, 0)
     # Little-endian: the lowest byte is the value. Padding holds whatever the memory held before.
-    found = [i for i, shown in enumerate(zip(*data)) if shown == _BYTES]
-    if len(found) != 1:
-        raise RuntimeError(f'unknown serialisation: {name} was found {len(found)} times')
-    return found[0]
+    result = [i for i, part in enumerate(zip(*data)) if part == _BYTES]
+    if len(result) != 1:
+        raise RuntimeError(f'unknown serialisation: {name} was found {len(result)} times')
+    return result[0]
 
 
 def _position_of_stamp(message: Any, stamp: Any) -> int:
@@ -213,7 +213,7 @@ def _position_of_stamp(message: Any, stamp: Any) -> int:
 
 
 def _find(values: np.ndarray, mark: Any) -> int:
-    found = np.flatnonzero(values == mark)
-    if len(found) != 1:
-        raise RuntimeError(f'unknown serialisation: a mark was found {len(found)} times')
-    return int(found[0])
+    result = np.flatnonzero(values == mark)
+    if len(result) != 1:
+        raise RuntimeError(f'unknown serialisation: a mark was found {len(result)} times')
+    return int(result[0])

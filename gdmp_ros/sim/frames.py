@@ -29,7 +29,7 @@ class ToolTransform:
     def __post_init__(self) -> None:
         """:raises ParameterError: if it is too far away, or the quaternion is none"""
         norm = float(np.linalg.norm(self.rotation))
-        if not all(abs(one) <= FARTHEST for one in self.position):
+        if not all(abs(item) <= FARTHEST for item in self.position):
             raise ParameterError(f'tool: position is {self.position} m, expected at most '
                                  f'{FARTHEST:g} in each direction')
         if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:

@@ -108,13 +108,13 @@ class SimulatedGripper:
         if given is not None:
             self._wanted, self._goal, self._still = given, q, 0.0
             self._moving, self._commands = True, self._commands + 1
-        wanted = self._wanted
-        end = 0.5 * wanted.width
-        step = 0.5 * wanted.speed * dt
+        target = self._wanted
+        end = 0.5 * target.width
+        step = 0.5 * target.speed * dt
         # With a force it presses on beyond the width; otherwise it stops there.
-        beyond = TRAVEL if wanted.force else 0.0
+        beyond = TRAVEL if target.force else 0.0
         self._goal += float(np.clip(end - beyond - self._goal, -step, step))
-        most = wanted.force or MOVING_FORCE
+        most = target.force or MOVING_FORCE
         force = float(np.clip(STIFFNESS * (self._goal - q) - DAMPING * v, -most, most))
         self._data.ctrl[self._u] = force
         self._still = self._still + dt if abs(v) < STILL else 0.0
@@ -127,10 +127,10 @@ class SimulatedGripper:
 
     def _now(self) -> GripperState:
         width = float(2.0 * self._data.qpos[self._q].mean())
-        wanted = self._wanted
-        holding = bool(wanted.force and not self._moving and width > wanted.width + HELD_M)
+        target = self._wanted
+        holding = bool(target.force and not self._moving and width > target.width + HELD_M)
         problem = ''
-        if self._commands and not self._moving and not wanted.force and (
-                abs(width - wanted.width) > 4.0 * NEAR_M):
-            problem = f'the fingers stopped at {width:.4f} m, expected {wanted.width:.4f} m'
+        if self._commands and not self._moving and not target.force and (
+                abs(width - target.width) > 4.0 * NEAR_M):
+            problem = f'the fingers stopped at {width:.4f} m, expected {target.width:.4f} m'
         return GripperState(width, self.widest, self._moving, holding, self._commands, problem)

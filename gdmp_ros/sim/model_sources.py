@@ -122,11 +122,11 @@ def make_torque_controlled(spec: mujoco.MjSpec, tool: str) -> None:
 
 def _has_motors_only(spec: mujoco.MjSpec) -> bool:
     """Whether each joint has exactly one torque motor with limits, in the order of the joints."""
-    driven = [one.target for one in spec.actuators
-              if one.trntype == mujoco.mjtTrn.mjTRN_JOINT and one.gear[0] == 1.0
-              and one.gaintype == mujoco.mjtGain.mjGAIN_FIXED and one.gainprm[0] == 1.0
-              and one.biastype == mujoco.mjtBias.mjBIAS_NONE
-              and one.ctrlrange[1] > one.ctrlrange[0]]
+    driven = [actuator.target for actuator in spec.actuators
+              if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.gear[0] == 1.0
+              and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] == 1.0
+              and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
+              and actuator.ctrlrange[1] > actuator.ctrlrange[0]]
     return (len(driven) == len(spec.actuators)
             and driven == [joint.name for joint in spec.joints])
 
@@ -134,13 +134,13 @@ def _has_motors_only(spec: mujoco.MjSpec) -> bool:
 def _torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
     if spec.joint(joint).type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
         raise DataError(f'joint {joint!r} is neither a hinge nor a slide')
-    for one in spec.actuators:
-        if one.target != joint or one.trntype != mujoco.mjtTrn.mjTRN_JOINT:
+    for actuator in spec.actuators:
+        if actuator.target != joint or actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
             continue
-        plain = (one.gainprm[0] == 1.0 and one.biastype == mujoco.mjtBias.mjBIAS_NONE)
-        for limits, valid in ((one.forcerange, True), (one.ctrlrange, plain)):
+        plain = (actuator.gainprm[0] == 1.0 and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE)
+        for limits, valid in ((actuator.forcerange, True), (actuator.ctrlrange, plain)):
             if valid and limits[1] > limits[0]:
-                return float(abs(one.gear[0]) * np.abs(limits).min())
+                return float(abs(actuator.gear[0]) * np.abs(limits).min())
     limits = spec.joint(joint).actfrcrange
     if limits[1] > limits[0]:
         return float(np.abs(limits).min())

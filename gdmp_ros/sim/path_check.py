@@ -66,10 +66,10 @@ class Reach:
         :param starts: postures from which it is searched before it counts as out of reach
         :raises ManifoldError: if the arm does not reach it
         """
-        found, problem = self._reached(pose, near, starts)
+        result, problem = self._reached(pose, near, starts)
         if problem:
             raise ManifoldError(problem)
-        return found
+        return result
 
     def towards(self, pose: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, float, float]:
         """
@@ -89,9 +89,9 @@ class Reach:
         """The first posture that reaches a pose, and why there is none."""
         best, random = (np.inf, np.inf), np.random.default_rng(0)
         for start in range(starts):
-            q, *away = self._search(
+            q, *offset = self._search(
                 (first if start == 0 else random.uniform(self._lower, self._upper)).copy(), pose)
-            best = min(best, (away[0], away[1]), key=lambda one: one[0] + 0.3 * one[1])
+            best = min(best, (offset[0], offset[1]), key=lambda item: item[0] + 0.3 * item[1])
             if best[0] <= REACHED_M and best[1] <= REACHED_RAD:
                 return q, ''
         return first, (f'within its joint limits the arm comes within {1e3 * best[0]:.0f} mm and '
@@ -187,7 +187,7 @@ class PathCheck:
     def wrong(self) -> np.ndarray:
         """Whether a pose cannot be followed, for any reason."""
         return np.asarray(self.unreached | np.any([
-            one.values < one.least for one in self.margins], axis=0))
+            margin.values < margin.least for margin in self.margins], axis=0))
 
     @property
     def margins(self) -> tuple[Margin, ...]:
@@ -199,7 +199,7 @@ class PathCheck:
 
     def problems(self) -> list[str]:
         """Why the arm cannot follow the path, one line for each reason; empty if it can."""
-        found = []
+        result = []
         times, stop = self.times, LimitSettings().singularity_stop
 
         def first(wrong: np.ndarray) -> str:
@@ -207,21 +207,21 @@ class PathCheck:
             return f'from {at[0]:.2f} to {at[-1]:.2f} s'
         if self.unreached.any():
             worst = int(np.argmax(self.away[:, 0] + 0.3 * self.away[:, 1]))
-            found.append(f'out of reach {first(self.unreached)}: the tool stays up to '
-                         f'{1e3 * self.away[worst, 0]:.0f} mm and {self.away[worst, 1]:.2f} rad '
-                         f'away, most at {times[worst]:.2f} s')
+            result.append(f'out of reach {first(self.unreached)}: the tool stays up to '
+                          f'{1e3 * self.away[worst, 0]:.0f} mm and {self.away[worst, 1]:.2f} rad '
+                          f'away, most at {times[worst]:.2f} s')
         near = (self.margin < AT_LIMIT_RAD) & ~self.unreached
         if near.any():
-            joints = ', '.join(str(one + 1) for one in np.unique(self.joint[near]))
-            found.append(f'joint {joints} at its limit {first(near)}')
+            joints = ', '.join(str(item + 1) for item in np.unique(self.joint[near]))
+            result.append(f'joint {joints} at its limit {first(near)}')
         singular = self.singular < stop
         if singular.any():
-            found.append(f'singular {first(singular)}: smallest singular value '
-                         f'{self.singular.min():.3f} m, the reference stops at {stop:g} m')
+            result.append(f'singular {first(singular)}: smallest singular value '
+                          f'{self.singular.min():.3f} m, the reference stops at {stop:g} m')
         touching = self.clearance < TOUCHING_M
         if touching.any():
-            found.append(f'the arm touches itself or the floor {first(touching)}')
-        return found
+            result.append(f'the arm touches itself or the floor {first(touching)}')
+        return result
 
 
 class PathChecker:
@@ -251,12 +251,12 @@ class PathChecker:
         near = self._arm.home if posture is None else posture
         with suppress(ManifoldError):  # `away` tells how far it comes then
             near = reach.posture(poses[0], near, _STARTS)
-        postures, away = [], []
+        postures, offset = [], []
         for pose in poses:
             near, *distance = reach.towards(pose, near)
             postures.append(near)
-            away.append(distance)
-        return self._at(times, np.array(postures), np.array(away))
+            offset.append(distance)
+        return self._at(times, np.array(postures), np.array(offset))
 
     def check_postures(self, times: np.ndarray, postures: np.ndarray) -> PathCheck:
         """
@@ -274,7 +274,7 @@ class PathChecker:
         """Position of the tool in a posture [m]."""
         return self._reach.pose_at(posture)[:3]
 
-    def _at(self, times: np.ndarray, postures: np.ndarray, away: np.ndarray) -> PathCheck:
+    def _at(self, times: np.ndarray, postures: np.ndarray, offset: np.ndarray) -> PathCheck:
         arm, direction = self._arm, np.empty(6)
         margin, joint, singular, clearance = [], [], [], []
         for posture in postures:
@@ -284,7 +284,7 @@ class PathChecker:
             margin.append(float(to_limit.min()))
             singular.append(singular_value(arm.measure().jacobian, direction))
             clearance.append(self._clearance())
-        return PathCheck(np.asarray(times), postures, away, np.array(margin), np.array(joint),
+        return PathCheck(np.asarray(times), postures, offset, np.array(margin), np.array(joint),
                          np.array(singular), np.array(clearance))
 
     def _clearance(self) -> float:
@@ -337,5 +337,5 @@ def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES
     points = skill.rollout().sample(times).points.reshape(len(times), -1)
     if tool.kind is Kind.TOOL:
         return checker.check(times, points[:, :7]), points[:, :3]
-    found = checker.check_postures(times, points)
-    return found, np.array([checker.position(posture) for posture in points])
+    result = checker.check_postures(times, points)
+    return result, np.array([checker.position(posture) for posture in points])

@@ -93,6 +93,6 @@ class Load:
         mujoco.mj_setConst(model, self._data)
 
 
-def _spread(away: np.ndarray) -> np.ndarray:
+def _spread(offset: np.ndarray) -> np.ndarray:
     """Inertia of a unit mass at a distance."""
-    return np.asarray(away @ away * np.eye(3) - np.outer(away, away))
+    return np.asarray(offset @ offset * np.eye(3) - np.outer(offset, offset))

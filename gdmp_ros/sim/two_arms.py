@@ -104,8 +104,8 @@ def _without_arm() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(PANDA))
     spec.delete(spec.body('link0'))
     for group in (spec.keys, spec.actuators, spec.sensors):
-        for one in list(group):
-            spec.delete(one)
+        for item in list(group):
+            spec.delete(item)
     return spec
 
 

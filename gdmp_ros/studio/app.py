@@ -172,9 +172,9 @@ class Studio:
                 print(text, flush=True)
                 self.jobs.put(lambda: self.notify('failed', text, 'red'))
             finally:
-                for one in notice:
+                for item in notice:
                     with suppress(Exception):  # the browser may be gone
-                        one.remove()
+                        item.remove()
 
         self.clock.start(_once(carry_out))
 
@@ -225,10 +225,11 @@ class Studio:
     def redraw(self) -> None:
         """Show the changed skill, or the recorded motion without one."""
         bench = self.bench
-        shown = next(reversed(bench.runs.values()), (None, None))
+        last_run = next(reversed(bench.runs.values()), (None, None))
         self.skill = bench.edited() if bench.chosen else None
-        self.motion = shown[1] if self.skill is None else of_skill(self.skill)
-        self.scene.line('sent', None if shown[0] is None else shown[0].poses[:, :3], colour(5))
+        self.motion = last_run[1] if self.skill is None else of_skill(self.skill)
+        self.scene.line('sent', None if last_run[0] is None else last_run[0].poses[:, :3],
+                        colour(5))
         self.verdict = NOT_CHECKED
         motion = self.motion
         self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
@@ -267,8 +268,8 @@ class Studio:
                 scene.line(name, None, colour(4))
         for name, take in names.items():
             if name not in scene.lines('take '):
-                shown = of_demonstration(take.recording.demonstration)
-                scene.line(name, shown.poses[:, :3], (150, 150, 150))
+                demo = of_demonstration(take.recording.demonstration)
+                scene.line(name, demo.poses[:, :3], (150, 150, 150))
         for number, name in enumerate(bench.skills):
             shown_skill = name in self.compared and name != bench.chosen
             scene.line(f'skill {name}', of_skill(bench.skills[name]).poses[:, :3]
@@ -281,9 +282,9 @@ class Studio:
         if motion.joints is not None:
             return Verdict(np.zeros(len(motion.times), dtype=bool), '')
         thin = motion.thinned(CHECKED)
-        found = self._checker.check(thin.times, thin.poses)
-        wrong = np.interp(motion.times, thin.times, found.wrong) > 0.0
-        return Verdict(wrong, '; '.join(found.problems()) or 'the arm can follow the whole path')
+        result = self._checker.check(thin.times, thin.poses)
+        wrong = np.interp(motion.times, thin.times, result.wrong) > 0.0
+        return Verdict(wrong, '; '.join(result.problems()) or 'the arm can follow the whole path')
 
     def posture_at(self, time_s: float) -> np.ndarray | None:
         """Posture of the arm in the shown motion [rad]; None without a motion."""
@@ -304,9 +305,9 @@ class Studio:
         if view is not None:
             now = self.now()
             self._past.append((now, view.pose[:3]))
-            self._past = [one for one in self._past if one[0] > now - PAST_S]
-            still = np.ptp([one[1] for one in self._past], axis=0).max() < 1e-3
-            self.scene.line('past', None if still else np.array([one[1] for one in self._past]),
+            self._past = [item for item in self._past if item[0] > now - PAST_S]
+            still = np.ptp([item[1] for item in self._past], axis=0).max() < 1e-3
+            self.scene.line('past', None if still else np.array([item[1] for item in self._past]),
                             colour(0))
         for tell in self.on_view:
             tell(view)

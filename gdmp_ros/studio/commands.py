@@ -44,7 +44,7 @@ class Changes:
 
     def __bool__(self) -> bool:
         return bool(self.via or self.corrections) or any(
-            one is not None for one in (self.start, self.goal, self.duration))
+            item is not None for item in (self.start, self.goal, self.duration))
 
 
 T = TypeVar('T')

@@ -103,7 +103,7 @@ class NodesRobot:
             state = None
         pose = messages.pose_numbers(robot.pose)
         goal = messages.pose_numbers(state.goal[0]) if state is not None and state.goal else None
-        away = (0.0, 0.0) if goal is None else pose_distance(pose, goal)
+        offset = (0.0, 0.0) if goal is None else pose_distance(pose, goal)
         recorder = self._recorder
         recording = recorder is not None and recorder.status == 'recording'
         return RobotView(
@@ -111,7 +111,7 @@ class NodesRobot:
             'no trajectory server' if state is None else state.status,
             ArmMode(robot.mode).name.lower(),
             0.0 if state is None else state.progress, 0.0 if state is None else state.speed,
-            (float(away[0]), float(away[1])), robot.tank_energy,
+            (float(offset[0]), float(offset[1])), robot.tank_energy,
             tuple(f'{limit.name} by {value:.2g} {limit.unit}'
                   for limit, value in zip(LIMITS, limited(robot)) if value > 0.0),
             recorder.duration if recorder is not None and recording else None,

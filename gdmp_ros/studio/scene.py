@@ -84,9 +84,9 @@ def of_skill(skill: Skill) -> ShownMotion:
     return _of_points(times, skill.rollout().sample(times).points, skill.manifold)
 
 
-def of_demonstration(shown: Demonstration) -> ShownMotion:
+def of_demonstration(demo: Demonstration) -> ShownMotion:
     """A demonstrated motion."""
-    return _of_points(shown.times - shown.times[0], shown.points, shown.manifold).thinned(SAMPLES)
+    return _of_points(demo.times - demo.times[0], demo.points, demo.manifold).thinned(SAMPLES)
 
 
 def _of_points(times: np.ndarray, points: np.ndarray, manifold: object) -> ShownMotion:
@@ -232,9 +232,9 @@ class Scene:
         :param wrong: whether a sample is drawn red
         """
         if positions is None or len(positions) < 2:
-            found = self._lines.pop(name, None)
-            if found is not None:
-                found.remove()
+            result = self._lines.pop(name, None)
+            if result is not None:
+                result.remove()
             return
         pairs = np.stack([positions[:-1], positions[1:]], axis=1).astype(np.float32)
         colours = np.full((*pairs.shape[:2], 3), paint, dtype=np.uint8)
@@ -270,9 +270,9 @@ class Scene:
     def _ellipsoids(self, name: str, positions: np.ndarray | None, matrices: np.ndarray | None,
                     paint: _Colour, opacity: float) -> None:
         if positions is None or matrices is None:
-            found = self._batches.pop(name, None)
-            if found is not None:
-                found.remove()
+            result = self._batches.pop(name, None)
+            if result is not None:
+                result.remove()
             return
         lengths, axes = np.linalg.eigh(matrices)
         # The axes become a rotation.
@@ -304,26 +304,26 @@ class Scene:
         :param moved: called with the pose while it is dragged, and whether it is released
         :param turns: whether it can be turned too
         """
-        found = self._handles.get(name)
+        result = self._handles.get(name)
         if pose is None:
-            if found is not None:
-                found.remove()
+            if result is not None:
+                result.remove()
                 del self._handles[name]
             return
-        if found is not None:
-            found.position, found.wxyz = pose[:3], pose[3:]
+        if result is not None:
+            result.position, result.wxyz = pose[:3], pose[3:]
             return
-        made = self._scene.add_transform_controls(
+        created = self._scene.add_transform_controls(
             f'/handles/{name}', scale, disable_rotations=not turns, depth_test=False,
             position=pose[:3], wxyz=pose[3:])
         self._scene.add_label(f'/handles/{name}/label', name)
-        self._handles[name] = made
+        self._handles[name] = created
         if moved is not None:
             # On the event loop: in a pool of threads events may overtake each other.
             async def event(update: viser.TransformControlsEvent) -> None:
                 target = update.target
                 moved(np.concatenate([target.position, target.wxyz]), update.phase == 'end')
-            made.on_update(event)
+            created.on_update(event)
 
     def lines(self, prefix: str) -> Sequence[str]:
         """Names of lines."""

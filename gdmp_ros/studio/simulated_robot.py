@@ -80,9 +80,9 @@ class RecordedTake:
         if count < MIN_SAMPLES:
             raise DataError('the take is not kept: it has no samples')
         times = np.array(self._times[:count])
-        shown = Demonstration(times - times[0], np.array(self._poses[:count]),
-                              tool_manifold(None))
-        recordings.write(self.path, shown, recordings.FRAME, self._start_ns)
+        demo = Demonstration(times - times[0], np.array(self._poses[:count]),
+                             tool_manifold(None))
+        recordings.write(self.path, demo, recordings.FRAME, self._start_ns)
         return self.path
 
 
@@ -277,7 +277,7 @@ class SimulatedRobot:
         self._guard_refused = guard.refused
         moves = player is not None and player.rollout is not None
         goal = player.goal if player is not None and moves else None
-        away = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
+        offset = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
         limited = tuple(f'{LIMITS[number].name} by {most:.2g} {LIMITS[number].unit}'
                         for number, (at, most) in sorted(self._acted.items())
                         if now - at < SHOWN_S)
@@ -291,8 +291,9 @@ class SimulatedRobot:
             'idle' if player is None else str(player.status), tick.mode.name.lower(),
             0.0 if rollout is None else rollout.progress,
             0.0 if rollout is None else rollout.speed,
-            (0.0, 0.0) if away is None else (float(away[0]), float(away[1])), float(tick.tank),
-            limited, None if take is None else take.duration, self._problem, self._rate,
+            (0.0, 0.0) if offset is None else (float(offset[0]), float(offset[1])),
+            float(tick.tank), limited, None if take is None else take.duration, self._problem,
+            self._rate,
             None if rollout is None or not rollout.skill.rhythmic
             else (rollout.frequency, rollout.amplitude),
             None if sequence is None or not sequence.running else

@@ -149,9 +149,9 @@ class SkillPanel:
                             'another name')
         return path
 
-    def _compare(self, name: str, shown: bool) -> None:
+    def _compare(self, name: str, visible: bool) -> None:
         compared = self._studio.compared
-        (compared.add if shown else compared.discard)(name)
+        (compared.add if visible else compared.discard)(name)
         self._studio.redraw()
 
     # What the page shows
@@ -198,12 +198,12 @@ class SkillPanel:
         scene.handle('goal', last, partial(self._drag, 'goal'))
         scene.handle('start', None if bench.skill.rhythmic else first,
                      partial(self._drag, 'start'), scale=0.1)
-        wanted = {f'via {100 * s:.0f} %': (s, position)
+        target = {f'via {100 * s:.0f} %': (s, position)
                   for s, position in bench.changes.via.items()}
         for name in scene.handles('via'):
-            if name not in wanted:
+            if name not in target:
                 scene.handle(name, None)
-        for name, (s, position) in wanted.items():
+        for name, (s, position) in target.items():
             scene.handle(name, np.array([*position, 1.0, 0.0, 0.0, 0.0]),
                          partial(self._drag_via, s), scale=0.1, turns=False)
 
@@ -264,9 +264,9 @@ class CorrectPanel:
         pushes = bench.correct(followed)
         studio.redraw()
         self._text.content = '  \n'.join(
-            f'{one.quantity} at {100 * one.at:.0f} %: '
-            + (f'{1e3 * one.largest:.0f} mm' if one.quantity == 'position'
-               else f'{one.largest:.2f} rad') for one in pushes)
+            f'{push.quantity} at {100 * push.at:.0f} %: '
+            + (f'{1e3 * push.largest:.0f} mm' if push.quantity == 'position'
+               else f'{push.largest:.2f} rad') for push in pushes)
 
     def _undo(self) -> None:
         self._studio.bench.undo_correction()

@@ -145,13 +145,13 @@ class TeachPanel:
         for part in self._rows:
             part.remove()
         self._rows.clear()
-        outliers = [one.outlier for one in bench.comparison()] or [''] * len(bench.takes)
+        outliers = [item.outlier for item in bench.comparison()] or [''] * len(bench.takes)
         with self._list:
             self._dropped.options = tuple(bench.label(take) for take in bench.takes) or (NONE,)
             for take, outlier in zip(bench.takes, outliers):
-                shown = take.recording.demonstration
+                demo = take.recording.demonstration
                 box = gui.add_checkbox(bench.label(take), take.used,
-                                       hint=outlier or f'{shown.duration:.1f} s')
+                                       hint=outlier or f'{demo.duration:.1f} s')
                 box.on_update(studio.entered(partial(self._use, take)))
                 self._rows.append(box)
                 if outlier:

@@ -111,7 +111,7 @@ class Workbench:
 
     def label(self, take: Take) -> str:
         """Name of a take, with its folder where names repeat."""
-        same = [one for one in self.takes if one.path.name == take.path.name]
+        same = [item for item in self.takes if item.path.name == take.path.name]
         return take.path.name if len(same) == 1 else str(take.path)
 
     def drop(self, take: Take) -> Path:
@@ -206,9 +206,9 @@ class Workbench:
 
         :raises GdmpError: if there is no push, or the skill cannot be corrected
         """
-        found = correction((self.skill, *self.changes.corrections)[-1], followed)
-        self.changes.corrections += (found.primitive,)
-        return found.pushes
+        result = correction((self.skill, *self.changes.corrections)[-1], followed)
+        self.changes.corrections += (result.primitive,)
+        return result.pushes
 
     def undo_correction(self) -> None:
         """
@@ -248,13 +248,13 @@ def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 def _is_run(bag: Path) -> bool:
     """Whether a bag has references and states of an arm; refused if it is too long."""
-    found = bags.topics(bag)
-    for topic, _, count in found:
+    result = bags.topics(bag)
+    for topic, _, count in result:
         if count > LARGEST:
             raise DataError(f'{bag}: topic {topic} has {count} messages, the studio opens bags '
                             f'with at most {LARGEST} on a topic (10 min at 1 kHz): cut it, or '
                             'see it with gdmp report')
-    return all(runs.streams(found))
+    return all(runs.streams(result))
 
 
 def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -> Workbench:

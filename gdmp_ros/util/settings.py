@@ -36,14 +36,15 @@ def setting(default: Any, description: str, unit: str = '', low: float | None = 
 
 def about(settings_class: Any) -> dict[str, tuple[Any, About]]:
     """Default and description of each setting of a dataclass, by name."""
-    found: tuple[Field[Any], ...] = fields(settings_class)
-    return {one.name: (one.default, one.metadata['about'])
-            for one in found if 'about' in one.metadata}
+    result: tuple[Field[Any], ...] = fields(settings_class)
+    return {item.name: (item.default, item.metadata['about'])
+            for item in result if 'about' in item.metadata}
 
 
 def numbers_type(settings_class: Any) -> np.dtype:
     """Record type of the numbers and tuples of a settings dataclass, for kernels."""
-    defaults: list[tuple[str, Any]] = [(one.name, one.default) for one in fields(settings_class)]
+    defaults: list[tuple[str, Any]] = [
+        (item.name, item.default) for item in fields(settings_class)]
     shapes = [(name, np.shape(default)) for name, default in defaults]
     return np.dtype([(name, np.float64, shape) if shape else (name, np.float64)
                      for name, shape in shapes])

@@ -55,12 +55,12 @@ def rising(step: Callable[..., None]) -> Callable[[float], None]:
 
     :param step: of `progress`
     """
-    shown = 0.0
+    reported = 0.0
 
     def show(done: float) -> None:
-        nonlocal shown
-        step(max(done - shown, 0.0))
-        shown = max(done, shown)
+        nonlocal reported
+        step(max(done - reported, 0.0))
+        reported = max(done, reported)
     return show
 
 

@@ -103,7 +103,7 @@ def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:
     if target.suffix == '.gif':
         # A palette for all pictures: one for each would flicker.
         palette = first.quantize(colors=64)
-        rest = (one.quantize(palette=palette) for one in images)
+        rest = (image.quantize(palette=palette) for image in images)
         palette.save(target, save_all=True, append_images=rest, duration=round(1e3 * frame_s),
                      loop=0)
     elif target.suffix == '.webp':

@@ -81,12 +81,12 @@ def _run(bag: Path, robot: str, skill: Skill | None) -> dict[str, object]:
 
 def _demonstration(bag: Path, skill: Skill | None) -> dict[str, object]:
     recording = recordings.read(bag)
-    shown = recording.demonstration
-    likely = _likely(skill, shown.points)
-    length = np.linalg.norm(np.diff(shown.points[:, :3], axis=0), axis=1).sum()
-    rows = [('frame', recording.frame), ('duration', f'{shown.duration:.2f} s'),
-            ('samples', f'{len(shown.times)}'), ('path', f'{length:.3f} m'),
-            ('factors', ', '.join(shown.manifold.names))]
+    demo = recording.demonstration
+    likely = _likely(skill, demo.points)
+    length = np.linalg.norm(np.diff(demo.points[:, :3], axis=0), axis=1).sum()
+    rows = [('frame', recording.frame), ('duration', f'{demo.duration:.2f} s'),
+            ('samples', f'{len(demo.times)}'), ('path', f'{length:.3f} m'),
+            ('factors', ', '.join(demo.manifold.names))]
     return {'title': f'Demonstration {bag.name}', 'rows': rows, 'events': [], 'limited': [],
             'space': figures.html(figures.demonstration_in_space(recording, likely), 'space'),
             'time': figures.html(figures.demonstration_over_time(recording, likely), 'time')}
@@ -179,9 +179,9 @@ def distribution_figure(state: Improvement) -> go.Figure:
     """Skills drawn from the distribution before and after, coordinate by coordinate."""
     skill, rng = state.variables.skill, np.random.default_rng(0)
     names = list(skill.manifold.names)
-    shown = [(name, part) for name, part in zip(names, skill.manifold.point_slices)]
-    figure = make_subplots(rows=len(shown), cols=1, shared_xaxes=True, vertical_spacing=0.05,
-                           subplot_titles=[name for name, _ in shown])
+    panels = [(name, part) for name, part in zip(names, skill.manifold.point_slices)]
+    figure = make_subplots(rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.05,
+                           subplot_titles=[name for name, _ in panels])
     before = np.zeros(state.variables.size), np.eye(state.variables.size)
     after = state.search.mean, state.search.covariance
     for (mean, covariance), name, ink in ((before, 'before', INK[1]), (after, 'after', INK[0])):
@@ -192,7 +192,7 @@ def distribution_figure(state: Improvement) -> go.Figure:
                 points = _points(state.variables.apply(values))
             except GdmpError:
                 continue
-            for row, (factor, part) in enumerate(shown, 1):
+            for row, (factor, part) in enumerate(panels, 1):
                 for column in _columns(points[:, part], factor):
                     figure.add_scatter(
                         x=np.linspace(0.0, 1.0, SAMPLES), y=column, opacity=1.0 if best else 0.25,
@@ -201,8 +201,8 @@ def distribution_figure(state: Improvement) -> go.Figure:
                     # One entry in the legend for all curves of a distribution.
                     best = best and row != 1
                 best = number == DRAWN
-    figure.update_xaxes(title='progress', row=len(shown), col=1)
-    figure.update_layout(height=60 + figures.PANEL_PX * len(shown), margin={'t': 40})
+    figure.update_xaxes(title='progress', row=len(panels), col=1)
+    figure.update_layout(height=60 + figures.PANEL_PX * len(panels), margin={'t': 40})
     return figure
 
 

@@ -115,8 +115,8 @@ def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndar
                 x=times[kept], y=values[kept], name=name, mode='lines', showlegend=not alone,
                 line={'color': INK[k % 6], 'dash': DASH[k % 6], 'width': 1.5}), number, 1)
         figure.update_yaxes(title_text=label, row=number, col=1)
-    for one in active:
-        figure.add_trace(_bars(one), count, 1)
+    for item in active:
+        figure.add_trace(_bars(item), count, 1)
     if active:
         figure.update_yaxes(title_text='limits', automargin=True, row=count, col=1)
     for number, mark in enumerate(marks, 1):
@@ -130,13 +130,14 @@ def _over_time(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndar
     return figure
 
 
-def _bars(one: Limited) -> go.Scatter:
+def _bars(limited: Limited) -> go.Scatter:
     """The times at which a limit was active, as bars."""
-    gaps = np.full_like(one.begins, np.nan)
-    times = np.column_stack([one.begins, one.ends, gaps]).reshape(-1)
-    return go.Scatter(x=times, y=[one.limit.name] * len(times), mode='lines', name=one.limit.name,
-                      showlegend=False, line={'color': INK[0] if one.limit.smooths else INK[1],
-                                              'width': 7})
+    gaps = np.full_like(limited.begins, np.nan)
+    times = np.column_stack([limited.begins, limited.ends, gaps]).reshape(-1)
+    colour = INK[0] if limited.limit.smooths else INK[1]
+    return go.Scatter(x=times, y=[limited.limit.name] * len(times), mode='lines',
+                      name=limited.limit.name, showlegend=False,
+                      line={'color': colour, 'width': 7})
 
 
 def _eigenvalues(matrices: np.ndarray, times: np.ndarray, name: str
@@ -183,12 +184,12 @@ def run_over_time(run: Run, tracked: Tracking,
 
 def demonstration_in_space(recording: Recording, likely: Likely | None = None) -> go.Figure:
     """The demonstrated path, with its stiffness if it has one, and likely takes."""
-    shown = recording.demonstration
-    points = shown.points
+    demo = recording.demonstration
+    points = demo.points
     traces = [_path(points[:, :3], 'demonstration', INK[0]),
               _point(points[0, :3], 'start', 'circle'),
               _point(points[-1, :3], 'end', 'diamond')]
-    matrices = _stiffness(shown)
+    matrices = _stiffness(demo)
     if matrices is not None:
         traces.insert(1, _ellipsoids(points[:, :3], matrices, 'stiffness'))
     return _space(traces + (_tube(*likely) if likely else []))
@@ -196,8 +197,8 @@ def demonstration_in_space(recording: Recording, likely: Likely | None = None) -
 
 def demonstration_over_time(recording: Recording, likely: Likely | None = None) -> go.Figure:
     """Position, orientation, speed and stiffness; limits of 95 % of takes."""
-    shown = recording.demonstration
-    times, points = shown.times, shown.points
+    demo = recording.demonstration
+    times, points = demo.times, demo.points
     speed = np.linalg.norm(np.gradient(points[:, :3], times, axis=0), axis=1)
     rows = [('position [m]', [(name, times, points[:, k]) for k, name in enumerate('xyz')]),
             ('quaternion', [(name, times, points[:, 3 + k])
@@ -206,21 +207,21 @@ def demonstration_over_time(recording: Recording, likely: Likely | None = None) 
     if likely is not None:
         poses, covariances = likely
         at = np.linspace(times[0], times[-1], len(poses))
-        away = 1.96 * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        offset = 1.96 * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         rows[:1] = [(f'{name} [m]', [
             ('demonstration', times, points[:, k]),
-            *((f'95 % of takes, {word}', at, poses[:, k] + sign * away[:, k])
+            *((f'95 % of takes, {word}', at, poses[:, k] + sign * offset[:, k])
               for word, sign in (('least', -1.0), ('most', 1.0)))])
             for k, name in enumerate('xyz')]
-    matrices = _stiffness(shown)
+    matrices = _stiffness(demo)
     if matrices is not None:
         rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'demonstrated,')))
     return _over_time(rows)
 
 
-def _stiffness(shown: Demonstration) -> np.ndarray | None:
+def _stiffness(demo: Demonstration) -> np.ndarray | None:
     """Translational stiffness of a demonstration of a tool; None without a stiffness."""
-    last = shown.manifold.factors[-1]
+    last = demo.manifold.factors[-1]
     if not isinstance(last, SymmetricPositiveDefinite):
         return None
-    return shown.points[:, 7:].reshape(-1, *last.point_shape)[:, :3, :3].copy()
+    return demo.points[:, 7:].reshape(-1, *last.point_shape)[:, :3, :3].copy()

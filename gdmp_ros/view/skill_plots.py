@@ -28,12 +28,12 @@ SAMPLES = 60
 _UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]', 'wrench': ' [N, Nm]'}
 
 
-def takes_figure(shown: Sequence[Demonstration], names: Sequence[str],
+def takes_figure(demos: Sequence[Demonstration], names: Sequence[str],
                  outliers: Sequence[bool]) -> Figure:
     """Draw takes of one motion from above, from the side and over time; outliers are dashed."""
     figure, axes = plots.panels(1, 3, (4.2, 3.6))
     above, side, timed = axes[0]
-    for i, (take, name, outlier) in enumerate(zip(shown, names, outliers)):
+    for i, (take, name, outlier) in enumerate(zip(demos, names, outliers)):
         style = {'color': plots.INK[i % len(plots.INK)], 'ls': '--' if outlier else '-',
                  'lw': 1.3, 'label': name}
         x, y, z = take.points[:, :3].T
@@ -55,20 +55,20 @@ def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[G
     """Draw errors by number of basis functions, and goal switches by gain."""
     figure, axes = plots.panels(1, 2, (4.6, 3.4))
     left, right = axes[0]
-    counts = [one.functions for one in errors]
-    left.loglog(counts[:-1], [one.detail for one in errors[:-1]], '^:', color=plots.INK[2],
+    counts = [error.functions for error in errors]
+    left.loglog(counts[:-1], [error.detail for error in errors[:-1]], '^:', color=plots.INK[2],
                 label='difference from the most functions')
-    left.loglog(counts, [one.training for one in errors], 'o-', color=plots.INK[0],
+    left.loglog(counts, [error.training for error in errors], 'o-', color=plots.INK[0],
                 label='error on the demonstrations')
-    left.loglog(counts, [one.unseen for one in errors], 's--', color=plots.INK[1],
+    left.loglog(counts, [error.unseen for error in errors], 's--', color=plots.INK[1],
                 label='error on one left out')
     left.axvline(count, color='0.5', lw=0.8, label=f'suggested: {count}')
     left.set(xlabel='basis functions [1]', ylabel='mean distance / span [1]')
     left.legend()
-    gains = [one.gain for one in switches]
-    right.plot(gains, [one.acceleration for one in switches], 'o-', color=plots.INK[0],
+    gains = [switch.gain for switch in switches]
+    right.plot(gains, [switche.acceleration for switche in switches], 'o-', color=plots.INK[0],
                label='added / own acceleration [1]')
-    right.plot(gains, [one.reached for one in switches], 's--', color=plots.INK[1],
+    right.plot(gains, [switche.reached for switche in switches], 's--', color=plots.INK[1],
                label='new goal reached after [durations]')
     right.axvline(gain, color='0.5', lw=0.8, label=f'suggested: {gain:g}')
     right.set(xlabel='goal gain alpha_g [1]', ylim=(0.0, None))
@@ -76,7 +76,7 @@ def tuning_figure(errors: Sequence[BasisError], count: int, switches: Sequence[G
     return figure
 
 
-def check_figure(found: PathCheck, positions: np.ndarray) -> Figure:
+def check_figure(result: PathCheck, positions: np.ndarray) -> Figure:
     """
     Draw where an arm can follow a path, and how near it comes to its limits.
 
@@ -86,13 +86,13 @@ def check_figure(found: PathCheck, positions: np.ndarray) -> Figure:
     for panel, (first, second) in zip(axes[0], ((0, 1), (0, 2), (1, 2))):
         panel.plot(positions[:, first], positions[:, second], color=plots.INK[0], lw=1.3,
                    label='path')
-        wrong = np.where(found.wrong[:, None], positions, np.nan)
+        wrong = np.where(result.wrong[:, None], positions, np.nan)
         panel.plot(wrong[:, first], wrong[:, second], '.', color='#d01010', label='not followed')
         panel.set(xlabel=f'{"xyz"[first]} [m]', ylabel=f'{"xyz"[second]} [m]')
         panel.set_aspect('equal', 'datalim')
     axes[0, 0].legend(fontsize=7)
-    for panel, margin in zip(axes[1], found.margins):
-        panel.plot(found.times, margin.values, color=plots.INK[0], lw=1.3)
+    for panel, margin in zip(axes[1], result.margins):
+        panel.plot(result.times, margin.values, color=plots.INK[0], lw=1.3)
         panel.axhline(margin.least, color='#d01010', lw=0.8, ls='--', label='limit')
         panel.set(xlabel='time [s]', ylabel=margin.label)
         panel.legend(fontsize=7)
@@ -106,9 +106,9 @@ def _band(skill: Skill, trajectory: Trajectory) -> np.ndarray | None:
         return None
     rng, drawn = np.random.default_rng(0), []
     for _ in range(SAMPLES):
-        made = distribution.sample(rng).rollout(duration=skill.duration).sample(trajectory.times)
+        result = distribution.sample(rng).rollout(duration=skill.duration).sample(trajectory.times)
         drawn.append([skill.manifold.align(point, near).reshape(-1)
-                      for point, near in zip(made.points, trajectory.points)])
+                      for point, near in zip(result.points, trajectory.points)])
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
 
 
@@ -152,23 +152,23 @@ def draw_motion(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> Dr
     return DrawnMotion(figure, panels, space)
 
 
-def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
+def skill_figure(skill: Skill, demos: Sequence[Demonstration] = ()) -> Figure:
     """
     Draw a roll-out: every factor over time, and the path if the first factor is a position.
 
     For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes.
 
-    :param shown: demonstrations to draw below it, stretched to its duration; of a rhythmic skill
+    :param demos: demonstrations to draw below it, stretched to its duration; of a rhythmic skill
         all samples by their phase, on the skill's manifold
     :raises DataError: if one is on another manifold
     """
     manifold = skill.manifold
-    for one in shown:
-        if one.manifold.factors[0] != manifold.factors[0]:
+    for demo in demos:
+        if demo.manifold.factors[0] != manifold.factors[0]:
             raise DataError(f'the skill is on {skill.manifold!r}, a demonstration on '
-                            f'{one.manifold!r}')
+                            f'{demo.manifold!r}')
     trajectory = skill.reproduce(skill.duration / 500)
-    same = [one for one in shown if one.manifold == manifold] if skill.rhythmic else []
+    same = [demo for demo in demos if demo.manifold == manifold] if skill.rhythmic else []
     takes = cycle_takes(skill, same) if same else []
     drawn = draw_motion(manifold, trajectory.times, trajectory.points)
     band = _band(skill, trajectory)
@@ -176,44 +176,44 @@ def skill_figure(skill: Skill, shown: Sequence[Demonstration] = ()) -> Figure:
         for take in takes:
             axes.plot(take.progress % 1.0 * skill.duration, take.points[:, places], '.',
                       color='0.7', ms=1.0, zorder=1.0)
-        for one in shown if not takes else ():
-            if max(places) < one.manifold.point_size:  # a take may have no stiffness
-                times = (one.times - one.times[0]) * skill.duration / one.duration
-                axes.plot(times, one.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
+        for item in demos if not takes else ():
+            if max(places) < item.manifold.point_size:  # a take may have no stiffness
+                times = (item.times - item.times[0]) * skill.duration / item.duration
+                axes.plot(times, item.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
         if band is not None:
             plots.bands(axes, trajectory.times, band[:, :, places])
     if drawn.space is not None:
         for take in takes:
             drawn.space.plot(*take.points[:, :3].T, '.', color='0.7', ms=1.0, zorder=1.0)
-        for one in shown if not takes else ():
-            drawn.space.plot(*one.flat_points[:, :3].T, color='0.7', lw=0.7, zorder=1.0)
+        for item in demos if not takes else ():
+            drawn.space.plot(*item.flat_points[:, :3].T, color='0.7', lw=0.7, zorder=1.0)
     return drawn.figure
 
 
 _PUSHED = '#f2c14e'
 
 
-def correction_figure(skill: Skill, found: Correction) -> Figure:
+def correction_figure(skill: Skill, result: Correction) -> Figure:
     """
     Draw position over time and the path from three sides; where the tool was pushed is shaded.
 
     :param skill: before the correction
     """
     figure, axes = plots.panels(2, 3, (4.0, 3.0))
-    times = found.progress * skill.duration
+    times = result.progress * skill.duration
     for panel, column in zip(axes[0], range(3)):
-        for push in found.pushes:
+        for push in result.pushes:
             panel.axvspan(push.begin * skill.duration, push.end * skill.duration,
                           color=_PUSHED, alpha=0.3, lw=0.0)
-        panel.plot(times, found.before[:, column], color='0.5', lw=1.3, label='before')
-        panel.plot(times, found.after[:, column], color=plots.INK[0], lw=1.3, label='after')
+        panel.plot(times, result.before[:, column], color='0.5', lw=1.3, label='before')
+        panel.plot(times, result.after[:, column], color=plots.INK[0], lw=1.3, label='after')
         panel.set(xlabel='time [s]', ylabel=f'{"xyz"[column]} [m]')
     for panel, (first, second) in zip(axes[1], ((0, 1), (0, 2), (1, 2))):
-        panel.plot(found.before[:, first], found.before[:, second], color='0.5', lw=1.3)
-        panel.plot(found.after[:, first], found.after[:, second], color=plots.INK[0], lw=1.3)
-        for push in found.pushes:
-            inside = (found.progress >= push.begin) & (found.progress <= push.end)
-            panel.plot(found.after[inside, first], found.after[inside, second], color=_PUSHED,
+        panel.plot(result.before[:, first], result.before[:, second], color='0.5', lw=1.3)
+        panel.plot(result.after[:, first], result.after[:, second], color=plots.INK[0], lw=1.3)
+        for push in result.pushes:
+            inside = (result.progress >= push.begin) & (result.progress <= push.end)
+            panel.plot(result.after[inside, first], result.after[inside, second], color=_PUSHED,
                        lw=5.0, alpha=0.5, zorder=1.0, label='pushed')
         panel.set(xlabel=f'{"xyz"[first]} [m]', ylabel=f'{"xyz"[second]} [m]')
         panel.set_aspect('equal', 'datalim')

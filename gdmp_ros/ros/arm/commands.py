@@ -64,13 +64,13 @@ class ArmCommands:
         """Follow a serialised reference, or refuse it."""
         guard = self.control.controller.guard
         try:
-            one = self._reader.read(data)
+            item = self._reader.read(data)
         except DataError as error:
             guard.refuse(str(error))
             return
-        origin = Origin(one.frame, (now_ns - one.stamp) / NS, one.sequence, one.mode)
-        if guard.offer(one.target, origin):
-            self.sequence = one.sequence
+        origin = Origin(item.frame, (now_ns - item.stamp) / NS, item.sequence, item.mode)
+        if guard.offer(item.target, origin):
+            self.sequence = item.sequence
 
     def position(self) -> np.ndarray:
         """Present positions of the joints [rad]."""
@@ -104,15 +104,15 @@ class ArmCommands:
         """End a fault at the next tick; returns as `request_tool`."""
         return self._request(self.recover)
 
-    def request_hand_guiding(self, wanted: bool) -> None:
+    def request_hand_guiding(self, target: bool) -> None:
         """Begin or end hand guiding at the next tick."""
-        self.requests.append(lambda: self.switch_hand_guiding(wanted))
+        self.requests.append(lambda: self.switch_hand_guiding(target))
 
-    def switch_hand_guiding(self, wanted: bool) -> None:
+    def switch_hand_guiding(self, target: bool) -> None:
         """Begin or end hand guiding now."""
-        if wanted:
+        if target:
             self.control.end_joint_motion('the arm is guided by hand')
-        self.control.hand_guided = wanted
+        self.control.hand_guided = target
         self.sequence = 0
 
     def request_joint_motion(self, make: Callable[[], JointMotion]) -> None:

@@ -195,9 +195,9 @@ class ArmServices:
             motion = await self._moved_joints()
             if not isinstance(motion, FrictionIdentification):
                 raise ParameterError('it was ended')
-            found = motion.result()
-            reply.message = json.dumps({name: [round(float(one), 4) for one in values]
-                                        for name, values in found._asdict().items()})
+            result = motion.result()
+            reply.message = json.dumps({name: [round(float(value), 4) for value in values]
+                                        for name, values in result._asdict().items()})
             reply.success = True
         except GdmpError as error:
             reply.message = str(error)
@@ -210,11 +210,11 @@ def _postures(numbers: Sequence[float], joints: int) -> np.ndarray:
 
     :raises ParameterError: if they are not finite, or a posture is not complete
     """
-    found = np.array(numbers)
-    if found.size % joints or not np.isfinite(found).all():
-        raise ParameterError(f'via has {found.size} numbers, expected finite ones, {joints} for '
+    result = np.array(numbers)
+    if result.size % joints or not np.isfinite(result).all():
+        raise ParameterError(f'via has {result.size} numbers, expected finite ones, {joints} for '
                              'each posture')
-    return found.reshape(-1, joints)
+    return result.reshape(-1, joints)
 
 
 def _check_fault(guard: ReferenceGuard) -> None:

@@ -31,10 +31,10 @@ class TfPublisher:
         message = _message(links.moving, [], now)
 
         def fill(message: TFMessage, numbers: np.ndarray) -> None:
-            for one, pose in zip(message.transforms, numbers.reshape(-1, 7)):
-                set_transform(one.transform, pose)
+            for transform, pose in zip(message.transforms, numbers.reshape(-1, 7)):
+                set_transform(transform.transform, pose)
         template = SerializedTemplate(message, 7 * len(links.moving), fill,
-                                      [one.header for one in message.transforms])
+                                      [transform.header for transform in message.transforms])
         self._moving = links, Stream(self._moving_out, template)
 
     def check(self) -> None:
@@ -53,9 +53,9 @@ def _message(names: Sequence[tuple[str, str]], poses: Sequence[np.ndarray], stam
              ) -> TFMessage:
     message = TFMessage()
     for parent, child in names:
-        one = TransformStamped(child_frame_id=child)
-        one.header.frame_id, one.header.stamp = parent, stamp_of(stamp_ns)
-        message.transforms.append(one)
-    for one, pose in zip(message.transforms, poses):
-        set_transform(one.transform, pose)
+        item = TransformStamped(child_frame_id=child)
+        item.header.frame_id, item.header.stamp = parent, stamp_of(stamp_ns)
+        message.transforms.append(item)
+    for transform, pose in zip(message.transforms, poses):
+        set_transform(transform.transform, pose)
     return message

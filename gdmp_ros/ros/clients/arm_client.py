@@ -60,14 +60,14 @@ def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed:
 
 def _wait(client: Client, arm: str, service: Any, reply: Any) -> None:
     """:raises GdmpError: if the arm is gone, or takes too long"""
-    begun = shown = client.now()
+    begun = reported = client.now()
     while not reply.done():
         client.spend(0.1)
         now = client.now()
         if now - begun > LONGEST_MOTION_S:
             raise GdmpError(f'waited {LONGEST_MOTION_S:g} s for the motion, without success')
-        if now - shown > SHOW_S:
-            shown = now
+        if now - reported > SHOW_S:
+            reported = now
             if not service.service_is_ready():
                 raise GdmpError(f'{arm} has ended, or was cleaned up, while its joints moved')
             print(f'{arm}: moving, {now - begun:.0f} s', file=sys.stderr, flush=True)
@@ -88,13 +88,13 @@ def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
     """
     client = Client('friction_client')
     try:
-        found = _measure(client, arm)
-        _write(output, arm, found)
+        result = _measure(client, arm)
+        _write(output, arm, result)
         if use:
-            _set(client, arm, found)
+            _set(client, arm, result)
     finally:
         client.close()
-    return found
+    return result
 
 
 def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
@@ -108,14 +108,14 @@ def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
           NodeTestbed(Path(name), domain.environment(), arm) as bed):
         bed.start_arm()
         move_joints(bed.client, arm.node)
-        found = _measure(bed.client, arm.node)
-    _write(output, arm.node, found)
-    return found
+        result = _measure(bed.client, arm.node)
+    _write(output, arm.node, result)
+    return result
 
 
-def _write(output: Path, arm: str, found: dict[str, list[float]]) -> None:
+def _write(output: Path, arm: str, result: dict[str, list[float]]) -> None:
     name = arm.rpartition('/')[2]
-    lines = '\n'.join(f'    friction_{key}: {values}' for key, values in found.items())
+    lines = '\n'.join(f'    friction_{key}: {values}' for key, values in result.items())
     write_text(output, f'/**/{name}:\n  ros__parameters:\n{lines}\n')
 
 
@@ -124,13 +124,13 @@ def _measure(client: Client, arm: str) -> dict[str, list[float]]:
     reply = service.call_async(SetBool.Request(data=True))
     model = Arm()
     expected = round(FrictionIdentification(model.limits, model.measure().position).seconds)
-    begun = shown = client.now()
+    begun = reported = client.now()
     try:
         with progress('moving each joint slowly', expected) as step:
             while not reply.done():
                 client.spend(0.2)
-                if client.now() - shown >= 1.0 and shown - begun < expected:
-                    shown += 1.0
+                if client.now() - reported >= 1.0 and reported - begun < expected:
+                    reported += 1.0
                     step()
                 if client.now() - begun > LONGEST_IDENTIFICATION_S:
                     raise GdmpError(f'waited {LONGEST_IDENTIFICATION_S:g} s for the motions, '
@@ -142,14 +142,14 @@ def _measure(client: Client, arm: str) -> dict[str, list[float]]:
     result = reply.result()
     if not result.success:
         raise GdmpError(f'{arm}: {result.message}')
-    found: dict[str, list[float]] = json.loads(result.message)
-    return found
+    located: dict[str, list[float]] = json.loads(result.message)
+    return located
 
 
-def _set(client: Client, arm: str, found: dict[str, list[float]]) -> None:
+def _set(client: Client, arm: str, result: dict[str, list[float]]) -> None:
     changes: list[ParameterMessage] = [
         Parameter(f'friction_{key}', value=values).to_parameter_msg()
-        for key, values in found.items()]
+        for key, values in result.items()]
     reply: Any = client.call(SetParametersAtomically, f'{arm}/set_parameters_atomically',
                              parameters=changes)
     if not reply.result.successful:

@@ -143,12 +143,12 @@ def _share(client: ServerClient, request: ExecuteRequest) -> float:
 
 def _follow_sequence(client: ServerClient) -> int:
     """Print each step when it begins, and how the sequence ended."""
-    shown = 0
+    reported = 0
     while not client.done():
         client.spend(0.1)
         state = client.state
-        if state is not None and state.step and state.step != shown:
-            shown = state.step
+        if state is not None and state.step and state.step != reported:
+            reported = state.step
             print(f'step {state.step} of {state.steps}: {state.step_name}', flush=True)
     result = client.result(10.0)
     done = client.succeeded()

@@ -102,14 +102,14 @@ class Teacher(Client):
         self._gripper.publish(message)
         return 'the gripper closes' if command.force else 'the gripper opens'
 
-    def take(self, shown: Demonstration,
+    def take(self, demo: Demonstration,
              commands: Sequence[tuple[float, GripperCommand]] = ()) -> str:
         """
         Guide the tool along a motion and record it; returns the message of the recorder.
 
         :param commands: for the gripper, with the time of the motion at which each is given [s]
         """
-        begin, end = shown.points[0][:7], shown.points[-1][:7]
+        begin, end = demo.points[0][:7], demo.points[-1][:7]
         self.move_to(begin)
         self.hold(begin, SETTLE_S)
         self.record()
@@ -119,8 +119,8 @@ class Teacher(Client):
         def at(t: float) -> np.ndarray:
             while waiting and t >= waiting[0][0]:
                 self.command_gripper(waiting.pop(0)[1])
-            return np.asarray(shown.at(np.array([min(t, shown.duration)]))[0][:7])
-        self._guide(at, shown.duration)
+            return np.asarray(demo.at(np.array([min(t, demo.duration)]))[0][:7])
+        self._guide(at, demo.duration)
         for _, command in waiting:
             self.command_gripper(command)
         self.hold(end, REST_S)
@@ -182,7 +182,7 @@ class TeachingSettings:
     gripper: bool = False
 
 
-def teach(settings: TeachingSettings, shown: Sequence[Demonstration]) -> None:
+def teach(settings: TeachingSettings, demos: Sequence[Demonstration]) -> None:
     """
     Teach: a scripted hand guides the arm along each motion; without motions the user does.
 
@@ -190,15 +190,15 @@ def teach(settings: TeachingSettings, shown: Sequence[Demonstration]) -> None:
     """
     interrupt_on_sigterm()
     # With the user's own hand the nodes are in the user's domain, for RViz.
-    domain = Domain() if shown else None
+    domain = Domain() if demos else None
     environment = domain.environment() if domain else {**os.environ, **default_environment()}
     os.environ.update(environment)
     try:
         with _session(settings, environment) as teacher:
-            if shown:
-                with progress('teaching', len(shown)) as step:
-                    for one in shown:
-                        print(teacher.take(one), flush=True)
+            if demos:
+                with progress('teaching', len(demos)) as step:
+                    for demo in demos:
+                        print(teacher.take(demo), flush=True)
                         step()
             else:
                 _by_hand(teacher, settings.gripper)

@@ -41,7 +41,7 @@ class Bringup:
     logs: Path | None = None
 
 
-def up(wanted: Bringup) -> None:
+def up(target: Bringup) -> None:
     """
     Start the nodes, and end them with Ctrl-C or SIGTERM.
 
@@ -51,7 +51,7 @@ def up(wanted: Bringup) -> None:
     environment = {**os.environ, **default_environment()}
     os.environ.update(environment)
     with ExitStack() as stack:
-        logs = wanted.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
+        logs = target.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
         # Another one of this machine is known at once, whatever DDS has discovered.
         with suppress(PermissionError):
             claim = locked(f'up-{os.environ.get("ROS_DOMAIN_ID", "0")}')
@@ -64,7 +64,7 @@ def up(wanted: Bringup) -> None:
         _refuse_others(client, own=0)
         children = stack.enter_context(ChildProcesses(environment, logs))
         print('starting the simulated arm, the server and the recorder', flush=True)
-        _start(children, wanted)
+        _start(children, target)
         waited = 0.0
         while not ends.is_set() and not _is_ready(client):
             children.check()
@@ -106,14 +106,14 @@ def _is_ready(client: ServerClient) -> bool:
     return client.state is not None and 'no_robot' not in client.state.flags
 
 
-def _start(children: ChildProcesses, wanted: Bringup) -> None:
+def _start(children: ChildProcesses, target: Bringup) -> None:
     children.start_node(ARM, MODULES[ARM], {
-        'headless': not wanted.window, 'gripper': wanted.gripper, 'model': wanted.model})
+        'headless': not target.window, 'gripper': target.gripper, 'model': target.model})
     children.start_node(SERVER, MODULES[SERVER], {
-        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': wanted.model,
-        **({} if wanted.skill is None else {'skill': str(wanted.skill.absolute())})})
+        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': target.model,
+        **({} if target.skill is None else {'skill': str(target.skill.absolute())})})
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
-        'folder': str(wanted.takes.absolute()),
+        'folder': str(target.takes.absolute()),
         'pose_topic': f'/{ARM}/measured_pose'})
 
 

@@ -227,14 +227,14 @@ class ExecuteAction(ServerAction):
             return
         if player.mode is StreamMode.STREAMING:
             # The goal moves on: the robot cannot rest there.
-            there, away = lag.within(settings.lag_position, settings.lag_rotation), lag
+            there, offset = lag.within(settings.lag_position, settings.lag_rotation), lag
         else:
-            away = player.playing.distance(place, player.goal)
-            there = away.within(*execution.goal) and robot.rests()
+            offset = player.playing.distance(place, player.goal)
+            there = offset.within(*execution.goal) and robot.rests()
         if there:
             self._finish(result.SUCCESSFUL, '')
         elif waited > settings.settling_time:
-            text = (f'the reference is at the goal, the robot {away} from it after '
+            text = (f'the reference is at the goal, the robot {offset} from it after '
                     f'{settings.settling_time:g} s, expected {execution.goal}')
             self._finish(result.GOAL_TOLERANCE_VIOLATED, text)
 

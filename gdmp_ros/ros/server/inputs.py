@@ -106,8 +106,8 @@ class GoalTopics:
 
     def discard(self) -> None:
         """Discard the messages that have come."""
-        for one in self._inputs:
-            one.discard()
+        for topic in self._inputs:
+            topic.discard()
 
     def poll(self, timeout: float) -> None:
         """
@@ -115,8 +115,8 @@ class GoalTopics:
 
         :param timeout: for the frame of a pose [s]
         """
-        for one in self._inputs:
-            one.poll(timeout)
+        for topic in self._inputs:
+            topic.poll(timeout)
 
     def _use_pose(self, data: bytes, age: float, side: int = 0) -> None:
         self._commands.goal_pose(self._poses.read(data), self._streamer.now,

@@ -228,9 +228,9 @@ class TrajectoryServer(ManagedNode):
     def subscribe_clock(self, topic: str, callback: Callable[[Any], None], quality: Any
                         ) -> Subscription:
         """Subscribe to simulated time; an executor would take half a millisecond a message."""
-        made = self.participant.subscription(ClockMessage, topic, reliable(CLOCK_DEPTH))
-        self._clock_input = made, callback
-        return made
+        result = self.participant.subscription(ClockMessage, topic, reliable(CLOCK_DEPTH))
+        self._clock_input = result, callback
+        return result
 
     def _clock_tick(self, message: ClockMessage) -> None:
         try:

@@ -76,8 +76,8 @@ class SkillLoader:
         with warnings.catch_warnings(record=True) as outside:
             warnings.simplefilter('always')
             skill = skill.in_context(context)
-        for one in outside:
-            self._logger.warning(f'{name}: {one.message}')
+        for item in outside:
+            self._logger.warning(f'{name}: {item.message}')
         self._streamer.use(skill, name, context)
         self._check(skill, name)
 
@@ -101,9 +101,9 @@ class SkillLoader:
 
         :raises DataError: if it cannot be loaded or learned
         """
-        found = skill_from_parameters(parameters, self._logger)
-        if found is not None:
-            self.use(*found)
+        result = skill_from_parameters(parameters, self._logger)
+        if result is not None:
+            self.use(*result)
 
     def load(self, path: str, name: str = '') -> str:
         """
@@ -269,14 +269,15 @@ class Refinement:
         reply.progress = progress.tolist()
         reply.references.extend(_pose(row) for row in references)
         reply.measured.extend(_pose(row) for row in measured)
-        found = correction(skill, FollowedMotion(progress, references, measured))
-        self._proposed = skill, found
-        reply.pushed_at = [one.at for one in found.pushes]
-        reply.moved = [one.largest if one.quantity == 'position' else 0.0 for one in found.pushes]
-        for path, into in ((found.before, reply.before), (found.after, reply.after)):
+        result = correction(skill, FollowedMotion(progress, references, measured))
+        self._proposed = skill, result
+        reply.pushed_at = [push.at for push in result.pushes]
+        reply.moved = [push.largest if push.quantity == 'position' else 0.0
+                       for push in result.pushes]
+        for path, into in ((result.before, reply.before), (result.after, reply.after)):
             rows = np.linspace(0, len(path) - 1, PREVIEW_POSES).astype(int)
             into.extend(_pose(row[:7]) for row in path[rows])
-        return (f'{len(found.pushes)} pushes; the path is moved by at most '
+        return (f'{len(result.pushes)} pushes; the path is moved by at most '
                 f'{1e3 * max(reply.moved):.0f} mm')
 
     def _keep(self, request: RefineSkill.Request, reply: RefineSkill.Response) -> str:

@@ -238,15 +238,15 @@ class Visualizer(ManagedNode):
         """Show this predicted path from now on."""
         if not self._of_this_frame(message.header.frame_id):
             return
-        poses = np.array([pose_numbers(one.pose) for one in message.poses]).reshape(-1, 7)
+        poses = np.array([pose_numbers(pose.pose) for pose in message.poses]).reshape(-1, 7)
         self._predicted = poses[np.isfinite(poses).all(axis=1), :3]
 
     def take_tube(self, message: Tube) -> None:
         """Show from now on how takes vary around the predicted path."""
         if not self._of_this_frame(message.header.frame_id):
             return
-        rows = [np.vstack([pose_numbers(one.pose)[:3],
-                           np.reshape(one.covariance, (6, 6))[:3, :3]]) for one in message.poses]
+        rows = [np.vstack([pose_numbers(pose.pose)[:3],
+                           np.reshape(pose.covariance, (6, 6))[:3, :3]]) for pose in message.poses]
         tube = np.array(rows).reshape(-1, 4, 3)
         self._tube = tube[np.isfinite(tube).all(axis=(1, 2))]
 
@@ -274,11 +274,11 @@ class Visualizer(ManagedNode):
         self._past.append((self._now(), pose_numbers(message.pose)[:3]))
 
     def _of_this_frame(self, frame: str) -> bool:
-        wanted = self.parameters.frame_id
-        if frame != wanted:
-            self.get_logger().warning(f'a message is in frame {frame!r}, expected {wanted!r}: set '
+        target = self.parameters.frame_id
+        if frame != target:
+            self.get_logger().warning(f'a message is in frame {frame!r}, expected {target!r}: set '
                                       'frame_id', throttle_duration_sec=5.0)
-        return bool(frame == wanted)
+        return bool(frame == target)
 
     def _now(self) -> float:
         return self.clock.now() / NS
@@ -301,16 +301,16 @@ class Visualizer(ManagedNode):
         self._update_handles()
         if self._markers.subscribers() == 0:
             return
-        shown = self._all_markers()
+        current = self._all_markers()
         stamp = self.stamp()
-        for marker in shown:
+        for marker in current:
             marker.header.frame_id, marker.header.stamp = self.parameters.frame_id, stamp
-        keys = {(marker.ns, marker.id) for marker in shown}
+        keys = {(marker.ns, marker.id) for marker in current}
         # Repeated: a viewer that misses a message must not keep a marker for ever.
         self._shown |= keys
         gone = [Marker(ns=space, id=number, action=Marker.DELETE)
                 for space, number in sorted(self._shown - keys)]
-        self._markers.publish(MarkerArray(markers=gone + shown))
+        self._markers.publish(MarkerArray(markers=gone + current))
 
     def _all_markers(self) -> list[Marker]:
         p = self.parameters
