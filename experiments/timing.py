@@ -29,7 +29,7 @@ POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation')
 
 
 @dataclass(frozen=True)
-class Settings:
+class TimingSettings:
     """
     Options of the benchmarks.
 

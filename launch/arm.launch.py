@@ -26,7 +26,7 @@ ARGUMENTS = (
     ('arm', 'sim', 'sim: simulated arm; franka: a Franka Research 3'),
     ('host', '', 'address of the Franka'),
     ('gripper', 'false', 'with a gripper'),
-    ('use_sim', 'true', 'start the arm; false: a robot publishes measured_pose_topic'),
+    ('start_arm', 'true', 'start the arm; false: a robot publishes measured_pose_topic'),
     ('use_sim_time', 'false', 'follow /clock: the simulation then runs as fast as it can, and a '
      'Franka publishes the time of the robot'),
     ('composed', 'false', 'all nodes in one process'),
@@ -42,20 +42,20 @@ def start(context):
     """Make the nodes that the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     on = {}
-    for name in ('headless', 'use_rviz', 'use_sim', 'use_sim_time', 'composed', 'visualize',
+    for name in ('headless', 'use_rviz', 'start_arm', 'use_sim_time', 'composed', 'visualize',
                  'gripper'):
         if given[name].lower() not in ('true', 'false', '1', '0'):
             raise ValueError(f'{name} is {given[name]!r}, expected true or false')
         on[name] = given[name].lower() in ('true', '1')
     if given['arm'] not in ARMS:
         raise ValueError(f"arm is {given['arm']!r}, expected one of {', '.join(ARMS)}")
-    if (given['arm'] == 'franka' and on['use_sim']) != bool(given['host']):
+    if (given['arm'] == 'franka' and on['start_arm']) != bool(given['host']):
         raise ValueError('arm:=franka needs host, the address of the robot, and sim has none')
     arm = ARMS[given['arm']]
     share = FindPackageShare('gdmp_ros').perform(context)
     frame = {'frame_id': given['base_frame'], 'use_sim_time': on['use_sim_time']}
     wanted = {}
-    if on['use_sim']:
+    if on['start_arm']:
         # The one that makes the simulated time must not wait for it.
         if given['arm'] == 'franka':
             wanted['franka_arm'] = {**frame, 'use_sim_time': False, 'host': given['host'],

@@ -34,7 +34,7 @@ def one_class(task: tuple[str, str, str, int]) -> list[float]:
     return [float(reproduction_error(skill, shown, ms * 1e-3)[0]) for ms in STEPS_MS]
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     cells = [(mapping, connection) for mapping in (*lasa.MAPPINGS, COVARIANCES)
              for connection in CONNECTIONS]

@@ -29,7 +29,7 @@ RADIUS, RATE = 0.02, 2.0
 CLIENTS = ('bare', 'loop')
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures of both clients, one after the other; none without the server."""
     choice = ArmChoice('franka', protocol_server=True)
     try:

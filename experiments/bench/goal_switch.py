@@ -23,7 +23,7 @@ PEER_NAMES = {'peer': 'movement_primitives, defaults',
               'peer_smooth': 'movement_primitives, smooth_scaling=True'}
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """
     Accelerations after the switch, linear [m/s²] and angular [rad/s²].
 

@@ -168,7 +168,7 @@ def _named(manifold: Euclidean) -> Product:
     return Product(manifold, names=('position',))
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     keys = {f'{name}/{search}/{seed}': (name, search, seed)
             for name in TASKS for search in SEARCHES for seed in range(SEEDS)}

@@ -10,7 +10,7 @@ from gdmp_ros.dmp.skill import Skill
 TITLE = 'learning a pose skill: 1000 samples, 50 basis functions'
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     shown = timing.demonstration(timing.POSE, 5.0)
     stiff = timing.demonstration(timing.pose_with_stiffness(3), 5.0)

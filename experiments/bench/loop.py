@@ -13,7 +13,7 @@ from gdmp_ros.dmp.skill import Skill
 TITLE = 'closed-loop simulation of a Panda, one core, without ROS'
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Simulated time / real time: median over repetitions of one skill from start to end."""
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.closed_loop import ClosedLoop

@@ -66,7 +66,7 @@ def one_row(manifold: Manifold, rate: float, level: float) -> dict[str, Any]:
                 ('within', 'after', 'peak_acceleration', 'start_velocity'), mean)}}
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     return {'rows': [one_row(manifold, rate, level) for manifold in MANIFOLDS
                      for rate in RATES for level in LEVELS]}

@@ -18,7 +18,7 @@ TITLE = 'one step on SPD(m), 50 basis functions'
 SIZES = tuple(range(2, 21))
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file, times in µs."""
     lines = []
     for m in SIZES:

@@ -55,7 +55,7 @@ def measure_peer(repetitions: int) -> float:
     return timing.median_time(prepare, CALLS // 3, repetitions) * 1e6
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     count = settings.repetitions
     pose, three, six = (timing.skill(manifold, DURATION) for manifold in (

@@ -24,7 +24,7 @@ PERIOD_NS = 1_000_000
 NODES = ('trajectory_server', 'panda_sim')
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Stream a skill repeatedly for ``settings.seconds``, and evaluate every tick."""
     with optional_import(ROS):
         from gdmp_ros.ros.clients.testbed import NodeTestbed

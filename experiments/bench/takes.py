@@ -37,7 +37,7 @@ class _Left(NamedTuple):
     inside: np.ndarray
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures of each task; none without the data set."""
     if settings.robottasks is None:
         return {'tasks': []}

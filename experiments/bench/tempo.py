@@ -36,7 +36,7 @@ CHANGES = {
                                           True)}
 
 
-def run(settings: timing.Settings) -> dict[str, Any]:
+def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Largest distance from the learned path: geodesic for gdmp_ros, in metres for the peer."""
     shown = timing.demonstration(timing.POSE, DURATION)
     skill = Skill.learn(shown, 50)

@@ -35,7 +35,7 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 
 if TYPE_CHECKING:
-    from experiments.timing import Settings
+    from experiments.timing import TimingSettings
 
 #: Benches; the module of each in `experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
@@ -70,10 +70,10 @@ def run(options: argparse.Namespace) -> None:
         check_lasa_class(name)
     check_number('--repetitions', options.repetitions, 7)
     check_number('--seconds', options.seconds, above=0.0, high=86400.0)
-    from experiments.timing import environment, Settings
+    from experiments.timing import environment, TimingSettings
     from gdmp_ros.util.parallel import scheduler_address
     given = options.robottasks or os.environ.get('GDMP_ROBOTTASKS')
-    settings = Settings(options.repetitions, options.seconds, options.jobs,
+    settings = TimingSettings(options.repetitions, options.seconds, options.jobs,
                         scheduler_address(options.backend), options.resume, classes,
                         options.n_basis, Path(given) if given else None)
     if options.what != 'all':
@@ -96,7 +96,7 @@ def _module(what: str) -> Any:
     return importlib.import_module(f'experiments.bench.{what.replace("-", "_")}')
 
 
-def _measure(what: str, settings: Settings) -> dict[str, Any]:
+def _measure(what: str, settings: TimingSettings) -> dict[str, Any]:
     module = _module(what)
     document: dict[str, Any] = module.run(settings)
     heads, *lines = module.rows(document)

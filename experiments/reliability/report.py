@@ -8,8 +8,8 @@ import time
 import traceback
 
 from experiments.reliability.faults import fault, FAULTS
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import short_skill, Trial
+from experiments.reliability.trial import FaultTrial, short_skill
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.clients.testbed import process_bed
 from gdmp_ros.util.files import write_json, write_text
@@ -32,7 +32,7 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
         skill = short_skill(folder)
     except OSError as error:
         raise DataError(f'{folder}: cannot write the report: {error.strerror}') from None
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, TrialResult] = {}
     for number, name in enumerate(names, 1):
         title = (fault(name).__doc__ or '').strip()
         print(f'[{number}/{len(names)}] {name}: {title} …', flush=True)
@@ -46,32 +46,32 @@ def run(names: Sequence[str], folder: Path, quick: bool) -> bool:
     return all(one.holds is not False for one in outcomes.values())
 
 
-def attempt(name: str, folder: Path, skill: Path, quick: bool) -> Outcome:
+def attempt(name: str, folder: Path, skill: Path, quick: bool) -> TrialResult:
     """Try one fault in its own DDS domain; a trial that raises an exception has failed."""
     try:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        with process_bed(Trial, folder, skill=skill) as trial:
+        with process_bed(FaultTrial, folder, skill=skill) as trial:
             return fault(name)(trial, quick)
     except GdmpError as error:
-        return Outcome(failed=[str(error)])
+        return TrialResult(failed=[str(error)])
     except Exception as error:
         traceback.print_exc()
-        return Outcome(failed=[f'{type(error).__name__}: {error}'])
+        return TrialResult(failed=[f'{type(error).__name__}: {error}'])
 
 
-def _verdict(outcome: Outcome) -> str:
+def _verdict(outcome: TrialResult) -> str:
     detail = outcome.missing or '; '.join(outcome.failed + outcome.late)
     return WORDS[outcome.holds] + (f': {detail}' if detail else '')
 
 
-def _figures(outcome: Outcome) -> str:
+def _figures(outcome: TrialResult) -> str:
     words = [f'{name} {value:.4g}' if isinstance(value, (int, float)) else f'{name}: {value}'
              for name, value in outcome.measured.items()]
     return '; '.join(words) or _verdict(outcome)
 
 
-def _write(folder: Path, outcomes: dict[str, Outcome]) -> None:
+def _write(folder: Path, outcomes: dict[str, TrialResult]) -> None:
     document = {name: {'fault': (fault(name).__doc__ or '').strip(), 'holds': one.holds,
                        'measured': one.measured, 'failed': one.failed, 'late': one.late,
                        'missing': one.missing}

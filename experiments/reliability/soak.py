@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 
 from experiments.reliability.monitor import WINDOW_S
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import FRAME, goal_of, short_skill, Trial
+from experiments.reliability.trial import FaultTrial, FRAME, goal_of, short_skill
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.statistics import punctuality_of
@@ -50,7 +50,7 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     print('learning six skills', flush=True)
     skills = [short_skill(folder / 'skills', float(rng.uniform(2.5, 5.0)), name)
               for name in CLASSES]
-    with process_bed(Trial, folder, skill=skills[0]) as trial:
+    with process_bed(FaultTrial, folder, skill=skills[0]) as trial:
         samples, actions = _work(trial, minutes, skills, rng)
     document = _document(folder, minutes, samples, actions)
     outcome = judge(document)
@@ -66,7 +66,7 @@ def run(minutes: float, folder: Path, seed: int) -> bool:
     return bool(outcome.holds)
 
 
-def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Generator
+def _work(trial: FaultTrial, minutes: float, skills: list[Path], rng: np.random.Generator
           ) -> tuple[list[dict[str, float]], dict[str, int]]:
     """Use the nodes until they have streamed long enough; returns samples and actions."""
     folder, wanted = trial.folder, round(minutes * 60_000)
@@ -100,7 +100,7 @@ def _work(trial: Trial, minutes: float, skills: list[Path], rng: np.random.Gener
     return samples, worker.actions
 
 
-def _sample(trial: Trial, seconds: float) -> dict[str, float]:
+def _sample(trial: FaultTrial, seconds: float) -> dict[str, float]:
     state, result = trial.state, {'seconds': seconds}
     for name in (SERVER, ARM):
         process = psutil.Process(trial.children.processes[name].pid)
@@ -113,7 +113,7 @@ def _sample(trial: Trial, seconds: float) -> dict[str, float]:
 class Worker:
     """Does random things with the nodes, as a user might."""
 
-    def __init__(self, trial: Trial, skills: list[Path], rng: np.random.Generator):
+    def __init__(self, trial: FaultTrial, skills: list[Path], rng: np.random.Generator):
         self.actions = dict.fromkeys(('motions', 'reached', 'skills loaded', 'goals switched',
                                     'tempo changes', 'pauses'), 0)
         self._trial, self._skills, self._rng = trial, skills, rng
@@ -178,9 +178,9 @@ def _document(folder: Path, minutes: float, samples: list[dict[str, float]],
             'bare': {**bare._asdict(), 'missed_per_window': per_window.tolist()}}
 
 
-def judge(document: dict[str, Any]) -> Outcome:
+def judge(document: dict[str, Any]) -> TrialResult:
     """Compare the figures of a run with the requirements."""
-    outcome, samples, seen = Outcome(), document['samples'], document['seen']
+    outcome, samples, seen = TrialResult(), document['samples'], document['seen']
     limits, arm = LimitSettings(), Arm().limits
     first, last, bare = samples[0], samples[-1], document['bare']
     ticks, missed = last['ticks'] - first['ticks'], last['missed'] - first['missed']

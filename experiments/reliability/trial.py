@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.reliability.outcome import Outcome
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import lasa, runs
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -35,7 +35,7 @@ def goal_of(skill: Path) -> np.ndarray:
     return np.array(Skill.load(skill).goal[:7])
 
 
-def judge_limits(run: runs.Run, outcome: Outcome) -> None:
+def judge_limits(run: runs.Run, outcome: TrialResult) -> None:
     """Require that the arm stayed inside its limits."""
     limits, figures = LimitSettings(), runs.limit_figures(run, Arm().limits)
     for name, value, smallest, largest in (
@@ -53,7 +53,7 @@ def _within(smallest: float, largest: float, value: float) -> bool:
     return smallest <= value <= largest
 
 
-class Trial(NodeTestbed):
+class FaultTrial(NodeTestbed):
     """The nodes of one trial, with a skill for the server."""
 
     def __init__(self, folder: Path, environment: Mapping[str, str], skill: Path):
@@ -70,7 +70,7 @@ class Trial(NodeTestbed):
         result = self.client.result(timeout)
         return bool(result.error_code == result.SUCCESSFUL)
 
-    def stays_and_begins_again(self, outcome: Outcome) -> None:
+    def stays_and_begins_again(self, outcome: TrialResult) -> None:
         """Require that the motion that was lost is reported, and the next one reaches the goal."""
         result = self.client.result(60.0)
         outcome.measured['the motion ended with'] = result.error_string
@@ -80,7 +80,7 @@ class Trial(NodeTestbed):
         self.client.execute()
         outcome.claim('the next motion reaches its goal', self.succeeded())
 
-    def finish(self, outcome: Outcome, distance: float | None = 0.002,
+    def finish(self, outcome: TrialResult, distance: float | None = 0.002,
                follows: bool = True) -> runs.Run:
         """
         End the recording, and require what every trial has to fulfil.

@@ -10,7 +10,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import Origin
-from gdmp_ros.control.reference_kinds import Whereabouts
+from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
 from gdmp_ros.control.tick import Tick
@@ -105,7 +105,7 @@ class ArmControl:
     def stand(self, measured: Measurement, dt: float) -> Tick:
         """What happens in ``dt`` seconds in which something else holds the arm, as its brakes."""
         controller, twist = self.controller, measured.jacobian @ measured.velocity
-        controller.guard.measure(dt, Whereabouts(measured.pose, twist, measured.position,
+        controller.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                                  measured.velocity))
         return Tick(measured, twist, np.zeros(6), np.zeros(36), np.zeros(36),
                     np.zeros_like(measured.position), np.zeros(6), controller.guard.mode, 0.0,

@@ -54,7 +54,7 @@ class Contact:
         correction[np.abs(correction) < 1e-6] = 0.0
         wished += correction
 
-    def feel(self, wrench: np.ndarray, reference: np.ndarray, dt: float) -> str:
+    def update(self, wrench: np.ndarray, reference: np.ndarray, dt: float) -> str:
         """
         Use a measured external wrench.
 

@@ -18,7 +18,7 @@ from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.posture import Posture
-from gdmp_ros.control.reference_kinds import Whereabouts
+from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import STIFFNESS
@@ -76,7 +76,7 @@ class ImpedanceController:
     def reset(self, measured: Measurement) -> None:
         """Hold the measured pose, with the tank as at the start."""
         settings = self.settings
-        self.posture.be(measured.position)
+        self.posture.hold(measured.position)
         self.posture.use(settings.posture)
         self._limiter = TorqueLimiter(self._joints, settings.limits)
         self._limiter.reset(measured.bias)
@@ -100,7 +100,7 @@ class ImpedanceController:
         self.tank.measure(measured, self._law.stored(measured), dt)
         twist = measured.jacobian @ measured.velocity
         known = is_finite(measured.pose) and is_finite(twist)
-        robot = Whereabouts(measured.pose, twist, measured.position, measured.velocity)
+        robot = MeasuredMotion(measured.pose, twist, measured.position, measured.velocity)
         target = self.guard.target(dt, robot if known else None).copy()
         law = self._chosen_law(measured)
         requested = (np.zeros(36) if self.guard.in_joints
@@ -126,12 +126,12 @@ class ImpedanceController:
         law: ImpedanceLaw = self._joint_law if self.guard.in_joints else self._tool_law
         if law is not self._law:
             law.hold(measured)
-            self.posture.be(measured.position)
+            self.posture.hold(measured.position)
             self._law = law
         return law
 
     def _feel(self, measured: Measurement, wrench: np.ndarray, dt: float) -> None:
-        collision = self.contact.feel(wrench, self._law.motion(measured), dt)
+        collision = self.contact.update(wrench, self._law.motion(measured), dt)
         if collision and self.guard.following:
             comply = self.settings.contact.collision_reaction == 'comply'
             (self.guard.comply if comply else self.guard.stop)(collision)
@@ -177,8 +177,8 @@ class ImpedanceController:
         twist = measured.jacobian @ measured.velocity
         violation = np.zeros(len(LIMITS))
         self.tank.measure(measured, 0.0, dt)
-        self.posture.be(measured.position)
-        self.guard.measure(dt, Whereabouts(measured.pose, twist, measured.position,
+        self.posture.hold(measured.position)
+        self.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                            measured.velocity))
         self.guard.hold(measured.pose, mode)
         self._hold(measured)
@@ -261,7 +261,7 @@ class ImpedanceController:
         pose = np.where(np.isfinite(measured.pose), measured.pose, self._last_pose)
         self._law = self._tool_law
         self._tool_law.hold_pose(pose)
-        self.guard.measure(0.0, Whereabouts(pose, np.zeros(6)))
+        self.guard.measure(0.0, MeasuredMotion(pose, np.zeros(6)))
         self.guard.fault('a measurement or a torque was not finite')
         self.tank.empty()
         return measured.bias.copy() if is_finite(measured.bias) else self._limiter.last

@@ -15,9 +15,9 @@ from gdmp_ros.control.reference_check import (
 )
 from gdmp_ros.control.reference_kinds import (
     JointReferences,
+    MeasuredMotion,
     PoseReferences,
     ReferenceKind,
-    Whereabouts,
 )
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import TARGET_SIZE
@@ -75,7 +75,7 @@ class ReferenceGuard:
         self._on_time = 0
         self._far = ''
         self.mode = ArmMode.HOLD
-        self._robot = Whereabouts(pose.copy(), np.zeros(6))
+        self._robot = MeasuredMotion(pose.copy(), np.zeros(6))
         self.hold(pose)
 
     def forget_stream(self) -> None:
@@ -194,7 +194,7 @@ class ReferenceGuard:
         if self.mode not in (ArmMode.FAULT, ArmMode.COMPLIANT):
             self.mode = mode
 
-    def target(self, dt: float, robot: Whereabouts | None = None) -> np.ndarray:
+    def target(self, dt: float, robot: MeasuredMotion | None = None) -> np.ndarray:
         """
         Target of this tick, ``dt`` after the last one.
 
@@ -215,7 +215,7 @@ class ReferenceGuard:
         self._age += dt
         return self._kind.target
 
-    def measure(self, dt: float, robot: Whereabouts | None) -> None:
+    def measure(self, dt: float, robot: MeasuredMotion | None) -> None:
         """Let ``dt`` pass, and remember where the robot is."""
         self._offered.age += dt
         self._armed_s -= dt

@@ -21,7 +21,7 @@ class Posture:
 
     def __init__(self, joints: JointLimits):
         self._joints = joints
-        self.position = self._wanted = np.zeros_like(joints.torque)
+        self.position = self._target = np.zeros_like(joints.torque)
         self._changes = False
 
     def check(self, setting: tuple[float, ...]) -> None:
@@ -30,28 +30,28 @@ class Posture:
             self._joints.check(np.array(setting))
 
     def use(self, setting: tuple[float, ...]) -> None:
-        """Want a setting from now on; without a posture nothing changes."""
+        """Approach a setting from now on; without a posture nothing changes."""
         if setting != NONE:
-            self._wanted, self._changes = np.array(setting), True
+            self._target, self._changes = np.array(setting), True
 
-    def want(self, position: np.ndarray) -> None:
+    def approach(self, position: np.ndarray) -> None:
         """
-        Want another posture from now on.
+        Approach another posture from now on.
 
         :param position: of the joints [rad]
         :raises ParameterError: if it is not one of the arm
         """
         self._joints.check(position)
-        self._wanted, self._changes = position.copy(), True
+        self._target, self._changes = position.copy(), True
 
-    def be(self, position: np.ndarray) -> None:
+    def hold(self, position: np.ndarray) -> None:
         """Keep the present position of the joints [rad]."""
-        self.position, self._wanted, self._changes = position.copy(), position.copy(), False
+        self.position, self._target, self._changes = position.copy(), position.copy(), False
 
     def advance(self, dt: float) -> np.ndarray:
         """Let ``dt`` pass; returns the position [rad]."""
         if self._changes:
-            target, step = self._wanted, RATE * dt
+            target, step = self._target, RATE * dt
             self.position = self.position + np.clip(target - self.position, -step, step)
             self._changes = not np.array_equal(self.position, target)
         return self.position

@@ -38,7 +38,7 @@ HOLD_JOINT_STIFFNESS = 200.0
 LARGEST_RATE = 20.0
 
 
-class Whereabouts(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """
     Where the robot is.
 
@@ -69,7 +69,7 @@ class ReferenceKind(Protocol):
     def place(self, target: np.ndarray) -> np.ndarray:
         """Copy of the part of a target that says where it is."""
 
-    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: MeasuredMotion,
             settings: GuardSettings) -> str:
         """
         Why the beginning of a motion is too far from the robot; empty if it is not.
@@ -95,7 +95,7 @@ class ReferenceKind(Protocol):
     def slow_down(self, left: float, dt: float) -> None:
         """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
 
-    def rest_at(self, robot: Whereabouts) -> None:
+    def rest_at(self, robot: MeasuredMotion) -> None:
         """Rest where the robot is."""
 
     def damp(self, ratio: float) -> None:
@@ -121,7 +121,7 @@ class PoseReferences:
         """See `ReferenceKind`."""
         return target[POSE:POSE + 7].copy()
 
-    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: MeasuredMotion,
             settings: GuardSettings) -> str:
         """See `ReferenceKind`."""
         distance, angle = pose_distance(robot.pose, place)
@@ -172,7 +172,7 @@ class PoseReferences:
         self.target[WRENCH:] = left * self._wrench
         self.extrapolate(dt, math.inf)
 
-    def rest_at(self, robot: Whereabouts) -> None:
+    def rest_at(self, robot: MeasuredMotion) -> None:
         """See `ReferenceKind`."""
         self.target[:STIFFNESS] = 0.0
         self.target[WRENCH:] = 0.0
@@ -216,7 +216,7 @@ class JointReferences:
         """See `ReferenceKind`."""
         return target[:self._n].copy()
 
-    def far(self, place: np.ndarray, target: np.ndarray | None, robot: Whereabouts,
+    def far(self, place: np.ndarray, target: np.ndarray | None, robot: MeasuredMotion,
             settings: GuardSettings) -> str:
         """See `ReferenceKind`."""
         n = self._n
@@ -258,7 +258,7 @@ class JointReferences:
         self.target[self._n:2 * self._n] = left * self._velocity
         self.extrapolate(dt, math.inf)
 
-    def rest_at(self, robot: Whereabouts) -> None:
+    def rest_at(self, robot: MeasuredMotion) -> None:
         """See `ReferenceKind`."""
         n = self._n
         if len(robot.position) == n:

@@ -149,7 +149,7 @@ class TankSettings:
     energy: float = setting(5.0, 'energy in the tank at the start', 'J', 0.0, 1000.0)
     capacity: float = setting(
         10.0, 'capacity of the tank; energy beyond it is lost', 'J', 0.01, 1000.0)
-    refill: float = setting(
+    recharge_power: float = setting(
         2.5, 'power that flows into the tank, for friction and tasks that do work; the controller '
         'gives no more than this to the world, with 0 it is passive', 'W', 0.0, 100.0)
     delay: float = setting(

@@ -93,7 +93,7 @@ class EnergyTank:
                 self._coriolis += min(dt / CORIOLIS_S, 1.0) * change
             lost = 0.5 * dt * (self.credit.power(velocity) + self.credit.power(measured.velocity))
             self.draw(work - gain + stored - spring - lost)
-        self.energy = min(self.energy + dt * self.settings.refill, self.settings.capacity)
+        self.energy = min(self.energy + dt * self.settings.recharge_power, self.settings.capacity)
 
     def draw(self, energy: float) -> None:
         """Take energy from the tank [J]; a negative amount refills it, up to the capacity."""

@@ -83,7 +83,8 @@ class Run:
     steps: tuple[tuple[int, str], ...] = ()
 
 
-def streams(topics: Sequence[tuple[str, str, int]], robot: str = '') -> tuple[list[str], list[str]]:
+def streams(topics: Sequence[tuple[str, str, int]], robot: str = ''
+            ) -> tuple[list[str], list[str]]:
     """
     Topics with references and with states in a bag (`gdmp_ros.data.bags.topics`).
 

@@ -29,7 +29,7 @@ TEMPO = 2.0
 DROPPED = 'dropped'
 
 
-class Take(NamedTuple):
+class ComparedTake(NamedTuple):
     """
     One take compared with the others.
 
@@ -48,7 +48,7 @@ class Take(NamedTuple):
     outlier: str
 
 
-def compare(recordings: Sequence[Recording]) -> list[Take]:
+def compare(recordings: Sequence[Recording]) -> list[ComparedTake]:
     """Compare takes point by point along their paths: their timing may differ."""
     paths = [_sampled(recording.demonstration) for recording in recordings]
     distances, angles = (np.array(column) for column in zip(*(
@@ -63,8 +63,9 @@ def compare(recordings: Sequence[Recording]) -> list[Take]:
             _tempo(durations, i)) if reason]
         positions = recording.demonstration.points[:, :3]
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
-        result.append(Take(Path(recording.bag).name, recording.demonstration.duration, length,
-                           float(distances[i]), float(angles[i]), '; '.join(reasons)))
+        result.append(ComparedTake(
+            Path(recording.bag).name, recording.demonstration.duration, length,
+            float(distances[i]), float(angles[i]), '; '.join(reasons)))
     return result
 
 

@@ -34,7 +34,7 @@ def between(primitive: P, start: np.ndarray | None = None,
     first = primitive.start if start is None else manifold.check_point(start)
     last = primitive.goal if goal is None else manifold.check_point(goal)
     moved = replace(primitive, start=first, frame=manifold.frame(first), goal=last)
-    by = turns(primitive, moved)
+    by = frame_changes(primitive, moved)
     variation = primitive.variation
     weights = primitive.weights
     if primitive.connection == 'parallel':  # the published one has no frame for them
@@ -76,7 +76,7 @@ def moved_cycle(primitive: P, centre: np.ndarray, frame: np.ndarray,
                        manifold.frame(start), manifold.from_frame(after, coordinates(velocity))))
 
 
-def turns(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
+def frame_changes(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from coordinates before a shift to those after it: at the start, at the goal."""
     manifold = before.manifold
     carried = frame_of(before, after.start)
@@ -101,7 +101,7 @@ def shifted(primitive: P, shift: np.ndarray) -> P:
     goal = manifold.exp(primitive.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
     weights = primitive.weights + shift[2 * size:].reshape(-1, size)
     moved = replace(primitive, start=start, goal=goal, frame=manifold.frame(start))
-    turn = turns(primitive, moved)[0]
+    turn = frame_changes(primitive, moved)[0]
     return replace(moved, weights=weights @ turn.T, velocity=turn @ primitive.velocity)
 
 
@@ -109,7 +109,7 @@ def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) ->
     """
     The variation in the coordinates of a shifted primitive.
 
-    :param by: see `turns`
+    :param by: see `frame_changes`
     """
     start, goal = by
 

@@ -15,7 +15,7 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.changes import shifted, turned_variation, turns
+from gdmp_ros.dmp.changes import frame_changes, shifted, turned_variation
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
@@ -121,7 +121,7 @@ class Distribution:
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rest = replace(self._variation, factor=factor @ root, contexts=None)
         # `shifted` turned what the variation of the moved primitive refers to.
-        turned = turned_variation(rest, turns(self._skill, moved))
+        turned = turned_variation(rest, frame_changes(self._skill, moved))
         return replace(moved, variation=turned)
 
     def _in_context(self, context: Context) -> Skill:
@@ -136,7 +136,7 @@ class Distribution:
         shift, longer = model.shift(numbers)
         moved = shifted(self._skill, shift)
         rest = replace(variation, factor=model.growth(numbers) * variation.factor, contexts=None)
-        turned = turned_variation(rest, turns(self._skill, moved))
+        turned = turned_variation(rest, frame_changes(self._skill, moved))
         return replace(moved, variation=turned,
                        duration=max(longer * moved.duration, SHORTEST_DURATION))
 

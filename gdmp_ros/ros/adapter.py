@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.reference_kinds import Whereabouts
+from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
 from gdmp_ros.data.bags import joint_positions, joint_target, reference_target
@@ -240,7 +240,7 @@ class Adapter(ManagedNode):
                 if not known:
                     self.get_logger().info('the joints of the robot are known')
             if received is not None or state is not None:
-                self.guard.measure(0.0, Whereabouts(self._pose_of_robot, np.zeros(6),
+                self.guard.measure(0.0, MeasuredMotion(self._pose_of_robot, np.zeros(6),
                                                     self._posture, np.zeros(len(self._posture))))
         except GdmpError as error:
             self.get_logger().warning(f'measurement refused: {error}', throttle_duration_sec=1.0)

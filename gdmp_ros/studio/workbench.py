@@ -149,7 +149,7 @@ class Workbench:
         self.choose(name)
         return name
 
-    def comparison(self) -> list[takes.Take]:
+    def comparison(self) -> list[takes.ComparedTake]:
         """Each take compared with the others; empty with fewer than two."""
         if len(self.takes) < 2:
             return []

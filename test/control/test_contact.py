@@ -56,7 +56,7 @@ def test_the_correction_is_bounded_where_there_is_nothing_to_press_on(plant):
 def test_a_force_is_paid_by_the_tank(plant):
     """Without refill, a force that does work ends with the energy."""
     _, ticks = press(0.0, -0.5, force=40.0, seconds=6.0, plant=plant,
-                     tank=TankSettings(energy=0.3, refill=0.0))
+                     tank=TankSettings(energy=0.3, recharge_power=0.0))
     assert min(tick.tank for tick in ticks) > -0.01
 
 

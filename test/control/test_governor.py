@@ -129,7 +129,7 @@ def test_a_posture_is_approached_without_moving_the_tool(plant):
     loop = plant.loop()
     home, start = loop.arm.measure().pose.copy(), loop.arm.data.qpos.copy()
     wanted = start + [0.3, 0, -0.3, 0, 0, 0, 0]
-    loop.controller.posture.want(wanted)
+    loop.controller.posture.approach(wanted)
     rest = loop.controller.posture.position
     for _ in range(5000):
         tick, last = loop.tick(), rest
@@ -148,7 +148,7 @@ def test_a_posture_is_approached_without_moving_the_tool(plant):
 def test_a_posture_that_the_arm_does_not_have_is_refused(position, reason):
     loop = ClosedLoop(Arm())
     with pytest.raises(ParameterError, match=reason):
-        loop.controller.posture.want(position)
+        loop.controller.posture.approach(position)
     with pytest.raises(ParameterError, match=reason):
         loop.controller.configure(ControllerSettings(posture=tuple(position)))
 

@@ -5,7 +5,7 @@ import pytest
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import Origin
-from gdmp_ros.control.reference_kinds import Whereabouts
+from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import resting_target, TARGET_SIZE
 
@@ -138,14 +138,14 @@ def test_a_second_publisher_is_refused_while_the_first_is_followed(guard):
 
 def wait(guard, seconds):
     for _ in range(round(seconds / DT)):
-        guard.target(DT, Whereabouts(HOME, np.zeros(6)))
+        guard.target(DT, MeasuredMotion(HOME, np.zeros(6)))
 
 
 def stream(guard, start, seconds=0.3, mode=StreamMode.STREAMING, first=1000):
     """Offer a stream that rests at a position; whether its last reference was followed."""
     for k in range(round(seconds / DT)):
         taken = guard.offer(reference(start), Origin('base', 0.0, first + k, mode))
-        guard.target(DT, Whereabouts(HOME, np.zeros(6)))
+        guard.target(DT, MeasuredMotion(HOME, np.zeros(6)))
     return taken
 
 
@@ -253,7 +253,7 @@ def test_a_motion_that_is_streamed_while_a_hand_guides_is_not_followed_afterward
     for k in range(300):
         guard.hold(HOME, ArmMode.GUIDED)
         assert not guard.offer(reference(NEAR), Origin('base', 0.0, 1000 + k))
-        guard.measure(DT, Whereabouts(HOME, np.zeros(6)))
+        guard.measure(DT, MeasuredMotion(HOME, np.zeros(6)))
     assert not stream(guard, NEAR, first=1300)
     assert guard.mode is ArmMode.HOLD and 'before the arm was ready' in guard.last_refusal
 

@@ -153,7 +153,7 @@ def test_references_beyond_a_limit_keep_their_distance(plant):
 
 def test_a_growing_stiffness_and_a_moving_reference_take_their_energy_from_the_tank():
     """A hand holds the tool aside while reference and stiffness change; the tank is low."""
-    loop = loop_of(tank=TankSettings(energy=0.2, refill=0.0))
+    loop = loop_of(tank=TankSettings(energy=0.2, recharge_power=0.0))
     home, rng, audit = posture(loop), np.random.default_rng(1), Audit(loop)
     limited, stiffness, wanted = 0.0, SOFT, home
     for k in range(6000):

@@ -114,7 +114,7 @@ def test_a_payload_is_told_without_a_step_and_the_letter_is_followed_again(lette
 def test_a_payload_that_is_told_fills_no_tank():
     """Its potential energy is not that of the motors: 5 J at the height of the tool."""
     loop = ClosedLoop(Arm(plant=PlantSettings(payload=1.0)), ControllerSettings(
-        tank=TankSettings(energy=1.0, refill=0.0)))
+        tank=TankSettings(energy=1.0, recharge_power=0.0)))
     for _ in range(1500):
         before = loop.tick()
     loop.arm.announce(Payload(1.0))

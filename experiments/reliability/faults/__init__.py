@@ -4,10 +4,10 @@ from __future__ import annotations
 from collections.abc import Callable
 import importlib
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import Trial
+from experiments.reliability.trial import FaultTrial
+from experiments.reliability.trial_result import TrialResult
 
-Fault = Callable[[Trial, bool], Outcome]
+Fault = Callable[[FaultTrial, bool], TrialResult]
 #: Name, and module and function of its trial.
 FAULTS = {
     'server-killed': 'processes.server_killed',
@@ -38,7 +38,7 @@ FAULTS = {
 
 
 def fault(name: str) -> Fault:
-    """Trial of a fault; its docstring describes it."""
+    """FaultTrial of a fault; its docstring describes it."""
     module, function = FAULTS[name].split('.')
     trials = importlib.import_module(f'{__name__}.{module}')
     found: Fault = getattr(trials, function)

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from rosgraph_msgs.msg import Clock
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import Trial
+from experiments.reliability.trial import FaultTrial
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.util.files import write_text
 
 
-def simulated_clock(trial: Trial, quick: bool) -> Outcome:
+def simulated_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     """/clock jumps forwards and backwards in mid-motion"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start(arm={'pace': 'fast'}, server={'use_sim_time': True})
     publisher = trial.client.publisher(Clock, '/clock')
     trial.wait('the server to subscribe', lambda: publisher.subscribers() > 0, 10.0)
@@ -36,9 +36,9 @@ def simulated_clock(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def mixed_clocks(trial: Trial, quick: bool) -> Outcome:
+def mixed_clocks(trial: FaultTrial, quick: bool) -> TrialResult:
     """An arm on simulated time, a server on wall time"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start_arm(pace='fast')
     trial.start_server()
     trial.wait_holding()
@@ -64,9 +64,9 @@ def faketime_library() -> Path | None:
     return None
 
 
-def wall_clock(trial: Trial, quick: bool) -> Outcome:
+def wall_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     """The wall clock of the server's machine jumps by an hour and back in mid-motion"""
-    outcome, library = Outcome(), faketime_library()
+    outcome, library = TrialResult(), faketime_library()
     if library is None:
         outcome.missing = "libfaketime is missing, it comes with pip install 'gdmp_ros[faults]'"
         return outcome

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.reliability.outcome import Outcome
 from experiments.reliability.stability import growth_margin
-from experiments.reliability.trial import Trial
+from experiments.reliability.trial import FaultTrial
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.impedance import damping_design
 from gdmp_ros.control.settings import (
     ControllerSettings,
@@ -96,9 +96,9 @@ def margin(history: History) -> float:
     return growth_margin(history.times, stiffness, damping, np.linalg.inv(inverse))[1]
 
 
-def adversarial_stiffness(trial: Trial, quick: bool) -> Outcome:
+def adversarial_stiffness(trial: FaultTrial, quick: bool) -> TrialResult:
     """A stiffness profile that adds energy in a stiff contact"""
-    outcome = Outcome()
+    outcome = TrialResult()
     plain, ours = simulate(False), simulate(True)
     total = ours.robot + ours.tank
     last = plain.times > SECONDS - 2.0

@@ -5,16 +5,16 @@ from pathlib import Path
 import shutil
 import subprocess
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import FRAME, judge_limits, Trial
+from experiments.reliability.trial import FaultTrial, FRAME, judge_limits
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.data import lasa, recordings, runs
 from gdmp_ros.ros.clients.testbed import RECORDER, SERVER
 
 
-def skill_file(trial: Trial, quick: bool) -> Outcome:
+def skill_file(trial: FaultTrial, quick: bool) -> TrialResult:
     """Skill file changed, truncated and removed while it is being executed"""
     from gdmp_msgs.srv import LoadSkill
-    outcome, path = Outcome(), trial.folder / 'skill.json'
+    outcome, path = TrialResult(), trial.folder / 'skill.json'
     shutil.copy(trial.skill, path)
     text = path.read_text()
     trial.start(server={'skill': str(path)})
@@ -34,10 +34,10 @@ def skill_file(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def bag_file(trial: Trial, quick: bool) -> Outcome:
+def bag_file(trial: FaultTrial, quick: bool) -> TrialResult:
     """Bag truncated and removed while a skill is learned from it, both storages"""
     from gdmp_msgs.srv import LearnSkill
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     trial.client.execute()
     for storage in ('mcap', 'sqlite3'):
@@ -58,9 +58,9 @@ def bag_file(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def disk_full(trial: Trial, quick: bool) -> Outcome:
+def disk_full(trial: FaultTrial, quick: bool) -> TrialResult:
     """Disk full while recording"""
-    outcome, disk = Outcome(), trial.folder / 'disk'
+    outcome, disk = TrialResult(), trial.folder / 'disk'
     disk.mkdir()
     try:
         subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=16m', 'tmpfs', str(disk)],
@@ -75,7 +75,7 @@ def disk_full(trial: Trial, quick: bool) -> Outcome:
         subprocess.run(['umount', '-l', str(disk)], check=False)
 
 
-def _fill(trial: Trial, disk: Path, outcome: Outcome) -> Outcome:
+def _fill(trial: FaultTrial, disk: Path, outcome: TrialResult) -> TrialResult:
     trial.start_arm()
     trial.start_server()
     trial.wait_holding()

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import FRAME, Trial
+from experiments.reliability.trial import FaultTrial, FRAME
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.data.runs import Run
@@ -19,9 +19,9 @@ from gdmp_ros.ros.clients.testbed import ARM, SERVER
 STEP_M = 0.5e-3
 
 
-def stands_still(trial: Trial, quick: bool) -> Outcome:
+def stands_still(trial: FaultTrial, quick: bool) -> TrialResult:
     """The robot does not move while a motion is streamed"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     _teach(trial, True)
     trial.client.execute()
@@ -34,9 +34,9 @@ def stands_still(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def teaching_ends(trial: Trial, quick: bool) -> Outcome:
+def teaching_ends(trial: FaultTrial, quick: bool) -> TrialResult:
     """Hand guiding ends while a motion is streamed"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     _teach(trial, True)
     trial.client.execute()
@@ -48,10 +48,10 @@ def teaching_ends(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def out_of_reach(trial: Trial, quick: bool) -> Outcome:
+def out_of_reach(trial: FaultTrial, quick: bool) -> TrialResult:
     """A goal that the arm cannot reach"""
     from gdmp_msgs.action import ExecuteSkill
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     for position in ((0.75, 0.55, 0.9), (0.05, 0.0, 0.05)):
         goal = ExecuteSkill.Goal(use_goal_pose=True)
@@ -66,12 +66,12 @@ def out_of_reach(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def moved_while_inactive(trial: Trial, quick: bool) -> Outcome:
+def moved_while_inactive(trial: FaultTrial, quick: bool) -> TrialResult:
     """The arm is moved by hand while the server is inactive"""
     from geometry_msgs.msg import PoseStamped
     from lifecycle_msgs.msg import Transition
     from lifecycle_msgs.srv import ChangeState
-    outcome = Outcome()
+    outcome = TrialResult()
     poses: list[PoseStamped] = []
     trial.start()
 
@@ -111,10 +111,10 @@ def moved_while_inactive(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def reference_jumps(trial: Trial, quick: bool) -> Outcome:
+def reference_jumps(trial: FaultTrial, quick: bool) -> TrialResult:
     """References jump by 0.5 m and go on there"""
     from gdmp_msgs.msg import Reference, RobotState
-    outcome = Outcome()
+    outcome = TrialResult()
     states: list[RobotState] = []
     trial.start_arm()
     trial.client.subscribe(RobotState, f'{ARM}/state', states.append, 1)
@@ -142,7 +142,7 @@ def reference_jumps(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def _teach(trial: Trial, guided: bool) -> None:
+def _teach(trial: FaultTrial, guided: bool) -> None:
     from std_srvs.srv import SetBool
     trial.call(SetBool, f'{ARM}/teach', data=guided)
 
@@ -153,7 +153,7 @@ def _moved(run: Run, chosen: Any) -> float:
     return float(np.linalg.norm(poses - poses[0], axis=1).max())
 
 
-def _judge_still(run: Run, outcome: Outcome) -> None:
+def _judge_still(run: Run, outcome: TrialResult) -> None:
     """Require that nothing moved that was not asked to."""
     outcome.need('the arm moved by [m]', _moved(run, np.ones(len(run.poses), bool)),
                  lambda v: v < 1e-3)

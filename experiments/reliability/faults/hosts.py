@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 from experiments.reliability.network import Quality, TwoHosts
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import goal_of, judge_limits, Trial
+from experiments.reliability.trial import FaultTrial, goal_of, judge_limits
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, Run
 from gdmp_ros.errors import GdmpError
@@ -20,24 +20,24 @@ from gdmp_ros.util.dds_network import reaching_other_machines
 RELIABILITIES = ('reliable', 'best_effort')
 
 
-def good_network(trial: Trial, quick: bool) -> Outcome:
+def good_network(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server and arm on two hosts"""
     return _tried(trial, quick, Quality(), 0.999, 10.0)
 
 
-def lossy_network(trial: Trial, quick: bool) -> Outcome:
+def lossy_network(trial: FaultTrial, quick: bool) -> TrialResult:
     """Two hosts, and a network that loses one frame in twenty"""
     return _tried(trial, quick, Quality(loss=0.05), 0.93, 200.0)
 
 
-def slow_network(trial: Trial, quick: bool) -> Outcome:
+def slow_network(trial: FaultTrial, quick: bool) -> TrialResult:
     """Two hosts, and a network with a delay of 20 to 30 ms"""
     return _tried(trial, quick, Quality(delay=0.02, jitter=0.01), 0.99, 60.0)
 
 
-def network_cut(trial: Trial, quick: bool) -> Outcome:
+def network_cut(trial: FaultTrial, quick: bool) -> TrialResult:
     """Two hosts, and a network that is cut for 1.5 s in mid-motion"""
-    def held(which: str, run: Run, outcome: Outcome) -> None:
+    def held(which: str, run: Run, outcome: TrialResult) -> None:
         outcome.need(f'{which}speed after a second without references [m/s]', _speed_in_gap(run),
                      lambda v: v < 0.02)
     return _tried(trial, quick, Quality(), None, None, 1.5, held)
@@ -47,11 +47,11 @@ class NotPossible(GdmpError):
     """Two hosts cannot be created on this machine."""
 
 
-def _tried(trial: Trial, quick: bool, quality: Quality, arrive: float | None,
+def _tried(trial: FaultTrial, quick: bool, quality: Quality, arrive: float | None,
            late_ms: float | None, cut: float = 0.0,
-           more: Callable[[str, Run, Outcome], None] | None = None) -> Outcome:
+           more: Callable[[str, Run, TrialResult], None] | None = None) -> TrialResult:
     """Execute once for each reliability, and compare with the requirements."""
-    outcome = Outcome()
+    outcome = TrialResult()
     try:
         for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
             run, output = _run(trial, trial.folder / reliability, reliability, quality, cut)
@@ -63,7 +63,7 @@ def _tried(trial: Trial, quick: bool, quality: Quality, arrive: float | None,
     return outcome
 
 
-def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: float
+def _run(trial: FaultTrial, folder: Path, reliability: str, quality: Quality, cut: float
          ) -> tuple[Run, str]:
     """Execute the skill across the network; the recorded run and the output of the client."""
     folder.mkdir(parents=True)
@@ -73,11 +73,11 @@ def _run(trial: Trial, folder: Path, reliability: str, quality: Quality, cut: fl
             hosts = stack.enter_context(TwoHosts(Quality()))
         except (GdmpError, OSError) as error:
             raise NotPossible(str(error)) from None
-        nodes = stack.enter_context(Trial(folder, environment, trial.skill))
+        nodes = stack.enter_context(FaultTrial(folder, environment, trial.skill))
         return _execute(nodes, reliability, quality, cut, hosts)
 
 
-def _execute(nodes: Trial, reliability: str, quality: Quality, cut: float, hosts: TwoHosts
+def _execute(nodes: FaultTrial, reliability: str, quality: Quality, cut: float, hosts: TwoHosts
              ) -> tuple[Run, str]:
     server, robot = hosts.on('server'), hosts.on('robot')
     overrides = f'qos_overrides.{REFERENCE_TOPIC}'
@@ -102,7 +102,7 @@ def _execute(nodes: Trial, reliability: str, quality: Quality, cut: float, hosts
     return nodes.recorded(), nodes.log('client')
 
 
-def _judge(run: Run, output: str, trial: Trial, outcome: Outcome, which: str,
+def _judge(run: Run, output: str, trial: FaultTrial, outcome: TrialResult, which: str,
            arrive: float | None, late_ms: float | None, lost: bool) -> None:
     # After a cut a second motion is needed: the arm does not go on by itself.
     outcome.claim(f'{which}the motion reaches its goal', 'ended with 0' in output
@@ -120,7 +120,7 @@ def _judge(run: Run, output: str, trial: Trial, outcome: Outcome, which: str,
                  lambda v: late_ms is None or v <= late_ms, of_speed=True)
     final = float(np.abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
     outcome.need(f'{which}final distance from the goal [m]', final, lambda v: v < 0.002)
-    judged = Outcome()
+    judged = TrialResult()
     judge_limits(run, judged)
     outcome.measured.update({which + name: value for name, value in judged.measured.items()})
     outcome.failed += [which + text for text in judged.failed]

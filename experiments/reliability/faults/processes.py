@@ -9,8 +9,8 @@ import time
 import numpy as np
 import psutil
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import judge_limits, short_skill, Trial
+from experiments.reliability.trial import FaultTrial, judge_limits, short_skill
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.data import runs
@@ -18,9 +18,9 @@ from gdmp_ros.data.runs import ONE_STREAM, Run
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 
-def server_killed(trial: Trial, quick: bool) -> Outcome:
+def server_killed(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server killed (SIGKILL) in mid-motion and started again"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     trial.client.execute()
     trial.wait_progress(0.4)
@@ -48,9 +48,9 @@ def _until(run: Run, ns: int) -> Run:
     return replace(run, state_stamps=run.state_stamps[kept], twists=run.twists[kept])
 
 
-def simulation_killed(trial: Trial, quick: bool) -> Outcome:
+def simulation_killed(trial: FaultTrial, quick: bool) -> TrialResult:
     """Simulation killed (SIGKILL) under a moving server and started again"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     trial.client.execute()
     trial.wait_progress(0.3)
@@ -71,9 +71,9 @@ def simulation_killed(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def server_stopped(trial: Trial, quick: bool) -> Outcome:
+def server_stopped(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server stopped (SIGSTOP) for 50 ms to 5 s in mid-motion"""
-    outcome, gap = Outcome(), GuardSettings().resume_time
+    outcome, gap = TrialResult(), GuardSettings().resume_time
     trial.start(server={'speed_rate': 5.0})
     for seconds in (0.05, 0.3) if quick else (0.05, 0.1, 0.2, 0.5, 1.5, 5.0):
         trial.client.execute()
@@ -94,9 +94,9 @@ def server_stopped(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def late_discovery(trial: Trial, quick: bool) -> Outcome:
+def late_discovery(trial: FaultTrial, quick: bool) -> TrialResult:
     """The arm starts long after the server and the client that executes the skill"""
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start_server()
     trial.wait('the server', lambda: trial.client.state is not None, 120.0)
     trial.client.execute()
@@ -114,9 +114,9 @@ def late_discovery(trial: Trial, quick: bool) -> Outcome:
     return outcome
 
 
-def restarts(trial: Trial, quick: bool) -> Outcome:
+def restarts(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server started and ended again and again under a running arm"""
-    outcome, count = Outcome(), 3 if quick else 50
+    outcome, count = TrialResult(), 3 if quick else 50
     trial.start()
     trial.children.stop(SERVER)
     shared, memory = _shared_files(), _memory(trial)
@@ -145,14 +145,14 @@ def _shared_files() -> int:
     return sum(name.startswith('fastrtps') for name in os.listdir('/dev/shm'))
 
 
-def _memory(trial: Trial) -> int:
+def _memory(trial: FaultTrial) -> int:
     return int(psutil.Process(trial.children.processes[ARM].pid).memory_info().rss)
 
 
-def two_servers(trial: Trial, quick: bool) -> Outcome:
+def two_servers(trial: FaultTrial, quick: bool) -> TrialResult:
     """A second server streams to the same arm"""
     from gdmp_msgs.action import ExecuteSkill
-    outcome = Outcome()
+    outcome = TrialResult()
     trial.start()
     other = short_skill(trial.folder, name='Angle')
     trial.client.execute(ExecuteSkill.Goal(duration=20.0))

@@ -1,26 +1,26 @@
 """Floods of goals and of invalid messages."""
 from __future__ import annotations
 
-from experiments.reliability.outcome import Outcome
-from experiments.reliability.trial import Trial
+from experiments.reliability.trial import FaultTrial
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.data import runs
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 
 
-def goal_flood(trial: Trial, quick: bool) -> Outcome:
+def goal_flood(trial: FaultTrial, quick: bool) -> TrialResult:
     """A flood of goals at 1 kHz"""
     return _flooded(trial, 'goals', 3.0 if quick else 10.0)
 
 
-def garbage_flood(trial: Trial, quick: bool) -> Outcome:
+def garbage_flood(trial: FaultTrial, quick: bool) -> TrialResult:
     """Invalid goals and references at 1 kHz besides the valid ones"""
     outcome = _flooded(trial, 'invalid', 3.0 if quick else 10.0)
     outcome.claim('the arm reports what it refuses', 'reference refused' in trial.log(ARM))
     return outcome
 
 
-def _flooded(trial: Trial, what: str, seconds: float) -> Outcome:
-    outcome = Outcome()
+def _flooded(trial: FaultTrial, what: str, seconds: float) -> TrialResult:
+    outcome = TrialResult()
     trial.start()
     trial.client.execute()
     trial.wait_progress(0.1)

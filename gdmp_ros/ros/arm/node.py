@@ -72,7 +72,7 @@ class ArmNode(ManagedNode):
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
         self.state_out = StatePublisher(self, p.frame_id, joints,
-                                        max(1, round(1.0 / (p.viewer_rate_hz * period))))
+                                        max(1, round(1.0 / (p.visualization_rate_hz * period))))
         self.describe()
         self.add_report(self._report)
         p.check = self._check
@@ -136,7 +136,7 @@ class ArmNode(ManagedNode):
     def _on_posture(self, message: JointState) -> None:
         """Use another posture of the null space, or refuse it."""
         try:
-            self.commands.control.controller.posture.want(np.array(message.position))
+            self.commands.control.controller.posture.approach(np.array(message.position))
         except ParameterError as error:
             self.get_logger().warning(f'posture refused: {error}', throttle_duration_sec=1.0)
 

@@ -24,7 +24,8 @@ from gdmp_ros.sim.scenes import SCENES
 from gdmp_ros.sim.teaching import HandSettings
 
 _GUARD = {'timeout': 'reference_timeout'}
-_TANK = {'energy': 'tank_energy', 'capacity': 'tank_capacity', 'refill': 'tank_refill'}
+_TANK = {'energy': 'tank_energy', 'capacity': 'tank_capacity',
+         'recharge_power': 'tank_recharge_power'}
 _FRICTION = {'viscous': 'friction_viscous', 'dry': 'friction_dry',
              'credit_viscous': 'friction_credit_viscous', 'credit_dry': 'friction_credit_dry'}
 _PLANT = {'dry_friction': 'plant_dry_friction', 'armature': 'plant_armature',
@@ -39,8 +40,8 @@ ARM = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base; references in others are refused"),
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
-    Spec('viewer_rate_hz', 100, 'rate of joint states, measured pose and stiffness for viewers',
-         'Hz', 1, 100),
+    Spec('visualization_rate_hz', 100, 'rate of joint states, measured pose and stiffness for '
+         'viewers', 'Hz', 1, 100),
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
     *specs_of(LimitSettings),

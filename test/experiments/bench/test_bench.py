@@ -15,7 +15,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from test.commands import experiments
 
-SETTINGS = timing.Settings(repetitions=7, classes=('GShape', 'Sine'))
+SETTINGS = timing.TimingSettings(repetitions=7, classes=('GShape', 'Sine'))
 bench = partial(experiments, 'bench')
 
 
@@ -124,7 +124,7 @@ def test_the_help_names_every_subject_and_bad_options_are_refused():
 
 
 def test_the_closed_loop_follows_in_every_repetition(letters):
-    document = loop.run(timing.Settings(repetitions=2))
+    document = loop.run(timing.TimingSettings(repetitions=2))
     assert document['position_rmse_m'] < 1e-3
     assert document['simulated_s'] == pytest.approx(letters[0].duration, rel=0.5)
     assert document['tick_us'] * document['times_real_time'] == pytest.approx(1000.0)

@@ -12,9 +12,9 @@ import pytest
 from experiments.__main__ import PROGRAM
 from experiments.reliability.faults import fault, FAULTS
 from experiments.reliability.network import Quality, TwoHosts
-from experiments.reliability.outcome import Outcome
 from experiments.reliability.report import attempt
 from experiments.reliability.trial import short_skill
+from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.errors import GdmpError
 from test.pictures import drawn
 
@@ -45,16 +45,16 @@ def test_a_trial_that_breaks_down_has_failed(skill, tmp_path, monkeypatch):
 
 
 def test_an_outcome_does_not_hold_with_a_value_that_is_nan():
-    outcome = Outcome()
+    outcome = TrialResult()
     outcome.need('speed', float('nan'), lambda v: True)
     outcome.claim('said so', True)
     assert outcome.holds is False and outcome.failed == ['speed: nan']
-    assert Outcome(missing='no root').holds is None
-    assert Outcome(measured={'a': 1.0}).holds is True
+    assert TrialResult(missing='no root').holds is None
+    assert TrialResult(measured={'a': 1.0}).holds is True
 
 
 def test_an_outcome_does_not_hold_if_something_is_late():
-    outcome = Outcome()
+    outcome = TrialResult()
     outcome.need('missed ticks [%]', 3.0, lambda v: v < 1.0, of_speed=True)
     assert outcome.holds is False and outcome.failed == [] and outcome.late
 

@@ -7,7 +7,7 @@ import math
 
 
 @dataclass
-class Outcome:
+class TrialResult:
     """
     Measurements and claims of one trial.
 
