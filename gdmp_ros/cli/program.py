@@ -101,7 +101,7 @@ class Program:
         try:
             module, options = self.parse(words)
             # Numba is imported after the arguments have been checked: it takes half a second.
-            from gdmp_ros.util.terminal import compilation_reported
+            from gdmp_ros.util.compile_progress import compilation_reported
             with compilation_reported(), _warnings_as_notes():
                 return int(module.run(options) or 0)
         except GdmpError as error:

@@ -111,7 +111,7 @@ class ToolImpedance:
         self._posture, self._contact = posture, contact
 
     def use(self, settings: ControllerSettings, friction: np.ndarray, joints: JointLimits) -> None:
-        """See `ImpedanceLaw`."""
+        """Use other settings from now on; ``friction`` is compensated."""
         self._settings, self._friction = settings, friction
         limits = settings.limits
         self._gains, self._limits = numbers(settings.gains), numbers(limits)
@@ -125,11 +125,11 @@ class ToolImpedance:
         self._past_accelerations = np.zeros((2, 6))
 
     def hold(self, measured: Measurement) -> None:
-        """See `ImpedanceLaw`."""
+        """Hold the arm where it is, with the stiffness before the first reference."""
         self.hold_pose(measured.pose)
 
     def stored(self, measured: Measurement) -> float:
-        """See `ImpedanceLaw`."""
+        """Energy in the springs [J]."""
         return self.stored_at(measured.pose)
 
     def stored_at(self, pose: np.ndarray) -> float:
@@ -138,7 +138,7 @@ class ToolImpedance:
 
     def move(self, measured: Measurement, target: np.ndarray, budget: float, dt: float,
              violation: np.ndarray) -> tuple[float, float]:
-        """See `ImpedanceLaw`."""
+        """Move the reference for one tick."""
         reference = self.reference
         govern(reference, self._past_accelerations, target, measured.pose, measured.position,
                measured.jacobian, measured.inertia, self._joint_limits, self._gains, self._limits,
@@ -153,7 +153,7 @@ class ToolImpedance:
 
     def respond(self, measured: Measurement, external: np.ndarray, dt: float,
                 violation: np.ndarray) -> Response:
-        """See `ImpedanceLaw`."""
+        """Compute the torque of one tick."""
         target = self.reference.copy()
         posture = self._posture.advance(dt)
         # Subtract J̇q̇: the arm produces it without torque.
@@ -167,15 +167,15 @@ class ToolImpedance:
         return result
 
     def power(self, measured: Measurement, twist: np.ndarray, stored: float, dt: float) -> float:
-        """See `ImpedanceLaw`."""
+        """Rate of the energy in the springs at the measured motion [W]."""
         return float(spring_power(measured.pose, twist, self.reference, self._gains, stored, dt))
 
     def release(self, measured: Measurement, energy: float) -> float:
-        """See `ImpedanceLaw`."""
+        """Soften the springs until they have released an energy; returns what they did [J]."""
         return release(measured.pose, self.reference, self._gains, self._bounds, energy)
 
     def motion(self, measured: Measurement) -> np.ndarray:
-        """See `ImpedanceLaw`."""
+        """Target of the tool with the twist and the wrench of the reference."""
         return self.reference
 
     def follow_tool(self, before: np.ndarray, after: np.ndarray, energy: float) -> np.ndarray:
@@ -202,25 +202,25 @@ class JointImpedance:
         self._mean = np.empty(0)
 
     def use(self, settings: ControllerSettings, friction: np.ndarray, joints: JointLimits) -> None:
-        """See `ImpedanceLaw`."""
+        """Use other settings from now on; ``friction`` is compensated."""
         self._settings, self._friction, self._gains = settings, friction, numbers(settings.gains)
         self._limits = np.array([joints.lower, joints.upper,
                                  SPEED_MARGIN * joints.fastest(settings.limits.joint_speed)])
 
     def hold(self, measured: Measurement) -> None:
-        """See `ImpedanceLaw`."""
+        """Hold the arm where it is, with the stiffness before the first reference."""
         self.reference = resting_joints(
             measured.position, np.full(len(measured.position), HOLD_JOINT_STIFFNESS),
             self._settings.damping_ratio)
         self._mean = np.zeros(len(measured.position))
 
     def stored(self, measured: Measurement) -> float:
-        """See `ImpedanceLaw`."""
+        """Energy in the springs [J]."""
         return float(joint_energy(measured.position, self.reference))
 
     def move(self, measured: Measurement, target: np.ndarray, budget: float, dt: float,
              violation: np.ndarray) -> tuple[float, float]:
-        """See `ImpedanceLaw`."""
+        """Move the reference for one tick."""
         limits = self._settings.limits
         self.reference[-1] = _damping_ratio(target[-1], self._settings)
         drawn, stored = move_joint_reference(
@@ -230,7 +230,7 @@ class JointImpedance:
 
     def respond(self, measured: Measurement, external: np.ndarray, dt: float,
                 violation: np.ndarray) -> Response:
-        """See `ImpedanceLaw`."""
+        """Compute the torque of one tick."""
         gains = self._settings.gains
         torque = np.empty(len(measured.position))
         joint_law(measured.position, measured.velocity, measured.inertia, measured.bias,
@@ -257,12 +257,12 @@ class JointImpedance:
         return np.asarray(measured.bias + active + brake)
 
     def power(self, measured: Measurement, twist: np.ndarray, stored: float, dt: float) -> float:
-        """See `ImpedanceLaw`."""
+        """Rate of the energy in the springs at the measured motion [W]."""
         ahead = measured.position + dt * measured.velocity
         return (float(joint_energy(ahead, self.reference)) - stored) / dt
 
     def release(self, measured: Measurement, energy: float) -> float:
-        """See `ImpedanceLaw`."""
+        """Soften the springs until they have released an energy; returns what they did [J]."""
         n, before = len(measured.position), self.stored(measured)
         if before <= 0.0:
             return 0.0
@@ -270,7 +270,7 @@ class JointImpedance:
         return before - self.stored(measured)
 
     def motion(self, measured: Measurement) -> np.ndarray:
-        """See `ImpedanceLaw`."""
+        """Target of the tool with the twist and the wrench of the reference."""
         n, target = len(measured.position), resting_target(measured.pose)
         target[TWIST:TWIST + 6] = measured.jacobian @ self.reference[n:2 * n]
         return target

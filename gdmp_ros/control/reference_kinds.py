@@ -110,7 +110,7 @@ class PoseReferences:
         self._twist, self._wrench = np.zeros(6), np.zeros(TARGET_SIZE - WRENCH)
 
     def invalid(self, target: np.ndarray) -> str | None:
-        """See `ReferenceKind`."""
+        """Why a target cannot be followed at all; None if it can. What must be is normalised."""
         reason = invalid_target(target)
         if reason is None:
             quaternion = target[POSE + 3:POSE + 7]
@@ -118,12 +118,12 @@ class PoseReferences:
         return reason
 
     def place(self, target: np.ndarray) -> np.ndarray:
-        """See `ReferenceKind`."""
+        """Copy of the part of a target that says where it is."""
         return target[POSE:POSE + 7].copy()
 
     def far(self, place: np.ndarray, target: np.ndarray | None, robot: MeasuredMotion,
             settings: GuardSettings) -> str:
-        """See `ReferenceKind`."""
+        """Why the beginning of a motion is too far from the robot; empty if it is not."""
         distance, angle = pose_distance(robot.pose, place)
         slip = (0.0 if target is None else target[TWIST:TWIST + 6]) - robot.twist
         for what, value, limit, unit in (
@@ -139,7 +139,7 @@ class PoseReferences:
 
     def jump(self, last: np.ndarray, target: np.ndarray, gap: float, settings: GuardSettings
              ) -> str | None:
-        """See `ReferenceKind`."""
+        """Why a target does not continue from the last place; None if it does."""
         distance, angle = pose_distance(last, target)
         for what, value, first, limit, unit in (
                 ('position', distance, TWIST, settings.jump_position, 'm'),
@@ -153,7 +153,7 @@ class PoseReferences:
         return None
 
     def extrapolate(self, dt: float, age: float) -> None:
-        """See `ReferenceKind`."""
+        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
         target = self.target
         if age <= ACCELERATION_S:
             target[TWIST:TWIST + 6] += dt * target[ACCELERATION:ACCELERATION + 6]
@@ -162,24 +162,24 @@ class PoseReferences:
         extrapolate_pose(target, dt, target[POSE:POSE + 7])
 
     def begin_stop(self) -> None:
-        """See `ReferenceKind`."""
+        """The velocity begins to decrease."""
         self._twist = self.target[TWIST:TWIST + 6].copy()
         self._wrench = self.target[WRENCH:].copy()
 
     def slow_down(self, left: float, dt: float) -> None:
-        """See `ReferenceKind`."""
+        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
         self.target[TWIST:TWIST + 6] = left * self._twist
         self.target[WRENCH:] = left * self._wrench
         self.extrapolate(dt, math.inf)
 
     def rest_at(self, robot: MeasuredMotion) -> None:
-        """See `ReferenceKind`."""
+        """Rest where the robot is."""
         self.target[:STIFFNESS] = 0.0
         self.target[WRENCH:] = 0.0
         self.target[POSE:POSE + 7] = robot.pose
 
     def damp(self, ratio: float) -> None:
-        """See `ReferenceKind`."""
+        """Use a damping ratio while nothing is followed."""
         self.target[DAMPING_RATIO] = ratio
 
 
@@ -193,7 +193,7 @@ class JointReferences:
         self._velocity = np.zeros(joints)
 
     def invalid(self, target: np.ndarray) -> str | None:
-        """See `ReferenceKind`."""
+        """Why a target cannot be followed at all; None if it can. What must be is normalised."""
         n = self._n
         if len(target) != joint_target_size(n):
             return (f'a reference of {(len(target) - 1) // 3} joints, the arm has {n}' if n else
@@ -213,12 +213,12 @@ class JointReferences:
         return None
 
     def place(self, target: np.ndarray) -> np.ndarray:
-        """See `ReferenceKind`."""
+        """Copy of the part of a target that says where it is."""
         return target[:self._n].copy()
 
     def far(self, place: np.ndarray, target: np.ndarray | None, robot: MeasuredMotion,
             settings: GuardSettings) -> str:
-        """See `ReferenceKind`."""
+        """Why the beginning of a motion is too far from the robot; empty if it is not."""
         n = self._n
         distance = np.abs(robot.position - place)
         slip = np.abs((0.0 if target is None else target[n:2 * n]) - robot.velocity)
@@ -234,7 +234,7 @@ class JointReferences:
 
     def jump(self, last: np.ndarray, target: np.ndarray, gap: float, settings: GuardSettings
              ) -> str | None:
-        """See `ReferenceKind`."""
+        """Why a target does not continue from the last place; None if it does."""
         n = self._n
         step = np.abs(target[:n] - last[:n])
         limit = settings.jump_joints + gap * float(np.maximum(
@@ -245,26 +245,26 @@ class JointReferences:
                 f'most {limit:.3g}')
 
     def extrapolate(self, dt: float, age: float) -> None:
-        """See `ReferenceKind`."""
+        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
         n = self._n
         self.target[:n] += dt * self.target[n:2 * n]
 
     def begin_stop(self) -> None:
-        """See `ReferenceKind`."""
+        """The velocity begins to decrease."""
         self._velocity = self.target[self._n:2 * self._n].copy()
 
     def slow_down(self, left: float, dt: float) -> None:
-        """See `ReferenceKind`."""
+        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
         self.target[self._n:2 * self._n] = left * self._velocity
         self.extrapolate(dt, math.inf)
 
     def rest_at(self, robot: MeasuredMotion) -> None:
-        """See `ReferenceKind`."""
+        """Rest where the robot is."""
         n = self._n
         if len(robot.position) == n:
             self.target[:n] = robot.position
         self.target[n:2 * n] = 0.0
 
     def damp(self, ratio: float) -> None:
-        """See `ReferenceKind`."""
+        """Use a damping ratio while nothing is followed."""
         self.target[-1] = ratio

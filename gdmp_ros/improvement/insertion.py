@@ -58,12 +58,12 @@ class Insertion(SimulatedTask):
         return np.array([offset * np.cos(direction), offset * np.sin(direction)])
 
     def arm(self, seed: int) -> Arm:
-        """See `SimulatedTask`."""
+        """Arm, with what is around it; the built-in Panda alone by default."""
         x, y = PLACE + self.off(seed)
         return Arm(peg_and_hole((float(x), float(y)), 0.0, CLEARANCE, FRICTION))
 
     def score(self, trial: Trial) -> Scored:
-        """See `SimulatedTask`: how deep the peg is at the end, and how hard it was pressed."""
+        """Score by how deep the peg is at the end, and how hard it was pressed."""
         depth = HOLE_TOP - (trial.measured[-1, 2] - PEG_BELOW - PEG_HALF_LENGTH)
         force = float(np.linalg.norm(trial.wrenches[:, :3], axis=1).max())
         return Scored({'depth': 1.0 - depth / DEPTH,

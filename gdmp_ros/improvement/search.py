@@ -82,13 +82,13 @@ class RewardWeighted:
         self.mean, self.covariance = np.zeros(size), np.eye(size)
 
     def ask(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """See `Search`."""
+        """Numbers to try, shape ``(count, n)``."""
         values, axes = np.linalg.eigh(self.covariance)
         return np.asarray(self.mean + rng.standard_normal((count, len(values)))
                           * np.sqrt(values) @ axes.T)
 
     def tell(self, samples: np.ndarray, costs: Sequence[float | None]) -> None:
-        """See `Search`."""
+        """Learn from the costs of samples."""
         known = ranked(costs)
         if known is None:
             return
@@ -112,7 +112,7 @@ class CmaEs:
         self._rng: np.random.Generator | None = None
 
     def ask(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """See `Search`; the same ``count`` every time."""
+        """Numbers to try, shape ``(count, n)``; the same ``count`` every time."""
         self._rng = rng
         if self._strategy is None:
             with optional_import(extra('improve')):
@@ -128,7 +128,7 @@ class CmaEs:
         return self._rng.standard_normal(shape)
 
     def tell(self, samples: np.ndarray, costs: Sequence[float | None]) -> None:
-        """See `Search`."""
+        """Learn from the costs of samples."""
         known = ranked(costs)
         if known is None:
             return

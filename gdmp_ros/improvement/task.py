@@ -103,7 +103,7 @@ class SimulatedTask:
         raise NotImplementedError
 
     def rollout(self, skill: Skill, seed: int) -> Outcome:
-        """See `Task`: the arm begins at the start of the skill."""
+        """Execute a skill once; : the arm begins at the start of the skill."""
         arm, alone = self.arm(seed), Arm()
         loop = ClosedLoop(arm)
         loop.reset(Reach(alone).posture(skill.start[:7], alone.home))
@@ -132,7 +132,7 @@ class FileTask(SimulatedTask):
     digest: str = ''
 
     def arm(self, seed: int) -> Arm:
-        """See `SimulatedTask`."""
+        """Arm, with what is around it; the built-in Panda alone by default."""
         make = getattr(self.module(), 'arm', None)
         result = super().arm(seed) if make is None else make(seed)
         if not isinstance(result, Arm):
@@ -140,7 +140,7 @@ class FileTask(SimulatedTask):
         return result
 
     def score(self, trial: Trial) -> Scored:
-        """See `SimulatedTask`."""
+        """Score a roll-out that was not ended early."""
         module = self.module()
         try:
             given = module.score(trial)
@@ -173,7 +173,7 @@ class ExecutableTask(SimulatedTask):
     digest: str = ''
 
     def score(self, trial: Trial) -> Scored:
-        """See `SimulatedTask`."""
+        """Score a roll-out that was not ended early."""
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / 'trial.npz'
             np.savez(file, **{name: value for name, value in trial._asdict().items()

@@ -53,12 +53,12 @@ class Weights:
     deviations: Mapping[str, float]
 
     def names(self, skill: Skill) -> list[str]:
-        """See `Variable`."""
+        """Names of its numbers, for people."""
         columns, _ = _coordinates(skill.manifold, self.deviations)
         return [f'weight {k + 1} {name}' for k in range(self.count) for name in columns]
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
-        """See `Variable`."""
+        """Return a skill that is changed by some numbers; 0 changes nothing."""
         _, (columns, deviations) = _coordinates(skill.manifold, self.deviations)
         place = np.arange(skill.n_basis) / max(skill.n_basis - 1, 1)
         centres = np.linspace(0.0, 1.0, self.count)
@@ -85,12 +85,12 @@ class ViaPoints:
     deviations: Mapping[str, float]
 
     def names(self, skill: Skill) -> list[str]:
-        """See `Variable`."""
+        """Names of its numbers, for people."""
         columns, _ = _coordinates(skill.manifold, self.deviations)
         return [f'via point {s:g} {name}' for s in self.at for name in columns]
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
-        """See `Variable`."""
+        """Return a skill that is changed by some numbers; 0 changes nothing."""
         manifold, (columns, deviations) = skill.manifold, _coordinates(
             skill.manifold, self.deviations)[1]
         path = Rollout(skill).sample(skill.duration * np.asarray(self.at)).points
@@ -124,12 +124,12 @@ class Stiffness:
         return self.axes or [[axis] for axis in range(part.point_shape[0])]
 
     def names(self, skill: Skill) -> list[str]:
-        """See `Variable`."""
+        """Names of its numbers, for people."""
         return [f'{self.factor} {k + 1} axes {" ".join(str(axis + 1) for axis in group)}'
                 for k in range(self.count) for group in self._groups(skill)]
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
-        """See `Variable`."""
+        """Return a skill that is changed by some numbers; 0 changes nothing."""
         groups, manifold = self._groups(skill), skill.manifold
         size = _factor(manifold, self.factor).point_shape[0]
         logarithms = np.zeros((self.count, size))
@@ -163,11 +163,11 @@ class Tempo:
     deviation: float = 0.2
 
     def names(self, skill: Skill) -> list[str]:
-        """See `Variable`."""
+        """Names of its numbers, for people."""
         return ['tempo']
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
-        """See `Variable`."""
+        """Return a skill that is changed by some numbers; 0 changes nothing."""
         return replace(skill, duration=skill.duration * float(np.exp(
             -self.deviation * values[0])))
 

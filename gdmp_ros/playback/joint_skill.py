@@ -73,7 +73,7 @@ class JointSkill(StreamedSkill):
         self._stiffness = np.broadcast_to(given, n).copy()
 
     def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
-        """See `StreamedSkill`; the tolerance of the rotation is that of each joint."""
+        """Options of a roll-out; the tolerance of the rotation is that of each joint."""
         settings = self.settings
         limit = self.manifold.factors[0].goal_tolerance if tolerances is None else tolerances[1]
         return Options(speed, settings.speed_rate, [limit],
@@ -82,42 +82,42 @@ class JointSkill(StreamedSkill):
 
     def changed(self, point: np.ndarray, place: np.ndarray | None = None,
                 stiffness: np.ndarray | None = None) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Point with another place or stiffness."""
         return np.array(point if place is None else place)
 
     def place_of(self, point: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Place of a point."""
         return np.array(point)
 
     def place_in(self, target: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Place of a reference; a part of it."""
         return target[:self._n]
 
     def point_of(self, target: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Point of a reference."""
         return target[:self._n].copy()
 
     def start_at(self, place: np.ndarray | None) -> np.ndarray | None:
-        """See `StreamedSkill`."""
+        """Point at which a motion starts at a place; None for the skill's own start."""
         return place
 
     def first_target(self, place: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Reference that rests at a place."""
         return np.concatenate([
             resting_joints(np.asarray(place, dtype=float), self._stiffness,
                            self.settings.damping_ratio), np.zeros(self._n)])
 
     def take_over(self, target: np.ndarray) -> None:
-        """See `StreamedSkill`."""
+        """Write what a motion of this skill does not change to a reference."""
         target[2 * self._n:3 * self._n] = self._stiffness
         target[3 * self._n] = self.settings.damping_ratio
 
     def stop(self, target: np.ndarray) -> None:
-        """See `StreamedSkill`."""
+        """Let a reference rest."""
         target[self._n:2 * self._n] = target[3 * self._n + 1:] = 0.0
 
     def motion_of(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """See `StreamedSkill`."""
+        """Velocity and acceleration of a reference as tangents; None at rest."""
         velocity = target[self._n:2 * self._n]
         if np.abs(velocity).max() < _AT_REST:
             return None
@@ -128,15 +128,15 @@ class JointSkill(StreamedSkill):
         raise ManifoldError('a skill of the joints does not follow a goal that moves on')
 
     def approach(self, target: np.ndarray, place: np.ndarray) -> JointApproach:
-        """See `StreamedSkill`."""
+        """Motion from a reference at rest to a place."""
         return JointApproach(target[:self._n], place)
 
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
-        """See `StreamedSkill`."""
+        """Whether a reference is so close to where the robot is that a motion may start there."""
         return self.distance(target[:self._n], place).rotation < NEAR_RAD
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
-        """See `StreamedSkill`."""
+        """Distance between two places."""
         return Distance(0.0, float(np.abs(first - second).max()))
 
     def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
@@ -148,12 +148,12 @@ class JointSkill(StreamedSkill):
         raise ManifoldError('a skill of the joints has no stiffness goal')
 
     def bounds(self, settings: StreamSettings) -> JointBounds:
-        """See `StreamedSkill`."""
+        """Bounds of a stream of its references."""
         return JointBounds(settings, self._n)
 
     def advance(self, rollout: Rollout, dt: float, numbers: np.ndarray, target: np.ndarray
                 ) -> None:
-        """See `StreamedSkill`."""
+        """Let ``dt`` seconds pass and write the reference."""
         n = self._n
         numbers[0] = dt
         advance(rollout.memory, numbers)

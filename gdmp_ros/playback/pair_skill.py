@@ -74,7 +74,7 @@ class PairSkill(StreamedSkill):
         return point[:self._points], point[self._points:]
 
     def options(self, speed: float, tolerances: tuple[float, float] | None) -> Options:
-        """See `StreamedSkill`."""
+        """Options of a roll-out of the skill."""
         first, second = (side.options(speed, tolerances) for side in self.sides)
         return Options(speed, first.speed_rate,
                        [*(first.tolerances or ()), *(second.tolerances or ())],
@@ -100,26 +100,26 @@ class PairSkill(StreamedSkill):
         return related(self.skill, moved, given[0]) if len(given) == 1 else moved
 
     def whole(self, place: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Place with what it leaves open."""
         return self.place_of(self.changed(self.changed(self.skill.goal, near), place))
 
     def place_of(self, point: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Place of a point."""
         return np.concatenate([half_point[:POSE_SIZE] for half_point in self._halves(point)])
 
     def place_in(self, target: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`; a copy."""
+        """Place of a reference; a part of it; a copy."""
         return np.concatenate([target[:POSE_SIZE], target[TARGET_SIZE:TARGET_SIZE + POSE_SIZE]])
 
     def point_of(self, target: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Point of a reference."""
         return np.concatenate([side.point_of(item) for side, item in self._of_each(target)])
 
     def _of_each(self, target: np.ndarray) -> list[tuple[ToolSkill, np.ndarray]]:
         return [(self.sides[0], target[:TARGET_SIZE]), (self.sides[1], target[TARGET_SIZE:])]
 
     def start_at(self, place: np.ndarray | None) -> np.ndarray | None:
-        """See `StreamedSkill`."""
+        """Point at which a motion starts at a place; None for the skill's own start."""
         if place is None:
             return None
         parts = (side.start_at(item) for side, item in zip(
@@ -127,32 +127,32 @@ class PairSkill(StreamedSkill):
         return np.concatenate([part for part in parts if part is not None])
 
     def first_target(self, place: np.ndarray) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Reference that rests at a place."""
         return np.concatenate([side.first_target(item) for side, item in zip(
             self.sides, (place[:POSE_SIZE], place[POSE_SIZE:]))])
 
     def take_over(self, target: np.ndarray) -> None:
-        """See `StreamedSkill`."""
+        """Write what a motion of this skill does not change to a reference."""
         for side, item in self._of_each(target):
             side.take_over(item)
 
     @property
     def releases(self) -> bool:
-        """See `StreamedSkill`."""
+        """Whether something of an earlier motion is to decrease (`release`)."""
         return self.sides[0].releases
 
     def release(self, target: np.ndarray, dt: float) -> bool:
-        """See `StreamedSkill`."""
+        """Let it decrease; whether there is some left."""
         left = [side.release(item, dt) for side, item in self._of_each(target)]
         return any(left)
 
     def stop(self, target: np.ndarray) -> None:
-        """See `StreamedSkill`."""
+        """Let a reference rest."""
         for side, item in self._of_each(target):
             side.stop(item)
 
     def motion_of(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """See `StreamedSkill`."""
+        """Velocity and acceleration of a reference as tangents; None at rest."""
         motions = [(side, side.motion_of(item)) for side, item in self._of_each(target)]
         if all(motion is None for _, motion in motions):
             return None
@@ -167,12 +167,12 @@ class PairSkill(StreamedSkill):
         raise ManifoldError('a skill of two arms does not follow a goal that moves on')
 
     def approach(self, target: np.ndarray, place: np.ndarray) -> Way:
-        """See `StreamedSkill`."""
+        """Motion from a reference at rest to a place."""
         return _BothWays([side.approach(item, to) for (side, item), to in zip(
             self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:]))])
 
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
-        """See `StreamedSkill`."""
+        """Whether a reference is so close to where the robot is that a motion may start there."""
         return all(side.is_near(item, to) for (side, item), to in zip(
             self._of_each(target), (place[:POSE_SIZE], place[POSE_SIZE:])))
 
@@ -183,21 +183,21 @@ class PairSkill(StreamedSkill):
         return Distance(*map(max, *parts))
 
     def distances(self, target: np.ndarray, goal: np.ndarray) -> list[float]:
-        """See `StreamedSkill`."""
+        """Distance of each factor of a reference from a goal."""
         return [offset for (side, item), to in zip(self._of_each(target), self._halves(goal))
                 for offset in side.distances(item, to)]
 
     def stiffness_factor(self, numbers: Any) -> np.ndarray:
-        """See `StreamedSkill`."""
+        """Check a stiffness goal and return the skill's factor of it."""
         return self.sides[0].stiffness_factor(numbers)
 
     def bounds(self, settings: StreamSettings) -> Bounds:
-        """See `StreamedSkill`."""
+        """Bounds of a stream of its references."""
         return _BothBounds([side.bounds(settings) for side in self.sides])
 
     def advance(self, rollout: Rollout, dt: float, numbers: np.ndarray, target: np.ndarray
                 ) -> None:
-        """See `StreamedSkill`."""
+        """Let ``dt`` seconds pass and write the reference."""
         numbers[0] = dt
         advance(rollout.memory, numbers)
         for (side, item), part in zip(self._of_each(target), self._parts):
@@ -211,7 +211,7 @@ class _BothWays:
         self._ways = ways
 
     def advance(self, dt: float, target: np.ndarray) -> bool:
-        """See `Way`."""
+        """Let ``dt`` seconds pass and write the target; whether the end is reached."""
         parts = target[:TARGET_SIZE], target[TARGET_SIZE:]
         arrived = [way.advance(dt, part) for way, part in zip(self._ways, parts)]
         return all(arrived)
@@ -225,12 +225,12 @@ class _BothBounds:
         self.bounded = 0
 
     def configure(self, settings: StreamSettings) -> None:
-        """See `Bounds`."""
+        """Use other bounds from now on."""
         for item in self._both:
             item.configure(settings)
 
     def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
-        """See `Bounds`."""
+        """Bound the reference of a tick; the same array every time."""
         for item, cut in zip(self._both, (slice(TARGET_SIZE), slice(TARGET_SIZE, None))):
             self._out[cut] = item.apply(target[cut], dt)
         self.bounded = sum(item.bounded for item in self._both)

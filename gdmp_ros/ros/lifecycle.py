@@ -27,7 +27,7 @@ from gdmp_ros.ros.middleware import (
     Subscription,
 )
 from gdmp_ros.ros.serialized import SerializedTemplate
-from gdmp_ros.util.terminal import compilation_reported
+from gdmp_ros.util.compile_progress import compilation_reported
 
 #: Time between two reports of a node, and without one the node counts as silent [s].
 REPORT_S, SILENT_S = 0.1, 1.0

@@ -263,7 +263,7 @@ class LinkFrames:
     """
 
     def __init__(self, arm: Arm, frame: str):
-        """See `urdf`."""
+        """Describe an arm as URDF."""
         model, links = arm.model, links_of(arm, frame)
         self.fixed: list[tuple[str, str, np.ndarray]] = []
         self.moving: list[tuple[str, str]] = []

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from gdmp_ros import DataError
-from gdmp_ros.sim import models
+from gdmp_ros.sim import urdf
 from gdmp_ros.sim.arm import Arm
 
 
 def read_back(arm, **options):
-    spec = mujoco.MjSpec.from_string(models.urdf(arm, **options))
+    spec = mujoco.MjSpec.from_string(urdf.urdf(arm, **options))
     spec.compiler.fusestatic = False
     model = spec.compile()
     return model, mujoco.MjData(model)
@@ -43,8 +43,8 @@ def test_frames_masses_and_limits_are_those_of_the_model(rng):
 def test_shapes_lie_where_the_geoms_are():
     arm = Arm()
     arm.reset(np.full(7, 0.3) * [1, 1, 1, -4, 1, 4, 1])
-    drawn = models.shapes(arm)
-    placed = np.array([models.shape_pose(arm, shape)[:3] for shape in drawn])
+    drawn = urdf.shapes(arm)
+    placed = np.array([urdf.shape_pose(arm, shape)[:3] for shape in drawn])
     assert {shape.kind for shape in drawn} == {'box', 'cylinder', 'sphere'}
     solid = [i for i in range(arm.model.ngeom) if arm.model.geom_bodyid[i] > 0]
     for i in solid:
@@ -74,7 +74,7 @@ def test_an_arm_that_stands_elsewhere_and_turns_at_its_foot_is_described_where_i
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(data.body('tcp_').xpos, arm.measure().pose[:3], atol=1e-12)
     with pytest.raises(DataError, match="'foot' is not at the origin"):
-        models.urdf(arm, 'foot')
+        urdf.urdf(arm, 'foot')
 
 
 def test_a_base_frame_may_be_a_body_above_the_first(tmp_path):
@@ -95,15 +95,15 @@ def test_meshes_are_drawn_as_the_boxes_around_them(tmp_path):
     path.write_text(ELSEWHERE.replace('<worldbody>', '<asset><mesh name="wedge" vertex="0 0 0  '
                                       '0.2 0 0  0 0.1 0  0 0 0.3"/></asset><worldbody>').replace(
         '<geom type="sphere" size="0.05"/>', '<geom type="mesh" mesh="wedge" group="3"/>'))
-    drawn = [shape for shape in models.shapes(Arm(path)) if shape.body == 2]
+    drawn = [shape for shape in urdf.shapes(Arm(path)) if shape.body == 2]
     assert [shape.kind for shape in drawn] == ['box']
     np.testing.assert_allclose(np.sort(drawn[0].size), [0.1, 0.2, 0.3], atol=0.05)
 
 
 def test_links_take_the_name_of_the_base_frame():
-    text = models.urdf(Arm(), 'left_link0')
+    text = urdf.urdf(Arm(), 'left_link0')
     assert '<link name="left_link0">' in text and '<link name="left_tcp" />' in text
-    other = models.urdf(Arm(), 'base')
+    other = urdf.urdf(Arm(), 'base')
     assert '<link name="base" />' in other and '<link name="link0">' in other
 
 
@@ -114,4 +114,4 @@ def test_what_urdf_cannot_say_is_refused(tmp_path):
         <site name="tcp"/></body></body></worldbody>
         <actuator><motor joint="j" ctrlrange="-1 1"/></actuator></mujoco>""")
     with pytest.raises(DataError, match=r"b: URDF describes one hinge .* \['j'\]"):
-        models.urdf(Arm(path))
+        urdf.urdf(Arm(path))

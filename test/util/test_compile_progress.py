@@ -2,8 +2,8 @@
 import time
 
 from gdmp_ros.kernels import kernel
-from gdmp_ros.util import terminal
-from gdmp_ros.util.terminal import compilation_reported
+from gdmp_ros.util import compile_progress
+from gdmp_ros.util.compile_progress import compilation_reported
 
 
 def test_compilation_is_reported_and_a_compiled_kernel_is_not(tmp_path, monkeypatch):
@@ -24,7 +24,7 @@ def test_compilation_is_reported_and_a_compiled_kernel_is_not(tmp_path, monkeypa
 
 
 def test_a_long_compilation_is_reported_again_and_again(monkeypatch):
-    monkeypatch.setattr(terminal, 'EVERY_S', 0.05)
+    monkeypatch.setattr(compile_progress, 'EVERY_S', 0.05)
     listeners = []
 
     class Observed:
@@ -36,7 +36,7 @@ def test_a_long_compilation_is_reported_again_and_again(monkeypatch):
 
         def __exit__(self, *_):
             return None
-    monkeypatch.setattr(terminal, 'on_compile', Observed)
+    monkeypatch.setattr(compile_progress, 'on_compile', Observed)
     lines = []
     with compilation_reported(lines.append):
         started, finished = listeners[0]

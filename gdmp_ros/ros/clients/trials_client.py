@@ -94,7 +94,7 @@ class TrialsClient(ServerClient):
         self._start = posture_at(self._position())
 
     def perform(self, skill: Skill) -> Trial:
-        """See `Robot`."""
+        """Go to where roll-outs begin, and execute a skill."""
         if not len(self._start):
             raise GdmpError('it is not known where roll-outs begin')
         self.spend(REPORT_S)  # what came while a person was asked
@@ -120,7 +120,7 @@ class TrialsClient(ServerClient):
         return self._trial
 
     def go_back(self) -> None:
-        """See `Robot`."""
+        """Go back the way it came, to where roll-outs begin."""
         trial = self._trial
         if trial is None or not len(trial.joints):
             return
