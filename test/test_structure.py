@@ -1,7 +1,7 @@
 """
 Rules of the structure that no linter knows.
 
-The order of the rooms and cycles: import-linter (setup.cfg). Private names: ruff.
+The order of the packages and cycles: import-linter (setup.cfg). Private names: ruff.
 """
 import ast
 import importlib
@@ -52,7 +52,7 @@ def imported(tree):
                 yield f'{base}.{alias.name}' if f'{base}.{alias.name}' in TREES else base
 
 
-def room(module):
+def package(module):
     return module.split('.')[1] if '.' in module else 'facade'
 
 
@@ -76,16 +76,17 @@ def test_imports_by_string_come_from_the_lists():
             assert module in TREES
 
 
-def test_libraries_are_imported_in_their_rooms():
+def test_libraries_are_imported_in_their_packages():
     wrong = [f'{name} imports {module}' for name, tree in TREES.items()
              for module in imported(tree)
-             if room(name) not in ONLY_IN.get(module.split('.')[0], {room(name)})]
+             if package(name) not in ONLY_IN.get(module.split('.')[0], {package(name)})]
     assert not wrong
 
 
 def test_time_comes_from_the_clock_that_is_handed_in():
     """Nodes, streams and control laws read and wait for `gdmp_ros.realtime.loop.Clock` only."""
-    wrong = {name for name, tree in TREES.items() if room(name) in ('ros', 'playback', 'control')
+    wrong = {name for name, tree in TREES.items()
+             if package(name) in ('ros', 'playback', 'control')
              and {'time', 'datetime'} & {module.split('.')[0] for module in imported(tree)}}
     assert not wrong
 

@@ -22,7 +22,7 @@ from gdmp_ros.util.files import write_archive, write_json, write_text
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view import plots
 
-#: Experiments whose module has another name: ``baselines`` is the room of the methods.
+#: Experiments whose module has another name: ``baselines`` is the package of the methods.
 _MODULES = {'baselines': 'comparison'}
 #: Origin of modules that may be missing.
 _EXTRAS = {'mujoco': "pip install 'gdmp_ros[sim]'"}

@@ -1,1 +1,1 @@
-"""ROS 2 nodes and their clients; the only room that imports rclpy."""
+"""ROS 2 nodes and their clients; the only package that imports rclpy."""

@@ -1,4 +1,4 @@
-"""Simulated robots: the only room that imports MuJoCo."""
+"""Simulated robots: the only package that imports MuJoCo."""
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 

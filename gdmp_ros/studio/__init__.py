@@ -1,1 +1,1 @@
-"""Teach, see, change and run a skill in a browser: the only room that imports viser."""
+"""Teach, see, change and run a skill in a browser: the only package that imports viser."""
