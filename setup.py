@@ -48,7 +48,7 @@ setup(
     zip_safe=False,
     entry_points={'console_scripts': [
         'adapter = gdmp_ros.ros.adapter:main',
-        'composed = gdmp_ros.ros.running:main',
+        'composed = gdmp_ros.ros.composed:main',
         'franka_arm = gdmp_ros.ros.arm.franka_arm:main',
         'franka_gripper = gdmp_ros.ros.arm.franka_gripper:main',
         'gdmp = gdmp_ros.cli.start:main',

@@ -116,10 +116,10 @@ def test_a_sourced_ros_replaces_the_wheels_and_keeps_its_numpy(bootstrap, tmp_pa
 
 
 def test_configuration_files_and_the_page_of_parameters_are_those_of_the_nodes():
-    from gdmp_ros.ros import parameters
-    for path, text in parameters.files().items():
-        assert (ROOT / path).read_text() == text, 'python -m gdmp_ros.ros.parameters'
-    for node, (_, specs) in parameters.NODES.items():
+    from gdmp_ros.ros import parameter_tables
+    for path, text in parameter_tables.files().items():
+        assert (ROOT / path).read_text() == text, 'python -m gdmp_ros.ros.parameter_tables'
+    for node, (_, specs) in parameter_tables.NODES.items():
         document = yaml.safe_load((ROOT / 'config' / f'{node}.yaml').read_text())
         assert document[f'/**/{node}']['ros__parameters'] == {s.name: s.default for s in specs}
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+import difflib
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -138,11 +139,12 @@ class Parameters:
         self.changed: Callable[[], None] = lambda: None
         self.locked = False
         self._node = node
-        self._specs = {spec.name: spec for spec in specs}
+        self._specs, self._unknown = {spec.name: spec for spec in specs}, ''
         for spec in specs:
             problem = spec.problem(self._declared(spec))
             if problem:
                 raise ParameterError(problem)
+        node.add_pre_set_parameters_callback(self._known)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._after)
 
@@ -158,7 +160,19 @@ class Parameters:
         except ParameterException as error:  # rclpy checks types and ranges of scalars
             raise ParameterError(str(error)) from None
 
+    def _known(self, changes: list[Parameter]) -> list[Parameter]:
+        """The changes; the present value of some parameter instead, if a name is unknown."""
+        unknown = [change.name for change in changes if not self._node.has_parameter(change.name)]
+        self._unknown = unknown[0] if unknown else ''
+        # rclpy refuses unknown names without saying them; only `_check` can give the reason.
+        return [self._node.get_parameter(next(iter(self._specs)))] if unknown else changes
+
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        if self._unknown:
+            near = difflib.get_close_matches(self._unknown, self._specs)
+            hint = f'; similar: {", ".join(near)}' if near else ''
+            return SetParametersResult(successful=False, reason=(
+                f'{self._unknown} is no parameter of this node{hint}'))
         for change in changes:
             problem = self._problem(change)
             if problem:

@@ -168,7 +168,7 @@ def test_one_process_streams_for_two_robots(nodes, skill_file):
 
 def test_several_nodes_in_one_process_with_simulated_time(nodes, skill_file):
     """The arm makes /clock, as fast as it can; the server makes a reference for each message."""
-    nodes.children.start('composed', 'gdmp_ros.ros.running', [
+    nodes.children.start('composed', 'gdmp_ros.ros.composed', [
         SERVER, ARM, 'visualizer', '--ros-args', '-p', f"{SERVER}:skill:='{skill_file}'",
         '-p', f'{SERVER}:measured_pose_topic:=/{ARM}/measured_pose', '-p', f'{ARM}:pace:=fast',
         '-p', f'{SERVER}:use_sim_time:=true'])

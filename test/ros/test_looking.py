@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 import yaml
 
-from gdmp_ros.ros import running
+from gdmp_ros.ros import composed
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
 from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.parameter_tables import NODES
@@ -154,5 +154,5 @@ def test_launch_files_start_executables_and_set_parameters_that_exist(path):
     (['adapter', 'adapter'], 'every node must occur once')])
 def test_composed_refuses_unknown_and_repeated_nodes(capsys, names, reason):
     with pytest.raises(SystemExit) as ended:
-        running.main(names)
+        composed.main(names)
     assert ended.value.code == 2 and reason in capsys.readouterr().err
