@@ -5,7 +5,7 @@ import argparse
 from collections.abc import Callable
 
 from gdmp_ros.ros.adapter import Adapter
-from gdmp_ros.ros.arm.panda_sim import PandaSim
+from gdmp_ros.ros.arm.simulated_arm import SimulatedArmNode
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.recorder.node import TakeRecorder
 from gdmp_ros.ros.running import own_arguments, run
@@ -20,7 +20,7 @@ def _franka_arm() -> ManagedNode:
 
 
 NODES: dict[str, Callable[[], ManagedNode]] = {
-    'trajectory_server': TrajectoryServer, 'panda_sim': PandaSim, 'visualizer': Visualizer,
+    'trajectory_server': TrajectoryServer, 'panda_sim': SimulatedArmNode, 'visualizer': Visualizer,
     'franka_arm': _franka_arm, 'take_recorder': TakeRecorder, 'adapter': Adapter}
 
 

@@ -21,7 +21,7 @@ from gdmp_ros.util.files import write_text
 
 NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'trajectory_server': ('Trajectory server', server_parameters.SPECS),
-    'panda_sim': ('Simulated Panda', arm_parameters.SIMULATION),
+    'panda_sim': ('Simulated arm', arm_parameters.SIMULATION),
     'franka_arm': ('Franka Research 3', arm_parameters.FRANKA),
     'franka_gripper': ('Hand of a Franka', GRIPPER),
     'adapter': ('Adapter to other controllers', adapter.SPECS),

@@ -5,7 +5,7 @@ from pathlib import Path
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.adapter import Adapter
 from gdmp_ros.ros.arm.franka_arm import FrankaArm
-from gdmp_ros.ros.arm.panda_sim import PandaSim
+from gdmp_ros.ros.arm.simulated_arm import SimulatedArmNode
 from gdmp_ros.ros.dds import using
 from gdmp_ros.ros.lifecycle import REPORT_S
 from gdmp_ros.ros.recorder.node import TakeRecorder
@@ -17,7 +17,7 @@ from gdmp_ros.util.processes import ros_arguments
 RECORD = 'gdmp_ros.ros.recorder.record'
 #: Nodes by the module that runs them as a process.
 NODES = {kind.__module__: kind for kind in (
-    Adapter, FrankaArm, PandaSim, TakeRecorder, TrajectoryServer, Visualizer)}
+    Adapter, FrankaArm, SimulatedArmNode, TakeRecorder, TrajectoryServer, Visualizer)}
 REPORT_NS = round(1e9 * REPORT_S)
 
 

@@ -120,7 +120,7 @@ def _start(children: ChildProcesses, target: Bringup) -> None:
 ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorder',
                                         'take_recorder')
 #: Modules of the nodes.
-MODULES = {ARM: 'gdmp_ros.ros.arm.panda_sim', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
+MODULES = {ARM: 'gdmp_ros.ros.arm.simulated_arm', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
            SERVER: 'gdmp_ros.ros.server.node',
            TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
 

@@ -1,4 +1,4 @@
-"""A Panda in MuJoCo instead of the robot: follows references under 1 kHz impedance control."""
+"""A simulated arm instead of the robot, in MuJoCo: follows references at 1 kHz."""
 from __future__ import annotations
 
 from gdmp_msgs.msg import Reference
@@ -28,7 +28,7 @@ PAUSED_NS = 1_000_000
 VIEWER_EVERY = 16
 
 
-class PandaSim(ArmNode):
+class SimulatedArmNode(ArmNode):
     """The managed node ``panda_sim``."""
 
     simulation: Simulation
@@ -142,7 +142,7 @@ class PandaSim(ArmNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node ``panda_sim``."""
-    return run([PandaSim], arguments)
+    return run([SimulatedArmNode], arguments)
 
 
 if __name__ == '__main__':
