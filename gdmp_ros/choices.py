@@ -26,13 +26,6 @@ LASA_COVARIANCES = 'covariances'
 #: Skills of the gallery.
 GALLERY = ('letter-G', 'letter-S', 'pick-and-place', 'polish', 'screw', 'sphere', 'rotation',
            'covariance')
-
-
-def check_lasa_class(name: str) -> None:
-    """:raises DataError: unless it is a class of the LASA data set; the message lists them"""
-    if name not in LASA_CLASSES:
-        raise DataError(f'LASA class {name!r} is unknown, expected one of '
-                        f'{", ".join(LASA_CLASSES)}')
 #: Tasks of the demonstration.
 TASKS = ('letter', 'pick', 'joints', 'wipe', 'tray')
 #: What two arms, or two factors of a skill, keep: `gdmp_ros.dmp.coupling.Coupling`.
@@ -40,3 +33,10 @@ COUPLINGS = ('pose', 'relative', 'distance')
 #: How an improvement searches, and its tasks that are built in.
 SEARCHES = ('pibb', 'cma')
 TASKS_TO_IMPROVE = ('insertion',)
+
+
+def check_lasa_class(name: str) -> None:
+    """:raises DataError: unless it is a class of the LASA data set; the message lists them"""
+    if name not in LASA_CLASSES:
+        raise DataError(f'LASA class {name!r} is unknown, expected one of '
+                        f'{", ".join(LASA_CLASSES)}')

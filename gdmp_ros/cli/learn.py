@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from gdmp_ros.data.skills import LearningSettings
     from gdmp_ros.learning.report import Fit
 
+#: Of the distances by factor. A turn by 1 rad is 0.5 on the sphere of unit quaternions.
+_UNITS = {'position': ' [m]', 'orientation': ' [rad / 2]', 'joints': ' [rad]',
+          'wrench': ' [N, Nm]', 'stiffness': ' [log]'}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -89,11 +93,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="exact transport, or the paper's (default %(default)s)")
     parser.add_argument('--json', action='store_true', help='print a report as JSON')
     add_parallel(parser)
-
-
-#: Of the distances by factor. A turn by 1 rad is 0.5 on the sphere of unit quaternions.
-_UNITS = {'position': ' [m]', 'orientation': ' [rad / 2]', 'joints': ' [rad]',
-          'wrench': ' [N, Nm]', 'stiffness': ' [log]'}
 
 
 def _count(text: str) -> int | str:

@@ -45,19 +45,6 @@ def velocity_map(jacobian, inertia, out):
 
 
 @kernel
-def joint_velocity(velocities, twist, out):
-    """
-    Write the velocities of the joints.
-
-    :param velocities: from `velocity_map`
-    """
-    for i in range(out.size):
-        out[i] = 0.0
-        for j in range(6):
-            out[i] += velocities[i, j] * twist[j]
-
-
-@kernel
 def _dot(first, second, begin):
     total = 0.0
     for i in range(begin, begin + 3):

@@ -48,6 +48,12 @@ _AXIS = re.compile(r'((?:.*[^a-z0-9])?(?:q|p|quat|pos)?)([wxyz])')
 _UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 #: Time between two samples of a recording [s].
 SHORTEST_STEP_S, LONGEST_STEP_S = 1e-4, 0.9
+POSE = ('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
+#: Largest text file that is read [bytes].
+LARGEST = 500_000_000
+#: Sampling interval when a skill is converted from or to movement_primitives [s].
+STEP_S = 0.005
+_DMP = {'module': 'movement_primitives.dmp._cartesian_dmp', 'class': 'CartesianDMP'}
 
 
 @dataclass(frozen=True)
@@ -286,14 +292,6 @@ def _words(name: str) -> set[str]:
 
 def _w_first(rows: np.ndarray, order: str) -> np.ndarray:
     return rows if order == 'wxyz' else rows[:, [3, 0, 1, 2]]
-
-
-POSE = ('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
-#: Largest text file that is read [bytes].
-LARGEST = 500_000_000
-#: Sampling interval when a skill is converted from or to movement_primitives [s].
-STEP_S = 0.005
-_DMP = {'module': 'movement_primitives.dmp._cartesian_dmp', 'class': 'CartesianDMP'}
 
 
 def columns(stiffness_size: int) -> list[str]:

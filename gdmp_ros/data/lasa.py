@@ -27,6 +27,10 @@ SCALE_MM = 50.0
 MAPPINGS = choices.LASA_MANIFOLDS
 #: Another mapping to SPD(2): the covariances of a class over time.
 COVARIANCES = choices.LASA_COVARIANCES
+#: Size of the letter in the workspace, and its centre in the base frame [m].
+EXTENT_M, CENTRE_M = 0.25, (0.47, 0.0, 0.38)
+#: Inclination of the tool into the stroke at high speed [rad].
+LEAN_RAD = 0.3
 
 
 class Stroke(NamedTuple):
@@ -110,10 +114,6 @@ def data_set(name: str, mapping: str) -> list[Demonstration]:
 
 #: Pose and translational stiffness of a robot's tool.
 TOOL = tool_manifold(3)
-#: Size of the letter in the workspace, and its centre in the base frame [m].
-EXTENT_M, CENTRE_M = 0.25, (0.47, 0.0, 0.38)
-#: Inclination of the tool into the stroke at high speed [rad].
-LEAN_RAD = 0.3
 
 
 def robot_demonstrations(name: str, k_min: float = 200.0, k_max: float = 800.0,

@@ -26,6 +26,7 @@ NEAREST, FURTHEST = 0.3, 0.9
 _DAMPING = 1e-6
 #: Share of the distance to the rest posture that one step removes.
 _POSTURE_GAIN = 0.01
+POSTURE = np.array([-0.6, 1.1, 0.7])
 
 
 class PlanarArm:
@@ -79,7 +80,6 @@ class PlanarArm:
 
 #: The arm whose manipulability is computed, and its initial posture [m, rad].
 ARM = PlanarArm([1.0 / 3.0] * 3)
-POSTURE = np.array([-0.6, 1.1, 0.7])
 
 
 def files(folder: Path) -> list[Path]:

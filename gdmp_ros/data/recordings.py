@@ -30,6 +30,15 @@ from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 REST_S = 0.1
 #: Rest longer than this is cut off with a note [s].
 TOLD_S = 1.0
+#: Commands that are this close after one another in time and equal are one [s].
+REPEATED_S = 0.1
+POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
+#: ``frame_id`` of poses without one.
+FRAME = 'panda_link0'
+#: Stamp of the first sample of recordings that have no stamps of their own [ns].
+EPOCH_NS = 1_700_000_000 * bags.NS
+#: Relative tolerance for the coupling of a 6×6 matrix, and for changes of its rotational block.
+UNCOUPLED = 1e-6
 
 
 def without_rest(demonstration: Demonstration, where: str) -> slice:
@@ -54,10 +63,6 @@ def _resting(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> int:
     moved = (manifold.factor_distances(origin, points) > tolerances).any(axis=1)
     last = int(np.argmax(moved)) - 1 if moved.any() else len(points) - 1
     return last if times[last] - times[0] > REST_S else 0
-
-
-#: Commands that are this close after one another in time and equal are one [s].
-REPEATED_S = 0.1
 
 
 class RecordedCommand(NamedTuple):
@@ -142,15 +147,6 @@ def common_events(takes: Sequence[Demonstration], names: Sequence[str],
 
 def _words(kind: Sequence[bool]) -> str:
     return ', '.join('to hold' if holds else 'to move' for holds in kind) or 'nothing'
-
-
-POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
-#: ``frame_id`` of poses without one.
-FRAME = 'panda_link0'
-#: Stamp of the first sample of recordings that have no stamps of their own [ns].
-EPOCH_NS = 1_700_000_000 * bags.NS
-#: Relative tolerance for the coupling of a 6×6 matrix, and for changes of its rotational block.
-UNCOUPLED = 1e-6
 
 
 @dataclass(frozen=True)

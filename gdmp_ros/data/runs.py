@@ -33,6 +33,26 @@ ONE_STREAM = 1 << 20
 REFERENCE_TOPIC, STATE_TOPIC = '/trajectory_server/reference', '/panda_sim/state'
 SERVER_STATE_TOPIC = '/trajectory_server/state'
 STATE = 'gdmp_msgs/msg/RobotState'
+#: Between states further apart than this the simulation stood still or was restarted [ns].
+STATE_GAP_NS = 5_000_000
+#: References published this long after their stamps have stamps of another clock [s].
+OTHER_CLOCK_S = 10.0
+#: References further apart than this are an interruption [ns].
+INTERRUPTION_NS = 20_000_000
+#: A limit that is not active for less than this is still the same event [ns].
+SAME_EVENT_NS = 200_000_000
+#: A reference at rest for this long is a pause between motions [ns].
+PAUSE_NS = 100_000_000
+#: A goal that changes again within this time still moves [ns]: the server tells it at 10 Hz.
+GOAL_MOVES_NS = 350_000_000
+#: A goal has changed if it is this far from the one before [m, rad].
+OTHER_GOAL = 1e-4
+#: Status of the server during a motion.
+_MOVING = ('moving', 'paused')
+#: States of the arm that are used: one in so many.
+_EVERY = 10
+#: A longer pause between two references is not replayed [s].
+LONGEST_PAUSE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -218,12 +238,6 @@ def _speed(message: Any) -> float:
     return max(abs(number) for number in _twist(message))
 
 
-#: Between states further apart than this the simulation stood still or was restarted [ns].
-STATE_GAP_NS = 5_000_000
-#: References published this long after their stamps have stamps of another clock [s].
-OTHER_CLOCK_S = 10.0
-
-
 class Tracking(NamedTuple):
     """
     Distance between the arm and the reference that it followed.
@@ -398,18 +412,6 @@ def summary(run: Run, tracked: Tracking) -> list[tuple[str, str]]:
     return rows
 
 
-#: References further apart than this are an interruption [ns].
-INTERRUPTION_NS = 20_000_000
-#: A limit that is not active for less than this is still the same event [ns].
-SAME_EVENT_NS = 200_000_000
-#: A reference at rest for this long is a pause between motions [ns].
-PAUSE_NS = 100_000_000
-#: A goal that changes again within this time still moves [ns]: the server tells it at 10 Hz.
-GOAL_MOVES_NS = 350_000_000
-#: A goal has changed if it is this far from the one before [m, rad].
-OTHER_GOAL = 1e-4
-
-
 class Event(NamedTuple):
     """
     Something that happened.
@@ -510,12 +512,6 @@ def _goals(run: Run) -> list[tuple[int, str]]:
     return result
 
 
-#: Status of the server during a motion.
-_MOVING = ('moving', 'paused')
-#: States of the arm that are used: one in so many.
-_EVERY = 10
-
-
 def followed_motion(run: Run) -> FollowedMotion:
     """
     The last motion of a run of the nodes.
@@ -535,10 +531,6 @@ def followed_motion(run: Run) -> FollowedMotion:
     # Differences of stamps are exact; stamps as numbers with a decimal point are not.
     at = np.interp(run.state_stamps[states] - stamps[0], stamps - stamps[0], progress)
     return FollowedMotion(at, run.references[references], run.poses[states])
-
-
-#: A longer pause between two references is not replayed [s].
-LONGEST_PAUSE_S = 60.0
 
 
 class RecordedReferences(NamedTuple):

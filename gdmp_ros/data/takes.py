@@ -27,6 +27,10 @@ LEAST_M, LEAST_RAD = 0.01, 0.1
 TEMPO = 2.0
 #: Folder for takes that are not learned from.
 DROPPED = 'dropped'
+#: Heading of the column with the names of the bags.
+TAKE = 'take'
+#: Larger files are refused [bytes].
+MAX_BYTES = 10_000_000
 
 
 class ComparedTake(NamedTuple):
@@ -170,12 +174,6 @@ def drop(takes: Path, name: str) -> Path:
     except OSError as error:
         raise DataError(f'{bag}: cannot be moved: {error.strerror}') from None
     return target
-
-
-#: Heading of the column with the names of the bags.
-TAKE = 'take'
-#: Larger files are refused [bytes].
-MAX_BYTES = 10_000_000
 
 
 def read_contexts(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:

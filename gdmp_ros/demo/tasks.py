@@ -42,6 +42,26 @@ WAY = [((*PICK.centre, 0.2), 1.6), ((*PICK.centre, 0.035), 1.6), (None, 1.2),
 CLOSE, OPEN = GripperCommand(0.0, 20.0), GripperCommand(0.08)
 #: Displacement of the goal of the skill of the joints in mid-motion [m].
 GOAL_STEP_M = np.array([0.03, -0.08, 0.05])
+WRENCH_TOPIC = '/ft/wrench'
+#: Force [N], period [s] and radius [m] of the wiping that is shown, and how many cycles.
+FORCE, PERIOD, RADIUS, SHOWN = 12.0, 2.5, 0.05, 5
+#: Table below the tool [m], and the way down to it and up [s].
+BELOW, WAY_S = 0.03, 1.5
+#: How much higher the tables are on which it is executed [m].
+HEIGHTS = (-0.02, 0.0, 0.02)
+#: Cycles that are executed; the first one is the entry and does not count.
+CYCLES = 4
+#: Largest distance of the tool from the reference at the end [m, rad]: the height of a table is
+#: not known.
+TABLE_TOLERANCE = (0.04, 0.05)
+#: Rate at which the measured force is corrected [1/s].
+GAIN = 5.0
+#: Standard deviation of the noise of the sensors [m, N].
+POSITION_NOISE, FORCE_NOISE = 1e-4, 0.3
+#: Largest change of a joint torque in a tick [Nm].
+TORQUE_RATE = 1.0
+#: Ticks of the demonstration between two samples.
+SAMPLE_EVERY = 5
 
 
 def picking_motion() -> tuple[Demonstration, float]:
@@ -181,28 +201,6 @@ def _execute_task(bed: NodeTestbed, half_way: Callable[[], None]) -> str:
     half_way()
     result = bed.client.result(120.0)
     return '' if result.error_code == result.SUCCESSFUL else str(result.error_string)
-
-
-WRENCH_TOPIC = '/ft/wrench'
-#: Force [N], period [s] and radius [m] of the wiping that is shown, and how many cycles.
-FORCE, PERIOD, RADIUS, SHOWN = 12.0, 2.5, 0.05, 5
-#: Table below the tool [m], and the way down to it and up [s].
-BELOW, WAY_S = 0.03, 1.5
-#: How much higher the tables are on which it is executed [m].
-HEIGHTS = (-0.02, 0.0, 0.02)
-#: Cycles that are executed; the first one is the entry and does not count.
-CYCLES = 4
-#: Largest distance of the tool from the reference at the end [m, rad]: the height of a table is
-#: not known.
-TABLE_TOLERANCE = (0.04, 0.05)
-#: Rate at which the measured force is corrected [1/s].
-GAIN = 5.0
-#: Standard deviation of the noise of the sensors [m, N].
-POSITION_NOISE, FORCE_NOISE = 1e-4, 0.3
-#: Largest change of a joint torque in a tick [Nm].
-TORQUE_RATE = 1.0
-#: Ticks of the demonstration between two samples.
-SAMPLE_EVERY = 5
 
 
 def record_wiping(bag: Path) -> None:

@@ -15,6 +15,13 @@ from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Product
 
+#: Largest deviation of a turn from an orthogonal matrix.
+_TOLERANCE = 1e-6
+#: Samples of the forcing term for each basis function.
+_SAMPLES = 20
+#: A start that is moved further than this for a coupling is reported [m, rad, …].
+_FAR = 0.05
+
 
 def between(primitive: P, start: np.ndarray | None = None,
             goal: np.ndarray | None = None) -> P:
@@ -122,10 +129,6 @@ def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) ->
     return variation.mapped(turned)
 
 
-#: Largest deviation of a turn from an orthogonal matrix.
-_TOLERANCE = 1e-6
-
-
 def turned(primitive: P, turn: np.ndarray) -> P:
     """
     Return the primitive with its frame turned: every coordinate c becomes ``R c``.
@@ -171,10 +174,6 @@ def turned(primitive: P, turn: np.ndarray) -> P:
                    segments=segments, variation=None)
 
 
-#: Samples of the forcing term for each basis function.
-_SAMPLES = 20
-
-
 def with_functions(primitive: P, count: int) -> P:
     """
     Return the primitive with ``count`` basis functions, or itself if it has as many.
@@ -210,10 +209,6 @@ def _change(before: int, after: int, alpha_x: float) -> np.ndarray:
     # Every moment counts alike, although the forcing term decays with the phase.
     scale = np.exp(alpha_x * progress)[:, None]
     return np.asarray(np.linalg.lstsq(scale * many, scale * few, rcond=1e-10)[0])
-
-
-#: A start that is moved further than this for a coupling is reported [m, rad, …].
-_FAR = 0.05
 
 
 def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),

@@ -19,6 +19,8 @@ _LARGEST_STEP = 0.5
 #: Kinds of relations of groups.
 _GROUPS: dict[type[Manifold], int] = {
     Euclidean: OFFSET, UnitQuaternion: QUATERNION, SpecialOrthogonal: MATRIX}
+#: Relations of which only the size matters.
+_IDENTITIES = {'pose': (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 'distance': (0.0,)}
 
 
 @dataclass(frozen=True)
@@ -177,10 +179,6 @@ class Coupling:
                     other, own)).reshape(-1)
             here[part] = there[part]
         return here.reshape(manifold.point_shape)
-
-
-#: Relations of which only the size matters.
-_IDENTITIES = {'pose': (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 'distance': (0.0,)}
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:

@@ -30,6 +30,15 @@ OPPOSITE = 0.3
 SETTLED = 8.0
 #: A velocity of the goal below this part of a still factor's limit is taken as zero.
 _NEGLIGIBLE = 1e-6
+#: A factor is at rest below this part of its largest speed …
+REST_SHARE = 0.01
+#: … or, if it hardly moves, below this many goal tolerances per second (2 mm/s for a position).
+STILL_TOLERANCES = 4.0
+#: Part of a duration for which the motion must rest at its goal: a short pause does not count.
+DWELL = 0.05
+#: From this progress on a motion may have arrived; before it, the largest velocities are noted
+#: once in so many intervals, at most 1/500 of a duration.
+BEFORE_END, LOOK_EVERY = 1.0 - DWELL, 8
 
 
 @jitable
@@ -281,18 +290,6 @@ def _largest_rate(manifold: Manifold, step: np.ndarray, speeds: Sequence[float] 
     offset = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
     return min((speed * duration / d for speed, d in zip(speeds, offset) if d > 0.0),
                default=math.inf)
-
-
-#: A factor is at rest below this part of its largest speed …
-REST_SHARE = 0.01
-#: … or, if it hardly moves, below this many goal tolerances per second (2 mm/s for a position).
-STILL_TOLERANCES = 4.0
-#: Part of a duration for which the motion must rest at its goal: a short pause does not count.
-DWELL = 0.05
-
-#: From this progress on a motion may have arrived; before it, the largest velocities are noted
-#: once in so many intervals, at most 1/500 of a duration.
-BEFORE_END, LOOK_EVERY = 1.0 - DWELL, 8
 
 
 @always_inline

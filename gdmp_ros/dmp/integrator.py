@@ -51,6 +51,8 @@ from gdmp_ros.util.profiles import smoothstep
 SPEED_LAG = 0.02
 #: Below this difference the speed is set to that of the ramp.
 _ARRIVED = 1e-5
+#: The forcing term fades out within this part of a duration after the nominal end.
+_FADE = 0.05
 
 
 @always_inline
@@ -173,10 +175,6 @@ def write_state(motion, out):
     frame_point(motion.factors, frames.now, point, motion.work)
     from_frame(motion.factors, frames.now, tangents.rate, velocity, motion.work)
     from_frame(motion.factors, frames.now, tangents.spare, acceleration, motion.work)
-
-
-#: The forcing term fades out within this part of a duration after the nominal end.
-_FADE = 0.05
 
 
 @always_inline

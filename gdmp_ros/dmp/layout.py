@@ -63,6 +63,10 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'waypoint_is_carried', # flag: the last waypoint is where the goal carries it
     'held',                # flag: a step was not finite, the last state is kept
     'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
+_SIZES, _SCALARS, _FACTOR, _RELATION = (
+    dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR, RELATION))
+#: Index of the flag ``finished`` in a memory.
+FINISHED = _SIZES + (SCALARS.names or ()).index('finished')
 
 
 class Frames(NamedTuple):
@@ -167,10 +171,6 @@ class Motion(NamedTuple):
     work: Any
 
 
-_SIZES, _SCALARS, _FACTOR, _RELATION = (
-    dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR, RELATION))
-#: Index of the flag ``finished`` in a memory.
-FINISHED = _SIZES + (SCALARS.names or ()).index('finished')
 _FRAMES, _POINTS, _TANGENTS = (len(part._fields) for part in (Frames, Points, Tangents))
 
 

@@ -16,6 +16,14 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 
+#: Goal gain of rhythmic skills: with that of others entry and exit need 1.7 times the acceleration
+#: of the cycle.
+CYCLE_ALPHA_G = 4.0
+#: Fewest basis functions of a rhythmic skill.
+FEWEST_PERIODIC = 4
+#: Fewest grid intervals per duration (less than 1 ms each for a skill of 4 s).
+MIN_STEPS = 4000
+
 
 class State:
     """
@@ -102,15 +110,6 @@ def checked_events(events: tuple[GripperEvent, ...]) -> tuple[GripperEvent, ...]
             raise ParameterError(f'gripper event {number}: progress is {event.progress:g}, before '
                                  f'that of the event before, {events[number - 1].progress:g}')
     return events
-
-
-#: Goal gain of rhythmic skills: with that of others entry and exit need 1.7 times the acceleration
-#: of the cycle.
-CYCLE_ALPHA_G = 4.0
-#: Fewest basis functions of a rhythmic skill.
-FEWEST_PERIODIC = 4
-#: Fewest grid intervals per duration (less than 1 ms each for a skill of 4 s).
-MIN_STEPS = 4000
 
 
 class Trajectory(NamedTuple):

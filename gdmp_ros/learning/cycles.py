@@ -27,6 +27,22 @@ UNEVEN = 0.2
 #: times the median, or than this part of the mean square of the motion. What has nothing to do
 #: with the cycle, such as rest, is further away than the mean square.
 DIFFERENT_CYCLE, ALIKE_CYCLE, UNRELATED_CYCLE = 9.0, 0.02, 0.5
+#: Most harmonics, and fewest samples of a cycle for each of them.
+MOST_HARMONICS, SAMPLES_PER_HARMONIC = 60, 3
+#: Turns of the fit: series and phases, one after the other; before and after what differs from the
+#: cycles is left out.
+TURNS = 4
+#: Samples differ if their squared distances are this many times the median, and more than this
+#: part of the mean square of the cycle, on average over this part of a cycle.
+DIFFERENT, ALIKE, WINDOW = 9.0, 0.005, 0.1
+#: Most samples of a recording that are used: an hour at 28 Hz.
+MOST_SAMPLES = 100_000
+#: Points from which a centre is guessed.
+_FEW = 200
+#: Phases at which cycles of different recordings are compared.
+_PHASES = 256
+#: Part of the span below which a factor counts as exact.
+_EXACT = 1e-7
 
 
 class Cycles(NamedTuple):
@@ -201,24 +217,6 @@ def _distance(curve: np.ndarray, template: np.ndarray, shift: int) -> float:
     first, last = max(shift, 0), min(shift + len(template), len(curve))
     offset = curve[first:last] - template[first - shift:last - shift]
     return float(np.mean((offset ** 2).sum(axis=1)))
-
-
-#: Most harmonics, and fewest samples of a cycle for each of them.
-MOST_HARMONICS, SAMPLES_PER_HARMONIC = 60, 3
-#: Turns of the fit: series and phases, one after the other; before and after what differs from the
-#: cycles is left out.
-TURNS = 4
-#: Samples differ if their squared distances are this many times the median, and more than this
-#: part of the mean square of the cycle, on average over this part of a cycle.
-DIFFERENT, ALIKE, WINDOW = 9.0, 0.005, 0.1
-#: Most samples of a recording that are used: an hour at 28 Hz.
-MOST_SAMPLES = 100_000
-#: Points from which a centre is guessed.
-_FEW = 200
-#: Phases at which cycles of different recordings are compared.
-_PHASES = 256
-#: Part of the span below which a factor counts as exact.
-_EXACT = 1e-7
 
 
 class FittedTake(NamedTuple):

@@ -27,6 +27,11 @@ from gdmp_ros.learning.preparation import (
 )
 from gdmp_ros.learning.regression import regress
 
+#: Samples of a motion per duration, and at least this many for each basis function.
+SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
+#: Inversions; the first leaves 2e-5 of the span or less, the second 4e-6.
+INVERSIONS = 2
+
 
 class _Inverted(NamedTuple):
     """Regression targets from one demonstration."""
@@ -74,12 +79,6 @@ def _invert(demonstration: Demonstration, blank: Skill) -> _Inverted:
     forcing = ((duration ** 2 * acceleration + gains.alpha_z * duration * velocity)
                / (gains.alpha_z * gains.beta_z) - to_target + to_target[0] * x[:, None])
     return _Inverted(s, forcing, duration * start_velocity)
-
-
-#: Samples of a motion per duration, and at least this many for each basis function.
-SAMPLES, SAMPLES_PER_FUNCTION = 1000, 4
-#: Inversions; the first leaves 2e-5 of the span or less, the second 4e-6.
-INVERSIONS = 2
 
 
 class _Motion(NamedTuple):

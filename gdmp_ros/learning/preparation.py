@@ -21,6 +21,14 @@ from gdmp_ros.manifolds import Manifold
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
+#: Largest part of a demonstration that an end is estimated from, and fewest samples.
+SHARE, LEAST = 0.05, 5
+#: Ratio of one window to the next smaller one.
+_GROWTH = 1.4
+#: Estimates from two windows are consistent within this many standard errors.
+_CONSISTENT = 2.0
+#: Largest error that the curvature of the space may add, as a part of the span.
+LARGEST_CURVATURE_ERROR = 0.01
 
 
 class Samples(NamedTuple):
@@ -49,14 +57,6 @@ def averaged(demonstration: Demonstration) -> Samples:
     progress = (times - demonstration.times[0]) / demonstration.duration
     return Samples(Demonstration(times, averages, manifold),
                    (float(progress[0]), float(progress[-1]), groups))
-
-
-#: Largest part of a demonstration that an end is estimated from, and fewest samples.
-SHARE, LEAST = 0.05, 5
-#: Ratio of one window to the next smaller one.
-_GROWTH = 1.4
-#: Estimates from two windows are consistent within this many standard errors.
-_CONSISTENT = 2.0
 
 
 class Endpoint(NamedTuple):
@@ -146,10 +146,6 @@ def _windows(most: int) -> list[int]:
         sizes.append(size)
         size = math.ceil(_GROWTH * size)
     return [*sizes, most]
-
-
-#: Largest error that the curvature of the space may add, as a part of the span.
-LARGEST_CURVATURE_ERROR = 0.01
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,16 @@ from gdmp_ros.dmp.forcing import design_matrix
 from gdmp_ros.dmp.primitive import Gains
 from gdmp_ros.dmp.response import LAST, responses, third_derivatives
 
+#: Weight of the samples at the goal after the end, relative to those of the demonstration: letters
+#: that end at speed pass their goal by at most 0.5 % of the span.
+HOLD_WEIGHT = 6.5
+#: Degrees of freedom count this many times in the cross-validation: against too little smoothing.
+INFLATION = 1.4
+#: Strengths of the penalty that are tried, relative to the largest singular value squared.
+STRENGTHS = np.logspace(-22.0, 2.0, 73)
+#: Strengths of the penalty that are tried, relative to that of the first harmonic.
+FOURIER_STRENGTHS = np.logspace(-24.0, 1.0, 101)
+
 
 def scaled_design_matrix(functions: np.ndarray, alpha_x: float,
                          s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,15 +78,6 @@ def regress(functions: np.ndarray, alpha_x: float, s: np.ndarray, target: np.nda
         pass
     solved = lstsq(matrix, target, check_finite=False)[0]
     return np.ascontiguousarray(solved / lengths[:, None])
-
-
-#: Weight of the samples at the goal after the end, relative to those of the demonstration: letters
-#: that end at speed pass their goal by at most 0.5 % of the span.
-HOLD_WEIGHT = 6.5
-#: Degrees of freedom count this many times in the cross-validation: against too little smoothing.
-INFLATION = 1.4
-#: Strengths of the penalty that are tried, relative to the largest singular value squared.
-STRENGTHS = np.logspace(-22.0, 2.0, 73)
 
 
 @dataclass(frozen=True)
@@ -225,10 +226,6 @@ def smoother(count: int, gains: Gains, progress: np.ndarray, wavelength: float) 
     normal[np.diag_indices(count)] += 1e-12 * np.trace(normal) / count
     motion = matrix[:len(progress)]
     return Smoother(motion, np.linalg.solve(normal, spacing * motion.T))
-
-
-#: Strengths of the penalty that are tried, relative to that of the first harmonic.
-FOURIER_STRENGTHS = np.logspace(-24.0, 1.0, 101)
 
 
 def fourier_columns(progress: np.ndarray, harmonics: int) -> np.ndarray:

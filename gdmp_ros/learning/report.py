@@ -28,6 +28,8 @@ _WINDOW = 31
 _GAP = 5.0
 #: Most suspect samples listed for one demonstration.
 MAX_LISTED = 20
+#: Points of the cycle, and steps by which its phase is searched, coarse and fine.
+_PHASES, _STEPS = 4096, (64, 8, 1)
 
 
 class Suspicion(NamedTuple):
@@ -166,10 +168,6 @@ def _repeats(times: np.ndarray, curve: np.ndarray, scale: float) -> list[Suspici
     frozen = np.flatnonzero((steps < 1e-3 * around) & (around > 1e-5 * scale))
     return [Suspicion(int(i) + 1, float(times[i + 1]), 'repeats the sample before it in motion')
             for i in frozen]
-
-
-#: Points of the cycle, and steps by which its phase is searched, coarse and fine.
-_PHASES, _STEPS = 4096, (64, 8, 1)
 
 
 class CycleTake(NamedTuple):

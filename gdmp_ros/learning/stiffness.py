@@ -20,6 +20,21 @@ from gdmp_ros.learning.preparation import noise_level
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
+#: Samples of a stiffness profile.
+_SAMPLES = 200
+#: Takes that agree within this standard deviation agree [m]: no arm follows more closely.
+AGREEMENT = 0.0005
+#: Standard deviation of the smoothing of covariances, in durations.
+SMOOTHING = 0.02
+#: A position moves if it is faster than this part of the largest speed.
+MOVING = 0.02
+#: Fewest takes that determine a covariance.
+LEAST_TAKES = 2
+#: The stiffness in a direction is known if its standard error is at most this part of the range.
+KNOWN = 0.2
+#: Smallest excitation of a direction, as a part of that of all together.
+_LEAST_EXCITATION = 1e-6
+
 
 class Mixture:
     """Gaussian mixture over (time, position), conditioned on time (mixture regression)."""
@@ -63,10 +78,6 @@ class Mixture:
         given -= np.einsum('tk,tki->ti', shares, given)[:, None]
         between = np.einsum('tk,tki,tkj->tij', shares, given, given)
         return np.asarray((np.einsum('tk,kij->tij', shares, within) + between) * self._scale ** 2)
-
-
-#: Samples of a stiffness profile.
-_SAMPLES = 200
 
 
 def check_stiffness_bounds(k_min: float, k_max: float) -> None:
@@ -140,16 +151,6 @@ def resampled(path: np.ndarray, times: np.ndarray, count: int) -> np.ndarray:
     """``count`` samples of a path at equally spaced times, shape ``(count, d)``."""
     at = np.linspace(times[0], times[-1], count)
     return np.column_stack([np.interp(at, times, column) for column in path.T])
-
-
-#: Takes that agree within this standard deviation agree [m]: no arm follows more closely.
-AGREEMENT = 0.0005
-#: Standard deviation of the smoothing of covariances, in durations.
-SMOOTHING = 0.02
-#: A position moves if it is faster than this part of the largest speed.
-MOVING = 0.02
-#: Fewest takes that determine a covariance.
-LEAST_TAKES = 2
 
 
 def stiffness_from_takes(demonstrations: Sequence[Demonstration], least: float = 200.0,
@@ -257,12 +258,6 @@ def _shrunk(covariance: np.ndarray, freedom: int) -> np.ndarray:
 
 def _stiffness(result: np.ndarray, least: float, most: float) -> np.ndarray:
     return _of_covariances(result, least, most, centred=False, floor=AGREEMENT ** 2)
-
-
-#: The stiffness in a direction is known if its standard error is at most this part of the range.
-KNOWN = 0.2
-#: Smallest excitation of a direction, as a part of that of all together.
-_LEAST_EXCITATION = 1e-6
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,15 @@ NOISES = (1e-6, 1e6)
 ROUNDING = 1e-12
 #: Where the search begins: length, noise.
 STARTS = ((0.5, 1e-4), (1.5, 1e-4), (1.0, 1.0))
+#: Samples of a take.
+SAMPLES = 101
+#: Shortest wavelength of what varies, and correlation length of what is not known, in durations.
+WAVELENGTH, CORRELATION = 0.05, 0.1
+#: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
+#: are left out.
+NEGLIGIBLE = 1e-3
+#: Most corrections for the curvature of the space, and when they have converged.
+CORRECTIONS, CONVERGED = 5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -148,17 +157,6 @@ class ContextFit:
                      key=lambda item: float(item.fun))
         length, noise = np.exp(result.x)
         return length * self._range, float(noise)
-
-
-#: Samples of a take.
-SAMPLES = 101
-#: Shortest wavelength of what varies, and correlation length of what is not known, in durations.
-WAVELENGTH, CORRELATION = 0.05, 0.1
-#: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
-#: are left out.
-NEGLIGIBLE = 1e-3
-#: Most corrections for the curvature of the space, and when they have converged.
-CORRECTIONS, CONVERGED = 5, 1e-3
 
 
 def variation_of(primitive: Skill, takes: Sequence[Demonstration],

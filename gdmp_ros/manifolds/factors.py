@@ -30,6 +30,10 @@ from gdmp_ros.manifolds.linalg import copy_numbers, norm
 CUT_LOCUS_LIMIT = 1e-6
 #: Points and frames are renormalized after this many steps along a path.
 RENORMALIZE_EVERY = 32
+#: How many arrays each kernel takes, ``work`` included.
+_ARRAYS = {'exp': 4, 'log': 4, 'frame': 3, 'frame_point': 3, 'transport_frame': 3,
+           'log_in_frame': 4, 'from_frame': 4, 'to_frame': 4, 'renormalize_frame': 2,
+           'renormalize': 2, 'project_tangent': 4}
 
 
 class Kernels(NamedTuple):
@@ -73,10 +77,6 @@ class Kernels(NamedTuple):
     project_tangent: Callable[..., None]
 
 
-#: How many arrays each kernel takes, ``work`` included.
-_ARRAYS = {'exp': 4, 'log': 4, 'frame': 3, 'frame_point': 3, 'transport_frame': 3,
-           'log_in_frame': 4, 'from_frame': 4, 'to_frame': 4, 'renormalize_frame': 2,
-           'renormalize': 2, 'project_tangent': 4}
 #: One factor: size, scratch numbers, where its parts lie in a product, addresses of kernels.
 FACTOR = np.dtype([(name, np.int64) for name in (
     'size', 'work', 'point', 'point_end', 'tangent', 'tangent_end', 'frame_start', 'frame_end',

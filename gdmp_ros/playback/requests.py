@@ -11,6 +11,7 @@ from gdmp_ros.playback.refusals import Refusals
 
 #: Requests that may wait for the next tick.
 MAX_WAITING = 1000
+UNCHANGED: dict[Status, Status] = {}
 
 
 class Status(StrEnum):
@@ -32,7 +33,6 @@ AFTER_START = dict.fromkeys(Status, Status.MOVING)
 AFTER_HOLD = dict.fromkeys(Status, Status.HOLDING)
 AFTER_STOP = dict.fromkeys((Status.MOVING, Status.PAUSED, Status.HOLDING), Status.STOPPING)
 AFTER_PAUSE, AFTER_RESUME = {Status.MOVING: Status.PAUSED}, {Status.PAUSED: Status.MOVING}
-UNCHANGED: dict[Status, Status] = {}
 
 
 class _Request(NamedTuple):

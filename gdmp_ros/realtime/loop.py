@@ -21,6 +21,9 @@ RAISED_PRIORITY = 1
 #: Yields the time at which it is to be resumed [ns], again and again; a time that has passed means
 #: as soon as possible.
 Loop: TypeAlias = Generator[int, None, None]
+_real_time_threads: set[LoopThread] = set()
+Step = Callable[[int, int], None]
+_loops: dict[tuple[Clock, int, int], _SharedLoop] = {}
 
 
 class RunningLoop(Protocol):
@@ -116,9 +119,6 @@ def run(loop: Loop, clock: Clock, stop: Callable[[], bool]) -> None:
         clock.sleep_until(deadline)
 
 
-_real_time_threads: set[LoopThread] = set()
-
-
 @contextmanager
 def raised_priority() -> Iterator[None]:
     """
@@ -201,9 +201,6 @@ class LoopThread:
             _real_time_threads.discard(self)
 
 
-Step = Callable[[int, int], None]
-
-
 class Member:
     """
     A task in a shared loop; see `gdmp_ros.realtime.loop.RunningLoop`.
@@ -243,7 +240,6 @@ class _SharedLoop:
                         member.failure = error
 
 
-_loops: dict[tuple[Clock, int, int], _SharedLoop] = {}
 _changing = threading.Lock()
 
 

@@ -65,6 +65,15 @@ SPECS = (
     Spec('realtime_priority', -1, 'SCHED_FIFO priority of the loop; -1: 40 if the system grants '
          'it; 0: never', low=-1, high=99),
 )
+PERIOD_NS = 1_000_000
+#: The measured pose is read once in this many ticks.
+READ_EVERY = 10
+#: Pose of the robot before it is known.
+ANYWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+#: Reply timeout [s].
+REPLY_TIMEOUT_S = 1.0
+#: Relative change of an entry after which a stiffness is set by parameters again.
+CHANGED = 0.01
 
 
 class Output:
@@ -132,17 +141,6 @@ class JointTrajectoryOutput:
         ns = round(self._horizon * NS)
         point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
         self._publisher.publish(JointTrajectory(joint_names=self._names, points=[point]))
-
-
-PERIOD_NS = 1_000_000
-#: The measured pose is read once in this many ticks.
-READ_EVERY = 10
-#: Pose of the robot before it is known.
-ANYWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-#: Reply timeout [s].
-REPLY_TIMEOUT_S = 1.0
-#: Relative change of an entry after which a stiffness is set by parameters again.
-CHANGED = 0.01
 
 
 class Adapter(ManagedNode):

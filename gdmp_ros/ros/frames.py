@@ -23,6 +23,11 @@ MEMORY_S = 10.0
 #: Frames in a chain, to find loops.
 LONGEST_CHAIN = 1000
 _SPHERE = UnitQuaternion()
+#: Messages on /tf that are kept: ten seconds of an arm.
+DEPTH = 1000
+#: Messages that are read at once where time matters; one takes 0.1 ms.
+AT_ONCE = 30
+_AUTHORITY = 'gdmp_ros'
 
 
 class FrameError(GdmpError):
@@ -139,12 +144,6 @@ try:
     import tf2_py
 except ImportError:  # it has no wheel
     tf2_py = None
-
-#: Messages on /tf that are kept: ten seconds of an arm.
-DEPTH = 1000
-#: Messages that are read at once where time matters; one takes 0.1 ms.
-AT_ONCE = 30
-_AUTHORITY = 'gdmp_ros'
 
 
 class Tf2Frames:

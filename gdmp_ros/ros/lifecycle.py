@@ -31,6 +31,8 @@ from gdmp_ros.util.compile_progress import compilation_reported
 
 #: Time between two reports of a node, and without one the node counts as silent [s].
 REPORT_S, SILENT_S = 0.1, 1.0
+#: Ticks between two checks for subscribers.
+CHECK_EVERY = 100
 
 
 class ManagedNode(LifecycleNode):
@@ -105,10 +107,6 @@ class ManagedNode(LifecycleNode):
         :param cancel: whether its goals may be cancelled
         """
         self._own(self.participant.action(kind, name, execute, accept, lambda: cancel))
-
-    def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Call ``callback`` periodically, until `release`."""
-        self._own(self.participant.timer(period_s, callback))
 
     def add_report(self, callback: Callable[[], None]) -> None:
         """Call ``callback`` ten times a second (by `gdmp_ros.ros.running`), until `release`."""
@@ -241,10 +239,6 @@ class ManagedNode(LifecycleNode):
             self.get_logger().warning(
                 'the 1 kHz thread has normal priority: the system does not grant SCHED_FIFO '
                 '(or realtime_priority is 0); expect late ticks under load')
-
-
-#: Ticks between two checks for subscribers.
-CHECK_EVERY = 100
 
 
 class Stream:

@@ -29,6 +29,8 @@ NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),
 }
 _WIDTH = 98
+#: When a change takes effect, in a word (`CHANGES`).
+_WHEN = {'configure': 'configure', 'live': 'at once', 'motion': 'motion'}
 
 
 def bounds(spec: Spec) -> str:
@@ -62,10 +64,6 @@ def _comment(words: str) -> list[str]:
             line = '    #'
         line += f' {word}'
     return [*lines, line]
-
-
-#: When a change takes effect, in a word (`CHANGES`).
-_WHEN = {'configure': 'configure', 'live': 'at once', 'motion': 'motion'}
 
 
 def markdown() -> str:

@@ -18,6 +18,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 
 #: Time step of the control loop [s].
 PERIOD = 0.001
+#: Models of this package.
+BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in ('panda', 'fr3')}
 
 
 class Tool(NamedTuple):
@@ -27,8 +29,6 @@ class Tool(NamedTuple):
     position: tuple[float, float, float]
 
 
-#: Models of this package.
-BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in ('panda', 'fr3')}
 #: Tools of models that have no site ``tcp``, by the folder of their file.
 TOOLS = {'franka_emika_panda': Tool('hand', (0.0, 0.0, 0.1034)),
          'franka_fr3': Tool('fr3_link7', (0.0, 0.0, 0.107)),

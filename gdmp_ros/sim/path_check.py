@@ -26,6 +26,21 @@ STARTS, STEPS = 60, 100
 DAMPING, DAMPING_SHARE = 1e-6, 0.01
 #: Largest step of a joint [rad].
 LARGEST_STEP = 0.3
+#: A joint that is nearer than this to its limit counts as at its limit [rad].
+AT_LIMIT_RAD = 0.02
+#: Links that are nearer than this to each other or to the floor count as touching [m].
+TOUCHING_M = 0.005
+#: Distances of links are measured up to here [m].
+_FAR_M = 0.2
+#: Postures from which the first one is searched.
+_STARTS = 15
+#: Bodies that are at most this many joints apart may touch.
+_NEIGHBOURS = 2
+#: A motion is checked, and shown, for this many of its durations: a changed goal is reached after
+#: the first one.
+DURATIONS = 1.2
+#: Poses of a motion that are checked.
+POSES = 200
 
 
 class Reach:
@@ -128,18 +143,6 @@ class Reach:
         if between[0] < 0.0:
             between *= -1.0
         mujoco.mju_quat2Vel(out, between, 1.0)
-
-
-#: A joint that is nearer than this to its limit counts as at its limit [rad].
-AT_LIMIT_RAD = 0.02
-#: Links that are nearer than this to each other or to the floor count as touching [m].
-TOUCHING_M = 0.005
-#: Distances of links are measured up to here [m].
-_FAR_M = 0.2
-#: Postures from which the first one is searched.
-_STARTS = 15
-#: Bodies that are at most this many joints apart may touch.
-_NEIGHBOURS = 2
 
 
 class Margin(NamedTuple):
@@ -312,13 +315,6 @@ def _joints_before(model: mujoco.MjModel) -> list[int]:
     for body in range(1, model.nbody):
         result[body] = result[model.body_parentid[body]] + int(model.body_jntnum[body])
     return result
-
-
-#: A motion is checked, and shown, for this many of its durations: a changed goal is reached after
-#: the first one.
-DURATIONS = 1.2
-#: Poses of a motion that are checked.
-POSES = 200
 
 
 def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES

@@ -19,6 +19,11 @@ CAN_RADIUS, CAN_HALF, CAN_MASS, CAN_BELOW = 0.055, 0.065, 0.6, 0.11
 #: Tray: centre and half size [m], height of its walls and of the water above the floor [m].
 TRAY, TRAY_HALF, TRAY_WALL, WATER_LINE = (0.52, 0.0), (0.22, 0.2), 0.19, 0.16
 _THIN = 0.006
+CUBE_EDGE, CUBE_MASS = 0.04, 0.1
+#: Peg: half width, half length, distance of its centre below the tool [m].
+PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
+#: Height of the top of the hole above the floor [m].
+HOLE_TOP = 0.2
 
 
 def watering() -> mujoco.MjSpec:
@@ -107,7 +112,6 @@ def _add_boxes(spec: mujoco.MjSpec, where: list[Box]) -> None:
 #: Boxes to pick from and to place in, edge of the cube [m] and its mass [kg].
 PICK = Box((0.45, -0.22), (0.09, 0.09), 0.06)
 PLACE = Box((0.45, 0.22), (0.09, 0.09), 0.06)
-CUBE_EDGE, CUBE_MASS = 0.04, 0.1
 
 
 def pick_and_place(spec: mujoco.MjSpec) -> None:
@@ -151,12 +155,6 @@ def cloth_table(below: float) -> mujoco.MjSpec:
     top.solref, top.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]
     top.priority, top.friction = 1, [0.2, 0.005, 0.0001]
     return spec
-
-
-#: Peg: half width, half length, distance of its centre below the tool [m].
-PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
-#: Height of the top of the hole above the floor [m].
-HOLE_TOP = 0.2
 
 
 def peg_and_hole(where: tuple[float, float], angle: float, clearance: float,

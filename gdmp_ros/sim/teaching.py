@@ -16,6 +16,8 @@ from gdmp_ros.util.settings import setting
 
 #: Damping at the default stiffness [N s/m].
 _DAMPING, _STIFFNESS = 110.0, 800.0
+#: Time for which the hand holds the tool before and after the motion [s].
+REST_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,6 @@ class GuidedMotion:
     velocities: np.ndarray
     forces: np.ndarray
     progress: np.ndarray
-
-
-#: Time for which the hand holds the tool before and after the motion [s].
-REST_S = 0.5
 
 
 def demonstrate(arm: Arm, body: str, hand: GuidingHand, timing: Timing,

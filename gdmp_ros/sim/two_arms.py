@@ -25,6 +25,25 @@ from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import change, PlantSettings
 
+#: Time after the motion [s].
+REST_S = 1.0
+#: Names of the arms, and the distance of their bases from the middle [m].
+SIDES, APART = ('left', 'right'), 0.28
+#: Tray: half size, half thickness, height of its rim [m], mass [kg].
+HALF, THIN, RIM, MASS = (0.12, 0.2), 0.003, 0.006, 0.4
+#: Handles: upright plates between tray and fingers, half size [m].
+HANDLE = (0.03, 0.008, 0.03)
+#: Ball: radius [m] and mass [kg].
+BALL, BALL_MASS = 0.015, 0.05
+#: Tray below the tools when they hold its handles [m].
+BELOW = 0.035
+#: Force of each gripper [N]; time in which it closes, and the arms take over the weight [s].
+GRIP, CLOSE_S = 40.0, 1.0
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
+#: Everything collides with tray and ball.
+_SOLID = {'contype': 3, 'conaffinity': 3}
+_WOOD, _DARK, _RED = [0.72, 0.58, 0.42, 1.0], [0.3, 0.3, 0.32, 1.0], [0.85, 0.2, 0.15, 1.0]
+
 
 class World:
     """
@@ -107,10 +126,6 @@ def _without_arm() -> mujoco.MjSpec:
         for item in list(group):
             spec.delete(item)
     return spec
-
-
-#: Time after the motion [s].
-REST_S = 1.0
 
 
 class Moment(NamedTuple):
@@ -207,24 +222,6 @@ class TwoArms:
             if player.status is Status.HOLDING:
                 left = min(left, rest_s)
             left -= period
-
-
-#: Names of the arms, and the distance of their bases from the middle [m].
-SIDES, APART = ('left', 'right'), 0.28
-#: Tray: half size, half thickness, height of its rim [m], mass [kg].
-HALF, THIN, RIM, MASS = (0.12, 0.2), 0.003, 0.006, 0.4
-#: Handles: upright plates between tray and fingers, half size [m].
-HANDLE = (0.03, 0.008, 0.03)
-#: Ball: radius [m] and mass [kg].
-BALL, BALL_MASS = 0.015, 0.05
-#: Tray below the tools when they hold its handles [m].
-BELOW = 0.035
-#: Force of each gripper [N]; time in which it closes, and the arms take over the weight [s].
-GRIP, CLOSE_S = 40.0, 1.0
-_BOX = mujoco.mjtGeom.mjGEOM_BOX
-#: Everything collides with tray and ball.
-_SOLID = {'contype': 3, 'conaffinity': 3}
-_WOOD, _DARK, _RED = [0.72, 0.58, 0.42, 1.0], [0.3, 0.3, 0.32, 1.0], [0.85, 0.2, 0.15, 1.0]
 
 
 def grasp(side: str) -> np.ndarray:

@@ -15,6 +15,10 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import Clock, NS
 
+#: Time between two looks for a result [ns].
+LOOK_NS = 2_000_000
+Work: TypeAlias = Callable[[], None]
+
 
 @dataclass(eq=False)
 class Changes:
@@ -48,8 +52,6 @@ class Changes:
 
 
 T = TypeVar('T')
-#: Time between two looks for a result [ns].
-LOOK_NS = 2_000_000
 
 
 class Commands:
@@ -101,9 +103,6 @@ class Commands:
             work, future = self._waiting.get()
             if future is None or future.set_running_or_notify_cancel():
                 work()
-
-
-Work: TypeAlias = Callable[[], None]
 
 
 class Jobs:

@@ -27,6 +27,14 @@ from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
 TUBE = 24
 #: Samples of a motion.
 SAMPLES = 240
+#: Ellipsoids of the stiffness along a path.
+ELLIPSOIDS = 12
+#: First view: eye and point that it looks at [m], vertical field of view [deg].
+EYE, LOOKED_AT, FIELD_OF_VIEW = (1.5, -1.3, 0.95), (0.3, -0.1, 0.35), 45.0
+#: Thickness of lines [pixels].
+_LINE = 3.0
+_GHOST = (90, 140, 220)
+_Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -126,14 +134,6 @@ def tube(skill: Skill) -> tuple[np.ndarray, np.ndarray] | None:
     return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
 
 
-#: Ellipsoids of the stiffness along a path.
-ELLIPSOIDS = 12
-#: First view: eye and point that it looks at [m], vertical field of view [deg].
-EYE, LOOKED_AT, FIELD_OF_VIEW = (1.5, -1.3, 0.95), (0.3, -0.1, 0.35), 45.0
-#: Thickness of lines [pixels].
-_LINE = 3.0
-_GHOST = (90, 140, 220)
-_Colour = tuple[int, int, int]
 _BALL = trimesh.creation.icosphere(subdivisions=2)
 
 

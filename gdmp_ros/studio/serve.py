@@ -33,6 +33,12 @@ from gdmp_ros.util.processes import stop_event
 #: Hosts that only this machine reaches.
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 COOKIE = 'gdmp_studio'
+#: First port that is tried.
+PORT = 8080
+#: Addresses that stand for all of a machine.
+EVERYWHERE = ('0.0.0.0', '::')
+#: Ports that are tried if none is asked for.
+_TRIED = 100
 
 
 class Access:
@@ -106,14 +112,6 @@ def _answer(status: HTTPStatus, text: str, more: dict[str, str] | None = None) -
     headers = Headers({'Content-Type': 'text/plain; charset=utf-8', 'Connection': 'close',
                        'Content-Length': str(len(body)), **(more or {})})
     return Response(status.value, status.phrase, headers, body)
-
-
-#: First port that is tried.
-PORT = 8080
-#: Addresses that stand for all of a machine.
-EVERYWHERE = ('0.0.0.0', '::')
-#: Ports that are tried if none is asked for.
-_TRIED = 100
 
 
 @dataclass(frozen=True)

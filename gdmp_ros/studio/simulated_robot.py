@@ -35,6 +35,18 @@ from gdmp_ros.studio.robot import RobotView
 
 #: Longest take [s].
 LONGEST_TAKE_S = 600.0
+#: Ticks are computed in batches, so that the loop wakes 100 times a second [s].
+BATCH_S = 0.01
+#: A pause of the computer is not made up for [s].
+LONGEST_S = 0.1
+#: Samples of a take: every so many ticks.
+SAMPLE_EVERY = 2
+#: A limit is shown for this time after it acted [s].
+SHOWN_S = 0.5
+#: Largest speed of a joint on the way home [rad/s].
+HOME_SPEED = 0.5
+#: Time over which the rate to real time is measured [s].
+_RATE_S = 1.0
 
 
 class RecordedTake:
@@ -84,20 +96,6 @@ class RecordedTake:
                              tool_manifold(None))
         recordings.write(self.path, demo, recordings.FRAME, self._start_ns)
         return self.path
-
-
-#: Ticks are computed in batches, so that the loop wakes 100 times a second [s].
-BATCH_S = 0.01
-#: A pause of the computer is not made up for [s].
-LONGEST_S = 0.1
-#: Samples of a take: every so many ticks.
-SAMPLE_EVERY = 2
-#: A limit is shown for this time after it acted [s].
-SHOWN_S = 0.5
-#: Largest speed of a joint on the way home [rad/s].
-HOME_SPEED = 0.5
-#: Time over which the rate to real time is measured [s].
-_RATE_S = 1.0
 
 
 class SimulatedRobot:

@@ -20,6 +20,8 @@ NONE = 'none yet'
 #: Spacing of an exported motion [s].
 EXPORT_STEP_S = 0.01
 _AXES = 'xyz'
+PUSH = 'push'
+_MOVING = ('moving', 'paused')
 
 
 class SkillPanel:
@@ -221,10 +223,6 @@ class SkillPanel:
                     box = self._studio.server.gui.add_checkbox(name, False)
                     box.on_update(self._studio.entered(partial(self._compare, name)))
                     self._boxes[name] = box
-
-
-PUSH = 'push'
-_MOVING = ('moving', 'paused')
 
 
 class CorrectPanel:

@@ -15,6 +15,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import progress
 
 Function = TypeVar('Function', bound=Callable[..., object])
+#: Time within which a Dask scheduler must answer [s].
+CONNECT_S = 10.0
 
 
 @cache
@@ -35,10 +37,6 @@ def one_thread(function: Function) -> Function:
         with _controller().limit(limits=1, user_api='blas'):
             return function(*arguments, **options)
     return cast(Function, limited)
-
-
-#: Time within which a Dask scheduler must answer [s].
-CONNECT_S = 10.0
 
 
 class Journal:

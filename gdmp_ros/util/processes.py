@@ -11,6 +11,9 @@ import threading
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.util.child_process import command as child_command
 
+#: Whether Ctrl-C is held back at present, and whether it has come meanwhile.
+_held, _came = threading.Event(), threading.Event()
+
 
 def interrupt_on_sigterm() -> None:
     """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that everything is cleaned up."""
@@ -25,10 +28,6 @@ def stop_event() -> threading.Event:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     return stop
-
-
-#: Whether Ctrl-C is held back at present, and whether it has come meanwhile.
-_held, _came = threading.Event(), threading.Event()
 
 
 @contextmanager

@@ -21,6 +21,15 @@ from gdmp_ros.view import report_figures as figures
 from gdmp_ros.view.report_figures import library
 from gdmp_ros.view.style import INK
 
+#: Intervals of progress at which a tube is computed.
+INTERVALS = 60
+#: With more events than this none is marked in the figures.
+MOST_MARKS = 40
+#: Skills that are drawn from a distribution, and samples of each motion.
+DRAWN, SAMPLES = 12, 100
+#: Time after which a browser reads the page of an improvement under way again [s].
+REFRESH_S = 5
+
 
 def write_page(template: str, path: Path, what: str, **parts: Any) -> None:
     """
@@ -38,12 +47,6 @@ def write_page(template: str, path: Path, what: str, **parts: Any) -> None:
         write_text(path, text)
     except OSError as error:
         raise DataError(f'{path}: cannot write the {what}: {error.strerror}') from None
-
-
-#: Intervals of progress at which a tube is computed.
-INTERVALS = 60
-#: With more events than this none is marked in the figures.
-MOST_MARKS = 40
 
 
 def write_report(bag: Path, path: Path, robot: str = '', skill: Path | None = None) -> str:
@@ -90,12 +93,6 @@ def _demonstration(bag: Path, skill: Skill | None) -> dict[str, object]:
     return {'title': f'Demonstration {bag.name}', 'rows': rows, 'events': [], 'limited': [],
             'space': figures.html(figures.demonstration_in_space(recording, likely), 'space'),
             'time': figures.html(figures.demonstration_over_time(recording, likely), 'time')}
-
-
-#: Skills that are drawn from a distribution, and samples of each motion.
-DRAWN, SAMPLES = 12, 100
-#: Time after which a browser reads the page of an improvement under way again [s].
-REFRESH_S = 5
 
 
 def write_improvement(state: Improvement, path: Path, done: bool) -> None:

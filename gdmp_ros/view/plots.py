@@ -17,6 +17,10 @@ matplotlib.rcParams.update({'figure.dpi': 110, 'font.size': 9, 'axes.grid': True
 #: Lines are distinct in black and white too.
 STYLES: tuple[Any, ...] = ('-', '--', ':', '-.', (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)))
 INK = style.INK
+#: Most ticks of an axis in space: in perspective the labels of more lie on each other.
+SPATIAL_TICKS = 4
+#: Letters of a legend that fit into one line above a panel.
+LEGEND = 40
 
 
 def blank_figure(width: float = 6.4, height: float = 4.0) -> Figure:
@@ -88,12 +92,6 @@ def save(figure: Figure, path: str | Path) -> None:
     """Write a figure; its folder is created if it does not exist."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, bbox_inches='tight')
-
-
-#: Most ticks of an axis in space: in perspective the labels of more lie on each other.
-SPATIAL_TICKS = 4
-#: Letters of a legend that fit into one line above a panel.
-LEGEND = 40
 
 
 def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:

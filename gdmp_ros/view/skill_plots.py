@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 #: Skills that are drawn for a band.
 SAMPLES = 60
 _UNITS = {'position': ' [m]', 'stiffness': ' [N/m, Nm/rad]', 'wrench': ' [N, Nm]'}
+_PUSHED = '#f2c14e'
+#: Spacing of the samples [s], and most of them.
+_STEP_S, _MOST = 0.01, 100_000
+#: A step that waits for a signal gets it after so many cycles or seconds.
+SIGNAL_AFTER = 2.0
 
 
 def takes_figure(demos: Sequence[Demonstration], names: Sequence[str],
@@ -190,9 +195,6 @@ def skill_figure(skill: Skill, demos: Sequence[Demonstration] = ()) -> Figure:
     return drawn.figure
 
 
-_PUSHED = '#f2c14e'
-
-
 def correction_figure(skill: Skill, result: Correction) -> Figure:
     """
     Draw position over time and the path from three sides; where the tool was pushed is shaded.
@@ -219,12 +221,6 @@ def correction_figure(skill: Skill, result: Correction) -> Figure:
         panel.set_aspect('equal', 'datalim')
     axes[0, 0].legend(fontsize=7)
     return figure
-
-
-#: Spacing of the samples [s], and most of them.
-_STEP_S, _MOST = 0.01, 100_000
-#: A step that waits for a signal gets it after so many cycles or seconds.
-SIGNAL_AFTER = 2.0
 
 
 def sequence_figure(sequence: SkillSequence) -> Figure:

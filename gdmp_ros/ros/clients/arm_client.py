@@ -30,6 +30,8 @@ from gdmp_ros.util.terminal import progress
 LONGEST_MOTION_S = 300.0
 #: Time between two lines of progress [s].
 SHOW_S = 2.0
+#: Longest time for the motions; a simulation may run slower than real time [s].
+LONGEST_IDENTIFICATION_S = 1800.0
 
 
 def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed: float = 0.0,
@@ -71,10 +73,6 @@ def _wait(client: Client, arm: str, service: Any, reply: Any) -> None:
             if not service.service_is_ready():
                 raise GdmpError(f'{arm} has ended, or was cleaned up, while its joints moved')
             print(f'{arm}: moving, {now - begun:.0f} s', file=sys.stderr, flush=True)
-
-
-#: Longest time for the motions; a simulation may run slower than real time [s].
-LONGEST_IDENTIFICATION_S = 1800.0
 
 
 def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:

@@ -37,6 +37,10 @@ HAND_PERIOD_S = 0.005
 APPROACH_SPEED, APPROACH_ANGULAR_SPEED = 0.15, 0.8
 #: Rest of the hand before and after a motion, and before that for the arm to settle [s].
 REST_S, SETTLE_S = 0.4, 1.0
+KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'
+GRIPPER_KEYS = 'o Enter: open the gripper; c Enter: close it, and hold with 20 N'
+#: Commands of these keys: width [m] and force [N].
+GRIPPER = {'o': GripperCommand(0.08), 'c': GripperCommand(0.0, 20.0)}
 
 
 class Teacher(Client):
@@ -156,12 +160,6 @@ class Teacher(Client):
             self._hand.publish(message)
             due = max(due + HAND_PERIOD_S, self.now())
             self.spend(due - self.now())
-
-
-KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'
-GRIPPER_KEYS = 'o Enter: open the gripper; c Enter: close it, and hold with 20 N'
-#: Commands of these keys: width [m] and force [N].
-GRIPPER = {'o': GripperCommand(0.08), 'c': GripperCommand(0.0, 20.0)}
 
 
 @dataclass(frozen=True)

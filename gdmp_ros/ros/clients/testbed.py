@@ -19,6 +19,14 @@ from gdmp_ros.util.processes import ChildProcesses, stop_event
 
 #: Interval at which the processes are looked at [s].
 LOOK_S = 0.2
+ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorder',
+                                        'take_recorder')
+#: Modules of the nodes.
+MODULES = {ARM: 'gdmp_ros.ros.arm.simulated_arm', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
+           SERVER: 'gdmp_ros.ros.server.node',
+           TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
+#: Opens a testbed: its class, and all arguments of that but ``environment``.
+Opener = Callable[..., AbstractContextManager[Any]]
 
 
 @dataclass(frozen=True)
@@ -115,14 +123,6 @@ def _start(children: ChildProcesses, target: Bringup) -> None:
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(target.takes.absolute()),
         'pose_topic': f'/{ARM}/measured_pose'})
-
-
-ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorder',
-                                        'take_recorder')
-#: Modules of the nodes.
-MODULES = {ARM: 'gdmp_ros.ros.arm.simulated_arm', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
-           SERVER: 'gdmp_ros.ros.server.node',
-           TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
 
 
 class NodeTestbed:
@@ -281,8 +281,6 @@ class NodeTestbed:
 
 
 Bed = TypeVar('Bed', bound=NodeTestbed)
-#: Opens a testbed: its class, and all arguments of that but ``environment``.
-Opener = Callable[..., AbstractContextManager[Any]]
 
 
 @contextmanager

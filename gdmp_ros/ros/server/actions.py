@@ -22,6 +22,9 @@ from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.server.report import ServerReport
 
+#: Tolerances of the reference if a goal has none [m, rad].
+POSITION_TOLERANCE, ROTATION_TOLERANCE = 0.0005, 0.0025
+
 
 class Execution(Protocol):
     """A goal that is being executed; ``done`` gets the error code and its text."""
@@ -125,10 +128,6 @@ def _why_not_followed(arm: ArmStatus | None) -> str:
         return 'it is blocked'
     said = arm.reason or arm.last_refusal
     return f'the arm does not follow{", " if said else ""}{said}'
-
-
-#: Tolerances of the reference if a goal has none [m, rad].
-POSITION_TOLERANCE, ROTATION_TOLERANCE = 0.0005, 0.0025
 
 
 class _Execution(NamedTuple):

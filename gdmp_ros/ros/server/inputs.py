@@ -25,6 +25,11 @@ from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import deserialized, Subscription
 from gdmp_ros.ros.serialized import PoseReader, stamp_ns_of
 
+#: Oldest stamp of a goal that is believed, before its arrival [s].
+STAMP_S = 0.5
+#: Oldest state that counts [s].
+STATE_S = 1.0
+
 
 class GoalInput:
     """
@@ -72,10 +77,6 @@ class GoalInput:
                 return
             self._refuse(f'{self.topic}: {error}')
         self._waiting = None
-
-
-#: Oldest stamp of a goal that is believed, before its arrival [s].
-STAMP_S = 0.5
 
 
 class GoalTopics:
@@ -144,10 +145,6 @@ class GoalTopics:
         """
         stamped = (self._node.time_ns() - stamp_ns_of(data)) / NS
         return stamped if arrived - 1e-3 <= stamped <= arrived + STAMP_S else arrived
-
-
-#: Oldest state that counts [s].
-STATE_S = 1.0
 
 
 class GripperTopics:

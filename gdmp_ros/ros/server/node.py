@@ -80,6 +80,11 @@ SPECS = (
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )
+#: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
+#: steady clock, which jumps when the process was stopped [s].
+CLOCK_JUMP_S, STALL_S = 0.01, 0.05
+#: Goals are polled once in this many ticks.
+POLL_EVERY = 20
 
 
 def stream_settings(parameters: Any) -> StreamSettings:
@@ -113,13 +118,6 @@ def robot_settings(parameters: Any) -> RobotSettings:
 def player_settings(parameters: Any) -> PlayerSettings:
     """Settings of the player."""
     return settings_from(parameters, PlayerSettings)
-
-
-#: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
-#: steady clock, which jumps when the process was stopped [s].
-CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Goals are polled once in this many ticks.
-POLL_EVERY = 20
 
 
 class TrajectoryServer(ManagedNode):

@@ -29,6 +29,9 @@ from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.ros.server.inputs import RobotInputs
 
+#: Prefix of the topics of the second arm.
+SECOND = '~/second'
+
 
 def first_sequence() -> int:
     """
@@ -107,10 +110,6 @@ class ReferencePublisher:
         if joints not in self._joints:
             self._joints[joints] = self._stream(size, fill_joint_reference)
         self._joints[joints].publish(target[:size], stamp_ns, self._sequence, mode)
-
-
-#: Prefix of the topics of the second arm.
-SECOND = '~/second'
 
 
 class SecondArm:

@@ -29,6 +29,8 @@ from gdmp_ros.util import child_process
 
 #: Poses of a path that are checked: fewer than ``gdmp check`` does, because a stream goes on.
 CHECKED_POSES = 40
+#: Poses of a path in the reply.
+PREVIEW_POSES = 101
 
 
 class SkillLoader:
@@ -226,10 +228,6 @@ class LearningProcess:
         if process is not None:
             process.kill()
             process.wait()
-
-
-#: Poses of a path in the reply.
-PREVIEW_POSES = 101
 
 
 class Refinement:

@@ -40,6 +40,26 @@ RELEASE_S = 1.0
 #: A released marker stays for this time, until the request has an effect [s].
 STAY_S = 0.5
 _AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+SPECS = (
+    Spec('autostart', True, 'configure and activate at start-up'),
+    Spec('server', 'trajectory_server', 'name of the trajectory server'),
+    Spec('arm', 'panda_sim', "name of the arm's node, which publishes ~/state"),
+    Spec('model', '', 'model of the arm, as for panda_sim; for its shapes and its '
+         'manipulability'),
+    Spec('tool_site', 'tcp', 'site of the model that is controlled'),
+    Spec('frame_id', 'panda_link0', "frame of the robot's base"),
+    Spec('draw_arm', True, 'draw the arm as markers; no robot description and no transforms are '
+         'needed then', changes='live'),
+    Spec('send_goal', 'released', 'when a dragged goal is sent: once when it is released, or '
+         'continuously', choices=('released', 'dragged'), changes='live'),
+    Spec('path_s', 10.0, 'duration of the past path', 's', 0.1, 600.0, changes='live'),
+    Spec('stiffness_scale', 1e-4, 'half-axis of the stiffness ellipsoid for each N/m', 'm^2/N',
+         1e-6, 1e-2, changes='live'),
+    Spec('manipulability_scale', 0.25, 'half-axis of the manipulability ellipsoid for each '
+         'm^2', '1/m', 0.01, 10.0, changes='live'),
+)
+MENU = ('start', 'stop', 'pause', 'resume', 'guide the arm by hand', 'end hand guiding')
+_GOAL, _HAND = 'goal', 'hand'
 
 
 def handle(name: str, description: str, frame: str, scale: float, shapes: Sequence[Marker],
@@ -149,28 +169,6 @@ class InteractiveMarkers:
             self._dragged.pop(message.marker_name, None)
             self._released[message.marker_name] = self._now()
         self._on_feedback(message)
-
-
-SPECS = (
-    Spec('autostart', True, 'configure and activate at start-up'),
-    Spec('server', 'trajectory_server', 'name of the trajectory server'),
-    Spec('arm', 'panda_sim', "name of the arm's node, which publishes ~/state"),
-    Spec('model', '', 'model of the arm, as for panda_sim; for its shapes and its '
-         'manipulability'),
-    Spec('tool_site', 'tcp', 'site of the model that is controlled'),
-    Spec('frame_id', 'panda_link0', "frame of the robot's base"),
-    Spec('draw_arm', True, 'draw the arm as markers; no robot description and no transforms are '
-         'needed then', changes='live'),
-    Spec('send_goal', 'released', 'when a dragged goal is sent: once when it is released, or '
-         'continuously', choices=('released', 'dragged'), changes='live'),
-    Spec('path_s', 10.0, 'duration of the past path', 's', 0.1, 600.0, changes='live'),
-    Spec('stiffness_scale', 1e-4, 'half-axis of the stiffness ellipsoid for each N/m', 'm^2/N',
-         1e-6, 1e-2, changes='live'),
-    Spec('manipulability_scale', 0.25, 'half-axis of the manipulability ellipsoid for each '
-         'm^2', '1/m', 0.01, 10.0, changes='live'),
-)
-MENU = ('start', 'stop', 'pause', 'resume', 'guide the arm by hand', 'end hand guiding')
-_GOAL, _HAND = 'goal', 'hand'
 
 
 class Visualizer(ManagedNode):
