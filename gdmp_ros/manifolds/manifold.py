@@ -251,7 +251,7 @@ class Manifold(ABC):
     def inner(self, base: np.ndarray, u: np.ndarray, v: np.ndarray) -> Any:
         """Riemannian inner product of two tangents at ``base``, shape ``(...)``."""
         frame = self.frame(base)
-        return np.sum(self.to_frame(frame, u) * self.to_frame(frame, v), axis=-1)
+        return np.einsum('...i,...i', self.to_frame(frame, u), self.to_frame(frame, v))
 
     @final
     def norm(self, base: np.ndarray, v: np.ndarray) -> Any:
@@ -261,7 +261,8 @@ class Manifold(ABC):
     @final
     def distance(self, a: np.ndarray, b: np.ndarray) -> Any:
         """Geodesic distance, shape ``(...)``; defined on the cut locus too."""
-        return np.linalg.norm(self.log_in_frame(self.frame(a), b)[0], axis=-1)
+        coordinates, _ = self.log_in_frame(self.frame(a), b)
+        return np.sqrt(np.einsum('...i,...i', coordinates, coordinates))
 
     @final
     def factor_distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -489,17 +490,23 @@ class Manifold(ABC):
     def _broadcast(self, arrays: Sequence[np.ndarray]
                    ) -> tuple[tuple[int, ...], list[np.ndarray]]:
         """Axes in front of several arrays, and their rows."""
+        axes = arrays[0].shape[:-1]
+        for array in arrays[1:]:
+            if array.shape[:-1] != axes:
+                axes, arrays = self._broadcast_to_each_other(arrays)
+                break
+        return axes, [array.reshape(-1, array.shape[-1]) for array in arrays]
+
+    def _broadcast_to_each_other(self, arrays: Sequence[np.ndarray]
+                                 ) -> tuple[tuple[int, ...], list[np.ndarray]]:
         shapes = [array.shape[:-1] for array in arrays]
-        axes = shapes[0]
-        if any(shape != axes for shape in shapes):
-            try:
-                axes = np.broadcast_shapes(*shapes)
-            except ValueError:
-                raise self.error(f'the axes in front are {" and ".join(map(str, shapes))}, '
-                                 'expected the same') from None
-            arrays = [kernel_array(np.broadcast_to(array, (*axes, array.shape[-1])))
+        try:
+            axes = np.broadcast_shapes(*shapes)
+        except ValueError:
+            raise self.error(f'the axes in front are {" and ".join(map(str, shapes))}, '
+                             'expected the same') from None
+        return axes, [kernel_array(np.broadcast_to(array, (*axes, array.shape[-1])))
                       for array in arrays]
-        return axes, [array.reshape(math.prod(axes), array.shape[-1]) for array in arrays]
 
     def _first_not_of_unit_norm(self, points: np.ndarray, name: str) -> tuple[int, str] | None:
         norms = np.linalg.norm(points, axis=1)
@@ -517,7 +524,8 @@ class Manifold(ABC):
         return np.asarray(shares / shares.sum())
 
     def _check_cut_locus(self, distances: Any) -> None:
-        distance = float(np.min(distances, initial=np.inf))
+        distance = (distances if isinstance(distances, float)
+                    else float(distances.min(initial=np.inf)))
         if distance < CUT_LOCUS_LIMIT:
             of = f' (one of {", ".join(self.names)})' if len(self.names) > 1 else ''
             raise CutLocusError(
