@@ -107,5 +107,5 @@ def test_the_letter_with_a_goal_switch(tmp_path):
 
 @pytest.mark.long
 def test_the_bench_measures_both_clients():
-    document = bench.run(timing.Settings(seconds=1.0))
+    document = bench.run(timing.TimingSettings(seconds=1.0))
     assert set(document) == {'bare', 'loop'} and len(bench.rows(document)) == 3
