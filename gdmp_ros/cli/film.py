@@ -62,8 +62,8 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(extra('sim')):
         from gdmp_ros.view.films import render_to
         times, joints, path = _motion(options)
-    target = np.arange(times[0], times[-1], options.speed / options.fps)
-    postures = joints[np.clip(np.searchsorted(times, target), 0, len(times) - 1)]
+    frame_times = np.arange(times[0], times[-1], options.speed / options.fps)
+    postures = joints[np.clip(np.searchsorted(times, frame_times), 0, len(times) - 1)]
     still = options.output.suffix == '.png'
     missing = render_to(options.output, postures[-1] if still else postures,
                         path[::max(1, len(path) // _SPHERES)], options.model, 1.0 / options.fps)

@@ -43,8 +43,8 @@ class Program:
     def parser(self) -> argparse.ArgumentParser:
         """Build the parser of the command without a verb."""
         verbs = '\n'.join(f'{group}:\n' + '\n'.join(
-            f'  {name:<10}{text}' for name, text in located.items())
-            for group, located in self.groups.items())
+            f'  {name:<10}{text}' for name, text in members.items())
+            for group, members in self.groups.items())
         result = argparse.ArgumentParser(
             prog=self.name, usage=f'{self.name} VERB [arguments]',
             epilog=f'{verbs}\n\n{self.examples}', description=self.description,

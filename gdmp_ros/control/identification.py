@@ -156,9 +156,9 @@ class FrictionIdentification:
         friction = 0.5 * (mean[:, :, 1] - mean[:, :, 0])
         speeds = np.array(self._speeds)
         from scipy.optimize import nnls  # slow to import
-        located = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
-                            for row in friction])
-        return JointFriction(located[:, 0], located[:, 1])
+        coefficients = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
+                                 for row in friction])
+        return JointFriction(coefficients[:, 0], coefficients[:, 1])
 
 
 def joint_torque(measured: Measurement, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:

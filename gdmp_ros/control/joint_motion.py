@@ -47,9 +47,9 @@ class JointMotion(Protocol):
         """
 
 
-def check_follows(target: np.ndarray, measured: Measurement) -> None:
+def check_follows(acceleration: np.ndarray, measured: Measurement) -> None:
     """:raises DataError: if a joint is far from where it is to be"""
-    error = np.abs(target - measured.position)
+    error = np.abs(acceleration - measured.position)
     if not error.max() <= LARGEST_ERROR:
         at = int(np.argmax(error))
         raise DataError(f'joint {at + 1} is {error[at]:.2g} rad from where it is to be: something '

@@ -100,18 +100,18 @@ def move_joint_reference(reference, mean, target, position, limits, acceleration
     :returns: energy drawn, and energy in the springs at the end [J]
     """
     n = position.size
-    before, start, tangent = joint_energy(position, reference), np.empty(n), np.empty(n)
+    before, start, displacement = joint_energy(position, reference), np.empty(n), np.empty(n)
     for i in range(n):
         start[i] = reference[i]
         last = reference[n + i]
         q, v = _govern_joint(i, n, reference, target, limits, acceleration, dt, violation)
         # It does not wind up in front of an obstacle.
         q = min(max(q, position[i] - CLIP), position[i] + CLIP)
-        tangent[i], reference[n + i] = q - start[i], v
+        displacement[i], reference[n + i] = q - start[i], v
         mean[i] += min(dt / MEAN_S, 1.0) * ((v - last) / dt - mean[i])
     share = 1.0
     for i in range(n):
-        reference[i] = start[i] + tangent[i]
+        reference[i] = start[i] + displacement[i]
     moving = joint_energy(position, reference) - before
     if moving > max(budget, 0.0):
         violation[ENERGY] = max(violation[ENERGY], moving - max(budget, 0.0))
@@ -119,13 +119,13 @@ def move_joint_reference(reference, mean, target, position, limits, acceleration
         for _ in range(_HALVINGS):
             share = 0.5 * (low + high)
             for i in range(n):
-                reference[i] = start[i] + share * tangent[i]
+                reference[i] = start[i] + share * displacement[i]
             if joint_energy(position, reference) - before <= max(budget, 0.0):
                 low = share
             else:
                 high = share
         for i in range(n):
-            reference[i] = start[i] + low * tangent[i]
+            reference[i] = start[i] + low * displacement[i]
             reference[n + i] *= low
             mean[i] *= low
         moving = joint_energy(position, reference) - before

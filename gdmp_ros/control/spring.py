@@ -177,13 +177,13 @@ def keep_error(pose, reference, gain_numbers, twist):
         share = min((math.sqrt(square) / bound - SLOW_FROM) / (1.0 - SLOW_FROM), 1.0)
         if share <= 0.0:
             continue
-        offset, size = 0.0, 0.0
+        power, size = 0.0, 0.0
         for i in range(3 * part, 3 * part + 3):
-            offset += forces[i] * twist[i]
+            power += forces[i] * twist[i]
             size += forces[i] ** 2
-        if offset > 0.0:
+        if power > 0.0:
             for i in range(3 * part, 3 * part + 3):
-                twist[i] -= share * offset / size * forces[i]
+                twist[i] -= share * power / size * forces[i]
 
 
 @kernel

@@ -162,18 +162,18 @@ def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
     return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
 
 
-def series_in(reader: AnyReader, path: str | Path, topic: str, *target: str) -> Series:
+def series_in(reader: AnyReader, path: str | Path, topic: str, *kinds: str) -> Series:
     """
     Read a topic of an open bag as numbers.
 
-    :param target: message types that are accepted; by default any known type
+    :param kinds: message types that are accepted; by default any known type
     :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
     """
     connections = [c for c in reader.connections if c.topic == topic]
     known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
     if not connections:
         raise DataError(f'{path}: no topic {topic}; the bag has {known}')
-    allowed = target or tuple(_DECODERS)
+    allowed = kinds or tuple(_DECODERS)
     for connection in connections:
         if connection.msgtype not in allowed:
             raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '

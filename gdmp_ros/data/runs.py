@@ -112,8 +112,8 @@ def streams(topics: Sequence[tuple[str, str, int]], robot: str = ''
     """
     within = f'/{robot.strip("/")}/' if robot else '/'
     references, states = (sorted({topic for topic, kind, _ in topics
-                                  if kind == target and topic.startswith(within)})
-                          for target in (REFERENCE, STATE))
+                                  if kind == message and topic.startswith(within)})
+                          for message in (REFERENCE, STATE))
     return references, states
 
 

@@ -106,11 +106,11 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         demonstrations, source = _of_the_same_joints(takes), 'none'
     else:
         _check_frames(takes, settings.frame)
-        target = settings.stiffness
-        if settings.rhythmic and target == 'auto' and not all(
+        stiffness = settings.stiffness
+        if settings.rhythmic and stiffness == 'auto' and not all(
                 take.demonstration.manifold.point_size > 7 for take in takes):
-            target = 'none'
-        demonstrations, source = recordings.with_stiffness(takes, target, settings.k_min,
+            stiffness = 'none'
+        demonstrations, source = recordings.with_stiffness(takes, stiffness, settings.k_min,
                                                            settings.k_max)
         demonstrations = recordings.with_wrench(takes, demonstrations)
     provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,

@@ -163,9 +163,9 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
         'width_at_the_end_m': grippers[-1].width}
     placed = True
     if cubes:  # the robot behind a server of the protocol has a virtual object only
-        offset = np.abs(cubes[-1][:2] - PLACE.centre)
-        placed = bool((offset < PLACE.half).all())
-        document['cube_from_the_middle_of_its_box_m'] = float(np.linalg.norm(offset))
+        distance = np.abs(cubes[-1][:2] - PLACE.centre)
+        placed = bool((distance < PLACE.half).all())
+        document['cube_from_the_middle_of_its_box_m'] = float(np.linalg.norm(distance))
     document['succeeded'] = bool(not error and placed and held and abs(
         document['held_width_m'] - CUBE_EDGE) < 0.003)
     return document
@@ -186,11 +186,11 @@ def _follow_joints(bed: NodeTestbed) -> dict[str, Any]:
     followed = run.joint_references
     known = np.isfinite(followed).all(axis=1)
     lag = followed[known] - run.joints[known]
-    offset = float(np.linalg.norm(run.poses[-1, :3] - goal[:3]))
+    distance = float(np.linalg.norm(run.poses[-1, :3] - goal[:3]))
     return {'error': error, 'joint_rmse_rad': float(np.sqrt(np.mean(lag ** 2))),
             'joint_max_rad': float(np.abs(lag).max()), 'goal_switched_by_m': float(
-                np.linalg.norm(GOAL_STEP_M)), 'final_position_error_m': offset,
-            'succeeded': not error and offset < 0.02}
+                np.linalg.norm(GOAL_STEP_M)), 'final_position_error_m': distance,
+            'succeeded': not error and distance < 0.02}
 
 
 def _execute_task(bed: NodeTestbed, half_way: Callable[[], None]) -> str:

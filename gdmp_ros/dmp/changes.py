@@ -263,10 +263,10 @@ def coupled(primitive: P, coupling: Coupling) -> P:
     coupling.check(manifold, primitive.steps)
     ends = [coupling.related(manifold, point) for point in (primitive.start, primitive.goal)]
     for name, shown in (('start', primitive.start), ('goal', primitive.goal)):
-        offset = float(coupling.deviation(manifold, shown).max())
-        if offset > _FAR:
-            warnings.warn(f'the {name} of {", ".join(coupling.second)} is {offset:.3g} (m, rad) '
-                          'from where the coupling asks for it, and was moved there: the '
+        deviation = float(coupling.deviation(manifold, shown).max())
+        if deviation > _FAR:
+            warnings.warn(f'the {name} of {", ".join(coupling.second)} is {deviation:.3g} '
+                          '(m, rad) from where the coupling asks for it, and was moved there: the '
                           'demonstrations do not keep the relation', GdmpWarning, stacklevel=3)
     moved = between(primitive, *ends)
     return replace(moved, couplings=(*primitive.couplings, coupling))

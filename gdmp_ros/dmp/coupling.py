@@ -148,9 +148,9 @@ class Coupling:
                 result.append(abs(_distance(manifold, here, first, second) - self.relation[0]))
                 continue
             there = term.partners(manifold, here)
-            offset = float(manifold.factor_distances(here[None], there[None])[0][second])
+            distance = float(manifold.factor_distances(here[None], there[None])[0][second])
             # Distances on S³ are half-angles.
-            result.append(2.0 * offset if term.kind == QUATERNION else offset)
+            result.append(2.0 * distance if term.kind == QUATERNION else distance)
         return np.array(result)
 
     def related(self, manifold: Manifold, point: np.ndarray, given: int = 0) -> np.ndarray:

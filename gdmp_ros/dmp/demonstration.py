@@ -100,9 +100,9 @@ class Demonstration:
 
         :param times: within the first and last stamp [s]
         """
-        target = np.clip(times, self.times[0], self.times[-1])
-        flat = self._development().interpolate(self.times, target)
-        return flat.reshape(len(target), *self.manifold.point_shape)
+        clipped = np.clip(times, self.times[0], self.times[-1])
+        flat = self._development().interpolate(self.times, clipped)
+        return flat.reshape(len(clipped), *self.manifold.point_shape)
 
     def uniform(self) -> Demonstration:
         """
@@ -143,8 +143,8 @@ class Demonstration:
     def span(self) -> float:
         """Largest geodesic distance from the first point."""
         first = np.broadcast_to(self.flat_points[0], self.flat_points.shape)
-        offset = self.manifold.factor_distances(first, self.flat_points)
-        return float(np.linalg.norm(offset, axis=1).max())
+        distances = self.manifold.factor_distances(first, self.flat_points)
+        return float(np.linalg.norm(distances, axis=1).max())
 
     def _development(self) -> Development:
         return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))

@@ -108,8 +108,8 @@ class Development:
         from scipy.interpolate import CubicSpline  # slow to import
         unrolled = self.unrolled
         index = np.clip(np.searchsorted(times, at, side='right') - 1, 0, len(times) - 2)
-        target = CubicSpline(times, unrolled)(at)
-        before, after = (self.moved(target - unrolled[i], i) for i in (index, index + 1))
+        interpolated = CubicSpline(times, unrolled)(at)
+        before, after = (self.moved(interpolated - unrolled[i], i) for i in (index, index + 1))
         manifold, before = self.manifold, self.manifold.unflat(before)
         tangents, _ = manifold.log_anyway(before, manifold.unflat(after))
         tangents *= minimum_jerk((at - times[index]) / np.diff(times)[index])[:, None]

@@ -28,8 +28,8 @@ def reproduction_error(skill: Primitive, demonstrations: Demonstration | Sequenc
 
 
 def _error(skill: Primitive, demonstration: Demonstration, dt: float) -> float:
-    full = demonstration.duration
-    times = np.append(np.arange(0.0, full - 1e-9, dt), full)
+    duration = demonstration.duration
+    times = np.append(np.arange(0.0, duration - 1e-9, dt), duration)
     return relative(mean_distance(deviation(skill, demonstration, times)), demonstration.span())
 
 
@@ -38,9 +38,9 @@ def relative(distance: float, span: float) -> float:
     return distance / span if span > STILL else distance
 
 
-def mean_distance(offset: np.ndarray) -> float:
+def mean_distance(distances: np.ndarray) -> float:
     """Mean geodesic distance, given those in each factor, shape ``(count, factors)``."""
-    return float(np.linalg.norm(offset, axis=1).mean())
+    return float(np.linalg.norm(distances, axis=1).mean())
 
 
 def deviation(skill: Primitive, demonstration: Demonstration, times: np.ndarray) -> np.ndarray:

@@ -134,8 +134,8 @@ def periodic_forcing(functions, weights, s, out):
         out[j] = weights[nearest, j]
     for step in (-1, 1):
         # A function opposite to the nearest one is counted once.
-        for offset in range(1, (count - 1) // 2 + 1 if step < 0 else count // 2 + 1):
-            i = (nearest + step * offset) % count
+        for distance in range(1, (count - 1) // 2 + 1 if step < 0 else count // 2 + 1):
+            i = (nearest + step * distance) % count
             exponent = reference - width * math.cos(2.0 * math.pi * (passed - functions[0, i]))
             if exponent > _NEGLIGIBLE:
                 break

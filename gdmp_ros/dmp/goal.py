@@ -287,8 +287,8 @@ def _largest_rate(manifold: Manifold, step: np.ndarray, speeds: Sequence[float] 
     """Largest rate of a goal's fraction by s."""
     if speeds is None:
         return math.inf
-    offset = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
-    return min((speed * duration / d for speed, d in zip(speeds, offset) if d > 0.0),
+    distances = [float(np.linalg.norm(step[columns])) for columns in manifold.tangent_slices]
+    return min((speed * duration / d for speed, d in zip(speeds, distances) if d > 0.0),
                default=math.inf)
 
 
@@ -328,10 +328,10 @@ def _has_arrived(motion):
     arrived = True
     for i in range(motion.factors.size):
         factor = motion.factors[i]
-        offset = _norm(factor, tangents.curvature)
+        distance = _norm(factor, tangents.curvature)
         if scalars.goal_is_moving == 1:
-            offset += scalars.offset_left * _norm(factor, tangents.goal_offset)
-        arrived = arrived and offset <= motion.tolerances[i]
+            distance += scalars.offset_left * _norm(factor, tangents.goal_offset)
+        arrived = arrived and distance <= motion.tolerances[i]
     _relative_velocity(motion)
     for i in range(motion.factors.size):
         still = motion.still_speeds[i] * scalars.duration

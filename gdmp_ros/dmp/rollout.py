@@ -221,9 +221,9 @@ class Rollout:
         manifold, weights = self._manifold, self._options.error_weights
         point = self.advance(0.0).point
         measured = manifold.align(manifold.check_point(measured), point)
-        offset = manifold.factor_distances(point.reshape(1, -1), measured.reshape(1, -1))[0]
-        error = float(np.ones(len(offset)) @ offset ** 2 if weights is None
-                      else np.asarray(weights) @ offset ** 2)
+        distances = manifold.factor_distances(point.reshape(1, -1), measured.reshape(1, -1))[0]
+        error = float(np.ones(len(distances)) @ distances ** 2 if weights is None
+                      else np.asarray(weights) @ distances ** 2)
         self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
         return error
 

@@ -116,10 +116,10 @@ def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...])
         array = np.array(document.get(name), dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise DataError(f'{name}: expected numbers') from None
-    if array.ndim != len(shape) or any(want is not None and got != want
-                                       for got, want in zip(array.shape, shape)):
-        target = tuple('any' if want is None else want for want in shape)
-        raise DataError(f'{name}: shape is {array.shape}, expected {target}')
+    if array.ndim != len(shape) or any(size is not None and got != size
+                                       for got, size in zip(array.shape, shape)):
+        expected = tuple('any' if size is None else size for size in shape)
+        raise DataError(f'{name}: shape is {array.shape}, expected {expected}')
     if not np.isfinite(array).all():
         raise DataError(f'{name}: an entry is not a finite number')
     return array

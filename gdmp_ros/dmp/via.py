@@ -57,16 +57,16 @@ def through(skill: P, points: Sequence[tuple[float, np.ndarray]],
     skill = replace(skill, via=via)
     response = _responses(skill, moments)
     for _ in range(_MAX_ITERATIONS):
-        error, offset = _remaining(skill, moments, target)
-        if offset[:, chosen].max() <= _TOLERANCE:
+        error, distances = _remaining(skill, moments, target)
+        if distances[:, chosen].max() <= _TOLERANCE:
             break
         weights = np.array(skill.weights)
         weights[:, columns] += response @ error[:, columns]
         skill = replace(skill, weights=weights)
-    error, offset = _remaining(skill, moments, target)
-    if not offset[:, chosen].max() <= 1e-3:
-        at = int(np.argmax(offset[:, chosen].max(axis=1)))
-        raise ParameterError(f'via point at s = {moments[at]:g} stays {offset[at].max():.3g} '
+    error, distances = _remaining(skill, moments, target)
+    if not distances[:, chosen].max() <= 1e-3:
+        at = int(np.argmax(distances[:, chosen].max(axis=1)))
+        raise ParameterError(f'via point at s = {moments[at]:g} stays {distances[at].max():.3g} '
                              'away: it is too far from the motion, or too close to another one in '
                              'time')
     return skill

@@ -171,8 +171,8 @@ def _described(skill: Skill, before: Skill) -> str:
     """How a skill differs from the one before, for a person who is to say go."""
     paths = [item.rollout().sample(np.linspace(0.0, item.duration, SAMPLES)).points.reshape(
         SAMPLES, -1)[:, :3] for item in (skill, before)]
-    offset = np.linalg.norm(paths[0] - paths[1], axis=1).max()
+    distance = np.linalg.norm(paths[0] - paths[1], axis=1).max()
     steps = np.linalg.norm(np.diff(paths[0], axis=0), axis=1)
     speed = steps.max() * (SAMPLES - 1) / skill.duration
-    return (f'{skill.duration:.2f} s, at most {speed:.2f} m/s, up to {1e3 * offset:.0f} mm from '
+    return (f'{skill.duration:.2f} s, at most {speed:.2f} m/s, up to {1e3 * distance:.0f} mm from '
             'the skill before')

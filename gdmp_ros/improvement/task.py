@@ -220,16 +220,16 @@ def task_from_file(path: Path, largest_force: float = np.inf) -> SimulatedTask:
     """
     if not path.is_file():
         raise DataError(f'{path}: there is no such file')
-    full = str(path.resolve())
+    absolute = str(path.resolve())
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     if path.suffix == '.py':
-        task = FileTask(path.name, largest_force, full, digest)
+        task = FileTask(path.name, largest_force, absolute, digest)
         if not callable(getattr(task.module(), 'score', None)):
             raise DataError(f'{path}: expected a function score(trial)')
         return task
     if not os.access(path, os.X_OK):
         raise DataError(f'{path}: neither a Python file nor executable')
-    return ExecutableTask(path.name, largest_force, full, digest)
+    return ExecutableTask(path.name, largest_force, absolute, digest)
 
 
 def _finite(name: str, terms: Mapping[str, float]) -> dict[str, float]:

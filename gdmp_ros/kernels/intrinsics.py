@@ -184,11 +184,11 @@ def _call(result: Any, context: Any, builder: Any, signature: Any, values: Any) 
                       for i in (k + 1, k + 2))
         arrays.append(_array_from(context, builder, VECTOR, builder.gep(data, [start]),
                                   [builder.sub(end, start)], [item]))
-    target = kernel_signature(len(arrays))
-    function = context.call_conv.get_function_type(result, target).as_pointer()
+    kernel_type = kernel_signature(len(arrays))
+    function = context.call_conv.get_function_type(result, kernel_type).as_pointer()
     _, returned = context.call_conv.call_function(
-        builder, builder.inttoptr(address, function), result, target,
-        [context.cast(builder, size, signature.args[1], target[0]), *arrays])
+        builder, builder.inttoptr(address, function), result, kernel_type,
+        [context.cast(builder, size, signature.args[1], kernel_type[0]), *arrays])
     return returned
 
 

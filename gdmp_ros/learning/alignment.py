@@ -95,11 +95,11 @@ def aligned(takes: Sequence[Demonstration], expected: Sequence[Demonstration] | 
     :param expected: see `align`
     :raises DataError: see `align`
     """
-    located = align(takes, expected=expected)
+    alignment = align(takes, expected=expected)
     result = []
-    for take, warp in zip(takes, located.warps):
+    for take, warp in zip(takes, alignment.warps):
         progress = (take.times - take.times[0]) / take.duration
-        own = np.interp(progress, located.progress, warp)
+        own = np.interp(progress, alignment.progress, warp)
         result.append(Demonstration(take.times, take.at(take.times[0] + own * take.duration),
                                     take.manifold))
     return result

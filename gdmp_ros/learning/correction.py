@@ -178,10 +178,10 @@ def _pushes(quantity: str, offset: np.ndarray, least: float, progress: np.ndarra
     for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1):
         at = first + int(np.argmax(size[first:last + 1]))
         # A minimum-jerk way over d in T needs at most 5.77 d / T².
-        tangent = math.sqrt(5.77 * size[at] / GENTLE) / duration
+        length = math.sqrt(5.77 * size[at] / GENTLE) / duration
         result.append(Push(quantity, float(progress[first]), float(progress[last]),
                            float(size[at]), float(progress[at]),
-                           min(max(tangent, SHORTEST), LONGEST)))
+                           min(max(length, SHORTEST), LONGEST)))
     return result
 
 

@@ -170,14 +170,14 @@ def solve(regression: Regression, target: np.ndarray, goal: np.ndarray) -> Ridge
     """
     smoothest = regression.smoothest[:, None] * goal
     target = target - regression.matrix @ smoothest
-    result = regression.basis.T @ target
+    coordinates = regression.basis.T @ target
     # Computed directly: the difference of two sums of squares has no digits left on clean data.
-    outside = float(((target - regression.basis @ result) ** 2).sum())
+    outside = float(((target - regression.basis @ coordinates) ** 2).sum())
     strengths = regression.singular[0] ** 2 * STRENGTHS
     kept = regression.singular ** 2 / (regression.singular ** 2 + strengths[:, None])
-    best, score = _cross_validated(kept, result, outside, len(target))
+    best, score = _cross_validated(kept, coordinates, outside, len(target))
     gains = regression.singular / (regression.singular ** 2 + strengths[best])
-    return Ridge(smoothest + regression.back @ (gains[:, None] * result), score)
+    return Ridge(smoothest + regression.back @ (gains[:, None] * coordinates), score)
 
 
 def _cross_validated(kept: np.ndarray, coordinates: np.ndarray, outside: float, rows: int
@@ -276,8 +276,8 @@ class FourierRegression:
 
     def fitted(self, target: np.ndarray) -> np.ndarray:
         """Coefficients, with the strength of the penalty that cross-validation chooses."""
-        result = self._basis.T @ (self._matrix.T @ target)
-        outside = float(((target - self._matrix @ (self._basis @ result)) ** 2).sum())
+        coordinates = self._basis.T @ (self._matrix.T @ target)
+        outside = float(((target - self._matrix @ (self._basis @ coordinates)) ** 2).sum())
         kept = 1.0 / (1.0 + FOURIER_STRENGTHS[:, None] * self._penalties)
-        best, _ = _cross_validated(kept, result, outside, len(target))
-        return np.asarray(self._basis @ (kept[best][:, None] * result))
+        best, _ = _cross_validated(kept, coordinates, outside, len(target))
+        return np.asarray(self._basis @ (kept[best][:, None] * coordinates))

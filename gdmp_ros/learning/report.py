@@ -111,11 +111,11 @@ def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
 
 def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
     times = demonstration.times - demonstration.times[0]
-    offset = deviation(skill, demonstration, times)
-    error = relative(mean_distance(offset), demonstration.span())
+    distances = deviation(skill, demonstration, times)
+    error = relative(mean_distance(distances), demonstration.span())
     return DemonstrationFit(demonstration.duration, len(times),
-                            tuple(offset.mean(axis=0).tolist()),
-                            tuple(offset.max(axis=0).tolist()), error,
+                            tuple(distances.mean(axis=0).tolist()),
+                            tuple(distances.max(axis=0).tolist()), error,
                             tuple(suspect_samples(demonstration)), _noise(demonstration))
 
 

@@ -181,13 +181,13 @@ def stiffness_of_each(demonstrations: Sequence[Demonstration], least: float = 20
     :returns: for each demonstration, shape ``(T, d, d)`` [N/m]
     """
     check_stiffness_bounds(least, most)
-    located, size = _aligned_takes(demonstrations)
-    matrices = _stiffness(covariances(located, size), least, most)
-    profile = Demonstration(located.progress, matrices, SymmetricPositiveDefinite(size))
+    aligned, size = _aligned_takes(demonstrations)
+    matrices = _stiffness(covariances(aligned, size), least, most)
+    profile = Demonstration(aligned.progress, matrices, SymmetricPositiveDefinite(size))
     result = []
-    for take, warp in zip(demonstrations, located.warps):
+    for take, warp in zip(demonstrations, aligned.warps):
         own = (take.times - take.times[0]) / take.duration
-        result.append(profile.at(np.interp(own, warp, located.progress)))
+        result.append(profile.at(np.interp(own, warp, aligned.progress)))
     return result
 
 
@@ -200,14 +200,14 @@ def covariances_of_takes(demonstrations: Sequence[Demonstration]) -> np.ndarray:
     return covariances(*_aligned_takes(demonstrations))
 
 
-def covariances(result: Aligned, size: int) -> np.ndarray:
+def covariances(takes: Aligned, size: int) -> np.ndarray:
     """:param size: of the position, the first numbers of each point"""
-    positions = result.points[:, :, :size]
+    positions = takes.points[:, :, :size]
     offset = positions - positions.mean(axis=0)
     freedom = len(positions) - 1
     raw = np.einsum('kti,ktj->tij', offset, offset) / freedom
     smooth = gaussian_filter1d(raw, SMOOTHING * (SAMPLES - 1), axis=0, mode='nearest')
-    along = _directions(result.mean[:, :size])
+    along = _directions(takes.mean[:, :size])
     return np.array([_shrunk(_at_least_along(item, direction), freedom)
                      for item, direction in zip(smooth, along)])
 
@@ -256,8 +256,8 @@ def _shrunk(covariance: np.ndarray, freedom: int) -> np.ndarray:
     return np.asarray((1.0 - share) * covariance + share * trace / size * np.eye(size))
 
 
-def _stiffness(result: np.ndarray, least: float, most: float) -> np.ndarray:
-    return _of_covariances(result, least, most, centred=False, floor=AGREEMENT ** 2)
+def _stiffness(covariances: np.ndarray, least: float, most: float) -> np.ndarray:
+    return _of_covariances(covariances, least, most, centred=False, floor=AGREEMENT ** 2)
 
 
 @dataclass(frozen=True)
@@ -376,7 +376,7 @@ def _symmetric(vectors: np.ndarray, values: np.ndarray, work: np.ndarray) -> np.
     return np.asarray(vectors @ (both / np.add.outer(values, values)) @ vectors.T)
 
 
-def _errors(offset: np.ndarray, force: np.ndarray, result: np.ndarray, directions: np.ndarray,
+def _errors(offset: np.ndarray, force: np.ndarray, stiffness: np.ndarray, directions: np.ndarray,
             times: np.ndarray, window: float) -> np.ndarray:
     """
     Standard error of ``K A u`` in each direction u.
@@ -385,7 +385,7 @@ def _errors(offset: np.ndarray, force: np.ndarray, result: np.ndarray, direction
     time.
     """
     count = len(offset)
-    rest = force - np.einsum('tij,ntj->nti', result, offset)
+    rest = force - np.einsum('tij,ntj->nti', stiffness, offset)
     along = np.einsum('nti,tij->ntj', offset, directions)
     scores = np.array([_windowed(np.einsum('ti,tj->tij', item, other), times, window)
                        for item, other in zip(rest, along)])

@@ -61,9 +61,9 @@ class _PolledGroup(CallbackGroup):
 
 
 class _Publisher(Publisher):
-    def __init__(self, result: Any):
-        super().__init__(result.msg_type, result.topic_name)
-        self.made = result
+    def __init__(self, inner: Any):
+        super().__init__(inner.msg_type, inner.topic_name)
+        self.made = inner
 
     def send(self, data: bytes) -> None:
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.

@@ -112,9 +112,9 @@ class ManagedNode(LifecycleNode):
         """Call ``callback`` ten times a second (by `gdmp_ros.ros.running`), until `release`."""
         self._reports.append(callback)
 
-    def _own(self, result: Any) -> Any:
-        self._made.append(result)
-        return result
+    def _own(self, entity: Any) -> Any:
+        self._made.append(entity)
+        return entity
 
     def report(self) -> None:
         """Call what `add_report` added."""

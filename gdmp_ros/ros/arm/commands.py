@@ -104,15 +104,15 @@ class ArmCommands:
         """End a fault at the next tick; returns as `request_tool`."""
         return self._request(self.recover)
 
-    def request_hand_guiding(self, target: bool) -> None:
+    def request_hand_guiding(self, guided: bool) -> None:
         """Begin or end hand guiding at the next tick."""
-        self.requests.append(lambda: self.switch_hand_guiding(target))
+        self.requests.append(lambda: self.switch_hand_guiding(guided))
 
-    def switch_hand_guiding(self, target: bool) -> None:
+    def switch_hand_guiding(self, guided: bool) -> None:
         """Begin or end hand guiding now."""
-        if target:
+        if guided:
             self.control.end_joint_motion('the arm is guided by hand')
-        self.control.hand_guided = target
+        self.control.hand_guided = guided
         self.sequence = 0
 
     def request_joint_motion(self, make: Callable[[], JointMotion]) -> None:

@@ -119,8 +119,8 @@ class Simulation(ArmCommands):
         self.loop.hand = Hand(pose, self.hand_settings)
         self._hand_ticks = 0
 
-    def switch_hand_guiding(self, target: bool) -> None:
-        super().switch_hand_guiding(target)
+    def switch_hand_guiding(self, guided: bool) -> None:
+        super().switch_hand_guiding(guided)
         self._hand_poses.discard()
         self._hand_ticks = 0
         self._release()

@@ -140,8 +140,8 @@ def _measure(client: Client, arm: str) -> dict[str, list[float]]:
     result = reply.result()
     if not result.success:
         raise GdmpError(f'{arm}: {result.message}')
-    located: dict[str, list[float]] = json.loads(result.message)
-    return located
+    friction: dict[str, list[float]] = json.loads(result.message)
+    return friction
 
 
 def _set(client: Client, arm: str, result: dict[str, list[float]]) -> None:

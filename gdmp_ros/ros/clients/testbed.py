@@ -49,7 +49,7 @@ class Bringup:
     logs: Path | None = None
 
 
-def up(target: Bringup) -> None:
+def up(settings: Bringup) -> None:
     """
     Start the nodes, and end them with Ctrl-C or SIGTERM.
 
@@ -59,7 +59,7 @@ def up(target: Bringup) -> None:
     environment = {**os.environ, **default_environment()}
     os.environ.update(environment)
     with ExitStack() as stack:
-        logs = target.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
+        logs = settings.logs or Path(stack.enter_context(TemporaryDirectory(prefix='gdmp-up-')))
         # Another one of this machine is known at once, whatever DDS has discovered.
         with suppress(PermissionError):
             claim = locked(f'up-{os.environ.get("ROS_DOMAIN_ID", "0")}')
@@ -72,7 +72,7 @@ def up(target: Bringup) -> None:
         _refuse_others(client, own=0)
         children = stack.enter_context(ChildProcesses(environment, logs))
         print('starting the simulated arm, the server and the recorder', flush=True)
-        _start(children, target)
+        _start(children, settings)
         waited = 0.0
         while not ends.is_set() and not _is_ready(client):
             children.check()
@@ -114,14 +114,14 @@ def _is_ready(client: ServerClient) -> bool:
     return client.state is not None and 'no_robot' not in client.state.flags
 
 
-def _start(children: ChildProcesses, target: Bringup) -> None:
+def _start(children: ChildProcesses, settings: Bringup) -> None:
     children.start_node(ARM, MODULES[ARM], {
-        'headless': not target.window, 'gripper': target.gripper, 'model': target.model})
+        'headless': not settings.window, 'gripper': settings.gripper, 'model': settings.model})
     children.start_node(SERVER, MODULES[SERVER], {
-        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': target.model,
-        **({} if target.skill is None else {'skill': str(target.skill.absolute())})})
+        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': settings.model,
+        **({} if settings.skill is None else {'skill': str(settings.skill.absolute())})})
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
-        'folder': str(target.takes.absolute()),
+        'folder': str(settings.takes.absolute()),
         'pose_topic': f'/{ARM}/measured_pose'})
 
 
