@@ -19,6 +19,8 @@ from gdmp_ros.sim.arm import Arm
 FRAME = 'panda_link0'
 #: Largest measured speed relative to the speed limit of the reference: the arm oscillates.
 OSCILLATION = 1.1
+#: Time in which the arm comes to rest after a motion has reached its goal tolerance [s].
+SETTLING_S = 0.5
 
 
 def short_skill(folder: Path, seconds: float = 3.0, name: str = 'GShape') -> Path:
@@ -88,6 +90,8 @@ class FaultTrial(NodeTestbed):
         :param distance: largest final distance from the goal of the skill [m]; None for any
         :param follows: False if the arm must not follow anything
         """
+        if follows:
+            self.spend(SETTLING_S)
         run = self.recorded()
         if follows:
             outcome.need('final distance from the last reference [m]',
