@@ -147,8 +147,7 @@ def _skill(source: Path) -> Skill:
     return Skill.load(source)
 
 
-def _demonstrations(options: argparse.Namespace, source: Path
-                    ) -> list[tuple[Demonstration, str]]:
+def _demonstrations(options: argparse.Namespace, source: Path) -> list[tuple[Demonstration, str]]:
     """The demonstrations in a source, and their frames."""
     from gdmp_ros.data import episodes, foreign, recordings, takes
     if episodes.is_foreign(source):

@@ -24,8 +24,7 @@ from gdmp_ros.errors import DataError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('first', type=Path, metavar='FIRST', help='skill file of the first arm')
-    parser.add_argument('second', type=Path, metavar='SECOND',
-                        help='skill file of the second arm')
+    parser.add_argument('second', type=Path, metavar='SECOND', help='skill file of the second arm')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='SKILL',
                         help='skill file of both')
     parser.add_argument('--kind', choices=COUPLINGS, default='pose',
@@ -59,8 +58,7 @@ def run(options: argparse.Namespace) -> None:
                         f'{"position and orientation" if count == 2 else "one factor or more"}')
     sides = names[:count], names[half:half + count]
     if options.relation is None:
-        coupling = Coupling.at(options.kind, *sides, both.manifold, both.goal,
-                               leads=options.leads)
+        coupling = Coupling.at(options.kind, *sides, both.manifold, both.goal, leads=options.leads)
     else:
         coupling = Coupling(options.kind, *sides, tuple(options.relation), options.leads)
     skill = both.coupled(coupling)

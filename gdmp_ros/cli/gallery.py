@@ -47,8 +47,7 @@ def run(options: argparse.Namespace) -> None:
             for name in names:
                 learned[name] = gallery.learned(name)
                 learned[name].save(options.output / f'{name}.json')
-                plots.save(skill_plots.skill_figure(learned[name]),
-                           options.output / f'{name}.png')
+                plots.save(skill_plots.skill_figure(learned[name]), options.output / f'{name}.png')
                 step()
         write_text(options.output / 'index.md', page(learned))
     except OSError as error:

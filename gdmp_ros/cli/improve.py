@@ -139,8 +139,7 @@ def _improve(options: argparse.Namespace, task: Task, variables: Variables, exec
     with optional_import(extra('report')):
         from gdmp_ros.view import pages
     state: Improvement | None = None
-    for state in improve(task, variables, execute, _effort(options), options.search,
-                         options.seed):
+    for state in improve(task, variables, execute, _effort(options), options.search, options.seed):
         pages.write_improvement(state, page, done=False)
         _tell(state)
     if state is None:

@@ -147,8 +147,7 @@ def learn(bags: list[Path], settings: LearningSettings, output: Path,
     return fit_report(learned.skill, learned.demonstrations), learned.skill.duration
 
 
-def _learn_each(bags: list[Path], settings: LearningSettings, options: argparse.Namespace
-                ) -> None:
+def _learn_each(bags: list[Path], settings: LearningSettings, options: argparse.Namespace) -> None:
     from gdmp_ros.util.parallel import Journal, map_tasks, scheduler_address
     if len({bag.name for bag in bags}) < len(bags):
         raise DataError('--each names the skills after the bags: two have the same name')

@@ -18,17 +18,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.choices import (
-    check_lasa_class,
-    LASA_CLASSES,
-    LASA_COVARIANCES,
-    LASA_MANIFOLDS,
-)
-from gdmp_ros.cli.arguments import (
-    add_bag_output,
-    add_stiffness_range,
-    check_number,
-)
+from gdmp_ros.choices import check_lasa_class, LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
+from gdmp_ros.cli.arguments import add_bag_output, add_stiffness_range, check_number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import progress
 

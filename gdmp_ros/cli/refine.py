@@ -25,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('skill', type=Path, metavar='SKILL')
     parser.add_argument('run', type=Path, nargs='?', metavar='BAG',
                         help='recorded run with references, states of the arm and of the server')
-    parser.add_argument('--plot', type=Path, metavar='PNG',
-                        help='draw the path before and after')
+    parser.add_argument('--plot', type=Path, metavar='PNG', help='draw the path before and after')
     parser.add_argument('--keep', action='store_true',
                         help='replace the skill file; the version before is kept for --undo')
     parser.add_argument('-o', '--output', type=Path, metavar='SKILL',

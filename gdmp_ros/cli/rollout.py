@@ -32,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', type=Path, metavar='CSV', help='default: the terminal')
     parser.add_argument('--dt', type=float, default=0.01,
                         help='time step [s] (default %(default)s)')
-    parser.add_argument('--duration', type=float,
-                        help='duration [s]; default: as demonstrated')
+    parser.add_argument('--duration', type=float, help='duration [s]; default: as demonstrated')
     parser.add_argument('--cycles', type=float, default=3.0, metavar='N',
                         help='of a rhythmic skill (default %(default)g)')
     add_context(parser)

@@ -8,12 +8,7 @@ from gdmp_ros.control.friction import friction_of, without_friction
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.identification import joint_torque
 from gdmp_ros.control.impedance import external_wrench
-from gdmp_ros.control.laws import (
-    ImpedanceLaw,
-    JointImpedance,
-    stiffness_at_tool,
-    ToolImpedance,
-)
+from gdmp_ros.control.laws import ImpedanceLaw, JointImpedance, stiffness_at_tool, ToolImpedance
 from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.modes import ArmMode

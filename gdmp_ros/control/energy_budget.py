@@ -172,8 +172,7 @@ def apply_energy_budget(reference, target, pose, gain_numbers, bounds, largest, 
     :param violation: written: by how much each limit was exceeded
     :returns: energy drawn, and energy in the spring at the end [J]
     """
-    stiffness, desired = (reference[STIFFNESS:STIFFNESS + 36],
-                          target[STIFFNESS:STIFFNESS + 36])
+    stiffness, desired = reference[STIFFNESS:STIFFNESS + 36], target[STIFFNESS:STIFFNESS + 36]
     error, spring = np.empty(6), np.empty(SPRING_SIZE)
     pose_error(pose, reference, error)
     make_spring(stiffness, gain_numbers, spring)

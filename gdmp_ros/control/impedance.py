@@ -177,8 +177,7 @@ def _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task
                                      gains.friction_smoothing, gains.friction_at_rest, scale)
 
 
-def external_wrench(measured: Measurement, external: np.ndarray, singularity: float
-                    ) -> np.ndarray:
+def external_wrench(measured: Measurement, external: np.ndarray, singularity: float) -> np.ndarray:
     """
     Wrench at the tool that explains external joint torques: ``Λ J M⁻¹ τ_ext`` [N, Nm].
 

@@ -14,11 +14,7 @@ from gdmp_ros.control.contact import Contact
 from gdmp_ros.control.energy_budget import apply_energy_budget, LEAST_SOFTENING, release
 from gdmp_ros.control.governor import govern
 from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
-from gdmp_ros.control.joint_spring import (
-    joint_energy,
-    joint_law,
-    move_joint_reference,
-)
+from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
 from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import TOOL_SPEED, WRENCH_LIMIT
 from gdmp_ros.control.measurement import JointLimits, Measurement

@@ -33,6 +33,13 @@ LIMITS = (
 (TORQUE, TORQUE_RATE, JOINT_POSITION, JOINT_SPEED, SPEED, ANGULAR_SPEED, ACCELERATION_LIMIT,
  ANGULAR_ACCELERATION, WORKSPACE, STIFFNESS_BOUNDS, STIFFNESS_RATE, POSITION_ERROR, ROTATION_ERROR,
  SINGULARITY, ENERGY, WRENCH_LIMIT, TOOL_SPEED, JERK, ANGULAR_JERK) = range(len(LIMITS))
+_SMOOTHS = [limit.smooths for limit in LIMITS]
+
+
+def described(violation: np.ndarray) -> list[str]:
+    """The limits that were exceeded, with by how much; shape ``(len(LIMITS),)``."""
+    return [f'{limit.name} by {value:.3g} {limit.unit}'
+            for limit, value in zip(LIMITS, violation) if value > 0.0]
 
 
 class LimitCounters:
@@ -55,9 +62,7 @@ class LimitCounters:
 
     def recent(self) -> str:
         """Describe the limits that were active since the last call, but for those that smooth."""
-        words = [f'{limit.name} by {value:.3g} {limit.unit}'
-                 for limit, value in zip(LIMITS, self._recent)
-                 if value > 0.0 and not limit.smooths]
+        words = described(np.where(_SMOOTHS, 0.0, self._recent))
         np.maximum(self.largest, self._recent, out=self.largest)
         self._recent[:] = 0.0
         return ', '.join(words)

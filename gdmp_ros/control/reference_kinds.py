@@ -12,10 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gdmp_ros.control.joint_target import joint_target_size, MOST_STIFFNESS, resting_joints
-from gdmp_ros.control.reference_check import (
-    invalid_target,
-    LARGEST_DAMPING_RATIO,
-)
+from gdmp_ros.control.reference_check import invalid_target, LARGEST_DAMPING_RATIO
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import (
     ACCELERATION,

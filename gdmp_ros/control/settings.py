@@ -103,8 +103,7 @@ class LimitSettings:
         13.0, 'acceleration limit of the reference', 'm/s^2', 0.01, 100.0)
     angular_acceleration: float = setting(
         25.0, 'angular acceleration limit of the reference', 'rad/s^2', 0.01, 200.0)
-    jerk: float = setting(
-        6000.0, 'jerk limit of the reference', 'm/s^3', 1.0, 1e6)
+    jerk: float = setting(6000.0, 'jerk limit of the reference', 'm/s^3', 1.0, 1e6)
     angular_jerk: float = setting(
         11000.0, 'angular jerk limit of the reference', 'rad/s^3', 1.0, 1e6)
     tool_speed: float = setting(
@@ -187,8 +186,7 @@ class ContactSettings:
     collision_force: float = setting(
         0.0, 'external force against the motion at which the arm reacts; 0: never', 'N', 0.0,
         1000.0)
-    collision_torque: float = setting(
-        0.0, 'the same for the torque', 'Nm', 0.0, 1000.0)
+    collision_torque: float = setting(0.0, 'the same for the torque', 'Nm', 0.0, 1000.0)
     collision_reaction: str = setting(
         'stop', 'reaction to a collision: stop and hold, or stop and give way',
         choices=('stop', 'comply'))

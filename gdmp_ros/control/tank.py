@@ -123,8 +123,7 @@ class EnergyTank:
     def remember(self, measured: Measurement, torque: np.ndarray, stored: float, dt: float
                  ) -> None:
         """Keep the torque that is sent and the state it acts on, for the next `measure`."""
-        self._before = (measured.velocity.copy(), measured.bias.copy(), measured.potential,
-                        stored)
+        self._before = (measured.velocity.copy(), measured.bias.copy(), measured.potential, stored)
         late = math.ceil(self.settings.delay / dt - 1e-6)
         if len(self._torques) != late + 1:
             self._torques = np.repeat(torque[None], late + 1, axis=0)

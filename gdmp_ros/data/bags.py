@@ -52,10 +52,9 @@ def reference_target(message: Any) -> np.ndarray:
         message.acceleration.linear, message.acceleration.angular)
     target[layout.STIFFNESS:layout.DAMPING_RATIO] = message.stiffness
     target[layout.DAMPING_RATIO] = message.damping_ratio
-    if hasattr(message, 'wrench'):  # older recordings have none
-        target[layout.WRENCH:layout.WRENCH_GAIN] = vector_numbers(
-            message.wrench.force, message.wrench.torque)
-        target[layout.WRENCH_GAIN:] = message.wrench_gain
+    target[layout.WRENCH:layout.WRENCH_GAIN] = vector_numbers(
+        message.wrench.force, message.wrench.torque)
+    target[layout.WRENCH_GAIN:] = message.wrench_gain
     return target
 
 

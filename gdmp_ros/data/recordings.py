@@ -104,8 +104,7 @@ def commands_in(reader: AnyReader, bag: str) -> list[RecordedCommand]:
     return result
 
 
-def during(commands: Sequence[RecordedCommand], first: int, last: int
-           ) -> tuple[GripperEvent, ...]:
+def during(commands: Sequence[RecordedCommand], first: int, last: int) -> tuple[GripperEvent, ...]:
     """
     The commands as events of the demonstration between two stamps [ns].
 
@@ -271,8 +270,7 @@ def read_joints(bag: str | Path, topic: str = '') -> Recording:
     manifold = Product(Euclidean(series.values.shape[1]), names=('joints',))
     where = f'{series.bag}, topic {series.topic}'
     try:
-        full = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values,
-                             manifold)
+        full = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values, manifold)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
     kept = without_rest(full, where)

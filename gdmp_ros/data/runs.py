@@ -146,14 +146,14 @@ def read(bag: Path, robot: str = '') -> Run:
     for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')
-    goals = [message for message in server if getattr(message, 'goal', ())]
+    goals = [message for message in server if len(message.goal)]
     return Run(
         reference_stamps=_stamps(references), published=np.array(published, dtype=np.int64),
         sequences=_column(references, lambda m: m.sequence),
         references=_column(references, _pose),
         reference_stiffness=_column(references, lambda m: m.stiffness),
         moving=_column(references, _speed) > 0.0,
-        modes=_column(references, lambda m: _later(m, 'mode')), state_stamps=_stamps(states),
+        modes=_column(references, lambda m: m.mode), state_stamps=_stamps(states),
         applied=_column(states, lambda m: m.sequence), poses=_column(states, _pose),
         stiffness=_column(states, lambda m: m.stiffness),
         twists=_column(states, _twist), joints=_column(states, lambda m: m.position),
@@ -161,8 +161,7 @@ def read(bag: Path, robot: str = '') -> Run:
         torques=_column(states, lambda m: m.torque),
         tank=_column(states, lambda m: m.tank_energy),
         limited=_column(states, limited),
-        arm_modes=_column(states, lambda m: _later(m, 'mode')),
-        ticks=_column(states, lambda m: _later(m, 'tick')),
+        arm_modes=_column(states, lambda m: m.mode), ticks=_column(states, lambda m: m.tick),
         wrenches=_column(states, lambda m: vector_numbers(m.wrench.force, m.wrench.torque)),
         joint_references=_column(states, _joint_reference), goal_stamps=_stamps(goals),
         goals=np.array([pose_numbers(message.goal[0]) for message in goals]).reshape(-1, 7),
@@ -174,7 +173,7 @@ def _steps(states: list[Any]) -> tuple[tuple[int, str], ...]:
     """When each step of a sequence began, in the states of a server."""
     result, last = [], ('', 0)
     for message, stamp in zip(states, _stamps(states).tolist()):
-        now = getattr(message, 'sequence', ''), _later(message, 'step')
+        now = message.sequence, message.step
         if now != last and now[1]:
             result.append((stamp, f'step {now[1]} of {message.steps} begins: {message.step_name}'))
         last = now
@@ -209,21 +208,15 @@ def _stamps(messages: list[Any]) -> np.ndarray:
                      for m in messages], dtype=np.int64)
 
 
-def _later(message: Any, name: str) -> int:
-    """A field that older recordings do not have: 0 there."""
-    return int(getattr(message, name, 0))
-
-
 def _joint_reference(message: Any) -> np.ndarray:
-    for joints in getattr(message, 'joint_reference', ()):
+    for joints in message.joint_reference:
         return np.array(joints.position)
     return np.full(len(message.position), np.nan)
 
 
 def limited(message: Any) -> np.ndarray:
-    """By how much each of `LIMITS` was exceeded in a RobotState; 0 for those that came later."""
-    numbers = np.concatenate([message.limited, getattr(message, 'limited_more', [])])
-    return np.pad(numbers, (0, max(0, len(LIMITS) - len(numbers))))[:len(LIMITS)]
+    """By how much each of `LIMITS` was exceeded in a RobotState."""
+    return np.concatenate([message.limited, message.limited_more])[:len(LIMITS)]
 
 
 def _pose(message: Any) -> list[float]:
@@ -462,8 +455,7 @@ def limited_times(run: Run) -> list[Limited]:
         ends = np.array([(run.state_stamps[part[0]], run.state_stamps[part[-1]])
                          for part in np.split(active, parts)])
         begins, ends = (ends.T - run.state_stamps[0]) * 1e-9
-        result.append(Limited(limit, begins, ends + tick, tick * len(active),
-                              float(column.max())))
+        result.append(Limited(limit, begins, ends + tick, tick * len(active), float(column.max())))
     return sorted(result, key=lambda item: float(item.begins[0]))
 
 
@@ -573,7 +565,7 @@ def read_references(bag: Path, topic: str = '') -> RecordedReferences:
     frames = sorted({message.header.frame_id for message in messages})
     if len(frames) > 1:
         raise DataError(f'{bag}, topic {topic}: the frames are {", ".join(frames)}, expected one')
-    if any(len(getattr(message, 'joints', ())) for message in messages):
+    if any(len(message.joints) for message in messages):
         raise DataError(f'{bag}, topic {topic}: references of the joints cannot be replayed')
     stamps = np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec for m in messages])
     times = (stamps - stamps[0]) / NS
@@ -587,5 +579,5 @@ def read_references(bag: Path, topic: str = '') -> RecordedReferences:
     sequences = [int(m.sequence) for m in messages]
     return RecordedReferences(
         topic, frames[0], times, np.array([reference_target(m) for m in messages]),
-        [StreamMode(getattr(m, 'mode', 0)) for m in messages],
+        [StreamMode(m.mode) for m in messages],
         np.diff(sequences, prepend=sequences[0] - 1))

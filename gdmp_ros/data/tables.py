@@ -95,8 +95,7 @@ def _mat(path: Path) -> dict[str, np.ndarray]:
         result = loadmat(path, squeeze_me=True)
     except NotImplementedError:
         return _hdf5(path)  # MATLAB 7.3
-    arrays = {name: _numbers(array) for name, array in result.items()
-              if not name.startswith('__')}
+    arrays = {name: _numbers(array) for name, array in result.items() if not name.startswith('__')}
     return {name: array for name, array in arrays.items() if array is not None}
 
 

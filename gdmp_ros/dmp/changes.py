@@ -23,12 +23,12 @@ _SAMPLES = 20
 _FAR = 0.05
 
 
-def between(primitive: P, start: np.ndarray | None = None,
-            goal: np.ndarray | None = None) -> P:
+def between(primitive: P, start: np.ndarray | None = None, goal: np.ndarray | None = None) -> P:
     """
     Return a primitive with another start and goal; it moves as a roll-out between them would.
 
-    A rhythmic one moves around another centre.
+    To pass via points there, call `Skill.through` after. The goal of a rhythmic one is the centre
+    of its cycle.
 
     :param start: point; its own by default
     :param goal: point; its own by default
@@ -50,8 +50,7 @@ def between(primitive: P, start: np.ndarray | None = None,
                    variation=None if variation is None else turned_variation(variation, by))
 
 
-def _around(primitive: P, start: np.ndarray | None, centre: np.ndarray | None
-            ) -> P:
+def _around(primitive: P, start: np.ndarray | None, centre: np.ndarray | None) -> P:
     if start is not None:
         primitive.check_ends('another start')
     if centre is None:
@@ -214,9 +213,9 @@ def _change(before: int, after: int, alpha_x: float) -> np.ndarray:
 def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
            duration: float | None = None) -> P:
     """
-    Return one primitive of two: its points are those of both, one after the other.
+    Return one primitive of two, executed in one motion with one phase.
 
-    Both begin and end together, with one phase. How takes vary is not kept.
+    Its points are those of both, one after the other. How takes vary is not kept.
 
     :param names: with which the names of the factors begin: ``left`` gives ``left_position``
     :param duration: [s]; the longer one by default
@@ -252,12 +251,12 @@ def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
 
 def coupled(primitive: P, coupling: Coupling) -> P:
     """
-    Return the primitive with a coupling; the second side begins and ends where it asks for.
+    Return the primitive with a coupling between factors, such as two arms that carry a tray.
 
-    A start that moves far is reported with a `GdmpWarning`: the demonstrations differ from the
-    coupling then.
+    The second side begins and ends where the coupling asks for. A start that moves far is reported
+    with a `GdmpWarning`: the demonstrations differ from the coupling then.
 
-    :raises ParameterError: if it does not fit
+    :raises ParameterError: if it does not fit the manifold
     """
     manifold = primitive.manifold
     coupling.check(manifold, primitive.steps)
@@ -267,7 +266,7 @@ def coupled(primitive: P, coupling: Coupling) -> P:
         if deviation > _FAR:
             warnings.warn(f'the {name} of {", ".join(coupling.second)} is {deviation:.3g} '
                           '(m, rad) from where the coupling asks for it, and was moved there: the '
-                          'demonstrations do not keep the relation', GdmpWarning, stacklevel=3)
+                          'demonstrations do not keep the relation', GdmpWarning, stacklevel=2)
     moved = between(primitive, *ends)
     return replace(moved, couplings=(*primitive.couplings, coupling))
 
@@ -298,12 +297,14 @@ def half(primitive: P, number: int) -> P:
                    segments=segments, variation=None, couplings=())
 
 
-def related(primitive: Primitive, point: np.ndarray, given: int) -> np.ndarray:
+def related(primitive: Primitive, point: np.ndarray, given: int = 0) -> np.ndarray:
     """
-    Return a point in which the couplings are kept: one side follows the other one.
+    Return a point in which one side follows the other one, such as a goal for both.
 
-    :param given: side that stays, 0 or 1
+    :param point: of the manifold
+    :param given: side of the couplings that stays: 0 the first one, 1 the second one
     """
+    point = primitive.manifold.check_point(point)
     for coupling in primitive.couplings:
         point = coupling.related(primitive.manifold, point, given)
     return point

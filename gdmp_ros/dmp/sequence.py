@@ -14,12 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.options import (
-    check_range,
-    MAX_AMPLITUDE,
-    merged_options,
-    SHORTEST_DURATION,
-)
+from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, merged_options, SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import checked_events, GripperEvent, State
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.changes import between, coupled, joined, related
-from gdmp_ros.dmp.coupling import Coupling
+from gdmp_ros.dmp import changes
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, GripperEvent, Primitive, Trajectory
@@ -136,18 +135,10 @@ class Skill(Primitive):
             raise ParameterError('context: the skill was learned without contexts')
         return self.distribution.condition(context=context)
 
-    def between(self, start: np.ndarray | None = None, goal: np.ndarray | None = None) -> Skill:
-        """
-        Return a skill with another start and goal of its own.
-
-        It moves as a roll-out between them would. To pass via points there, call `through` after.
-        The goal of a rhythmic skill is the centre of its cycle.
-
-        :param start: point; its own by default
-        :param goal: point; its own by default
-        :raises ManifoldError: if a point is not on the manifold
-        """
-        return between(self, start, goal)
+    between = changes.between
+    joined = staticmethod(changes.joined)
+    coupled = changes.coupled
+    related = changes.related
 
     def through(self, points: Sequence[tuple[float, np.ndarray]],
                 factors: Sequence[str] | None = None) -> Skill:
@@ -164,38 +155,6 @@ class Skill(Primitive):
         changed = through(self, points, factors)
         warn_of_cost(self, changed)
         return changed
-
-    @classmethod
-    def joined(cls, first: Skill, second: Skill,
-               names: Sequence[str] = ('first', 'second'), duration: float | None = None) -> Skill:
-        """
-        Return one skill of two, executed in one motion with one phase; see `coupled`.
-
-        :param names: with which the names of the factors begin: ``left`` gives ``left_position``
-        :param duration: [s]; the longer one by default
-        :raises ParameterError: see `gdmp_ros.dmp.changes.joined`
-        """
-        return joined(first, second, names, duration)
-
-    def coupled(self, coupling: Coupling) -> Skill:
-        """
-        Return the skill with a coupling between factors, such as two arms that carry a tray.
-
-        The second side begins and ends where the coupling asks for; a `GdmpWarning` says if that
-        is far from what was shown.
-
-        :raises ParameterError: if it does not fit the manifold
-        """
-        return coupled(self, coupling)
-
-    def related(self, point: np.ndarray, given: int = 0) -> np.ndarray:
-        """
-        Return a point in which one side follows the other one, such as a goal for both.
-
-        :param point: of the manifold
-        :param given: side of the couplings that stays: 0 the first one, 1 the second one
-        """
-        return related(self, self.manifold.check_point(point), given)
 
     def with_events(self, events: Sequence[GripperEvent]) -> Skill:
         """

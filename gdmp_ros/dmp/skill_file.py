@@ -18,11 +18,8 @@ from gdmp_ros.manifolds import from_spec, KINDS, Manifold
 from gdmp_ros.util.files import read_text, write_text
 
 FORMAT = 'gdmp skill'
-#: Version 2 has segments, version 3 the variation of the takes, version 4 commands for a gripper,
-#: version 5 rhythmic skills, version 6 contexts that bend, version 7 couplings; older files can be
-#: read too.
+#: A file of another version is refused.
 VERSION = 7
-READABLE = (1, 2, 3, 4, 5, 6, 7)
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 #: Arrays of a `ContextModel`.
@@ -78,9 +75,8 @@ def read_primitive(path: Path, kind: type[P]) -> P:
 def _parse(document: Any) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
-    if document.get('version') not in READABLE:
-        raise DataError(f'format version is {document.get("version")!r}, this release reads '
-                        f'{", ".join(map(str, READABLE))}')
+    if document.get('version') != VERSION:
+        raise DataError(f'format version is {document.get("version")!r}, expected {VERSION}')
     manifold = from_spec(document.get('manifold'))
     gains = document.get('gains')
     if not isinstance(gains, dict) or set(gains) != {'alpha_z', 'alpha_x', 'alpha_g'}:
@@ -134,14 +130,14 @@ def _point(document: dict[str, Any], name: str, manifold: Manifold) -> np.ndarra
 
 
 def _via(document: dict[str, Any]) -> tuple[float, ...]:
-    given = _numbers({'via': document.get('via') or []}, 'via', (None,))
+    given = _numbers({'via': document.get('via', [])}, 'via', (None,))
     if not (np.diff(given, prepend=0.0, append=1.0) > 0.0).all():
         raise DataError(f'via: must increase between 0 and 1, got {given.tolist()}')
     return tuple(given.tolist())
 
 
 def _events(document: dict[str, Any]) -> tuple[GripperEvent, ...]:
-    given, names = document.get('gripper') or [], GripperEvent._fields
+    given, names = document.get('gripper', []), GripperEvent._fields
     if not isinstance(given, list):
         raise DataError(f'gripper: expected a list, got {given!r}')
     for item in given:
@@ -153,7 +149,7 @@ def _events(document: dict[str, Any]) -> tuple[GripperEvent, ...]:
 
 
 def _couplings(document: dict[str, Any]) -> tuple[Coupling, ...]:
-    given, names = document.get('couplings') or [], [part.name for part in fields(Coupling)]
+    given, names = document.get('couplings', []), [part.name for part in fields(Coupling)]
     if not isinstance(given, list):
         raise DataError(f'couplings: expected a list, got {given!r:.100}')
     for item in given:
@@ -173,17 +169,8 @@ def _variation(document: dict[str, Any]) -> Variation | None:
     if not isinstance(given, dict):
         raise DataError(f'variation: expected an object, got {given!r}')
     timing = _numbers({'timing': [given.get('timing', 0.0)]}, 'timing', (1,))
-    factor, contexts = _numbers(given, 'factor', (None, None)), None
-    if 'contexts' in given:
-        contexts = _contexts(given['contexts'])
-    elif given.get('context_mean'):  # before version 6
-        mean = _numbers(given, 'context_mean', (None,))
-        scale = _numbers(given, 'context_scale', (len(mean), len(mean)))
-        if factor.shape[1] < len(mean) or not (np.diag(scale) > 0.0).all():
-            raise DataError('variation: context_scale does not fit factor, or is singular')
-        contexts = ContextModel.of_linear(mean, scale, factor[:, -len(mean):])
-        factor = factor[:, :-len(mean)]
-    return Variation(factor, _numbers(given, 'noise', (None,)), float(timing[0]), contexts)
+    return Variation(_numbers(given, 'factor', (None, None)), _numbers(given, 'noise', (None,)),
+                     float(timing[0]), _contexts(given.get('contexts')))
 
 
 def _variation_document(variation: Variation | None) -> dict[str, Any] | None:

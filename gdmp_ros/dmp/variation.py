@@ -85,23 +85,6 @@ class ContextModel:
             array.flags.writeable = False
             object.__setattr__(self, part.name, array)
 
-    @classmethod
-    def of_linear(cls, mean: np.ndarray, scale: np.ndarray, columns: np.ndarray) -> ContextModel:
-        """
-        The model of skill files before version 6: linear in the context.
-
-        :param mean: of the contexts, shape ``(m,)``
-        :param scale: L of their covariance ``L Lᵀ``
-        :param columns: shift for each number of ``L⁻¹ (context - mean)``, ``(rows, m)``
-        """
-        size = len(mean)
-        offset = np.sqrt(float(size)) * scale.T
-        takes = np.vstack([mean + offset, mean - offset])
-        slope = columns @ np.linalg.inv(scale)
-        return cls(tuple(f'c{i + 1}' for i in range(size)), takes, np.ones(size),
-                   np.full(len(takes), 1e6), np.column_stack([-slope @ mean, slope]),
-                   np.zeros((len(columns), len(takes))), columns, np.zeros(1 + size))
-
     def check(self, rows: int) -> None:
         """
         Check that the parts fit each other, and a primitive.
@@ -169,8 +152,7 @@ class ContextModel:
         near = correlations(numbers[None], self.takes, self.lengths)[0]
         noise = self.noise.mean()
         rest = np.concatenate([[1.0], numbers]) - linear.T @ maps.inverse @ near
-        variance = (1.0 + noise - near @ maps.inverse @ near
-                    + rest @ maps.trend_covariance @ rest)
+        variance = 1.0 + noise - near @ maps.inverse @ near + rest @ maps.trend_covariance @ rest
         return float(np.sqrt(max(1.0, variance / np.mean(1.0 / np.diag(maps.bend)))))
 
     def outside(self, numbers: np.ndarray) -> str:

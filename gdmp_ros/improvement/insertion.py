@@ -48,8 +48,7 @@ class Insertion(SimulatedTask):
 
     def variables(self) -> Sequence[Variable]:
         """The path of the tool, and one stiffness along and across the peg and for its turns."""
-        return [Weights(8, {'position': 0.003}),
-                Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
+        return [Weights(8, {'position': 0.003}), Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
 
     def off(self, seed: int) -> np.ndarray:
         """How far the hole is off [m], evenly distributed in a disk."""

@@ -168,8 +168,7 @@ class Tempo:
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """Return a skill that is changed by some numbers; 0 changes nothing."""
-        return replace(skill, duration=skill.duration * float(np.exp(
-            -self.deviation * values[0])))
+        return replace(skill, duration=skill.duration * float(np.exp(-self.deviation * values[0])))
 
 
 class Variables:

@@ -78,15 +78,10 @@ def is_warm() -> bool:
 
 
 def remove_stale() -> None:
-    """Remove kernels of older releases, and of versions of Python or Numba no longer used."""
+    """Remove kernels of versions of Python or Numba no longer used."""
     oldest = time.time() - 86400.0 * _STALE_DAYS
-    for folder in _base_folder().glob('*'):
-        if not folder.is_dir() or folder.name == _version():
-            continue
-        of_this_scheme = folder.name.startswith('numba-')
-        # Older releases named a folder by 16 hexadecimal digits.
-        of_older_release = len(folder.name) == 16 and set(folder.name) <= set('0123456789abcdef')
-        if of_older_release or (of_this_scheme and folder.stat().st_mtime < oldest):
+    for folder in _base_folder().glob('numba-*'):
+        if folder.is_dir() and folder.name != _version() and folder.stat().st_mtime < oldest:
             shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -195,8 +195,7 @@ class OutputFit:
                           > MOVING * np.linalg.norm(error[columns]))
                      for columns in self._columns)
 
-    def _shape(self, number: int, samples: Samples, start: np.ndarray, goal: np.ndarray
-               ) -> _Shape:
+    def _shape(self, number: int, samples: Samples, start: np.ndarray, goal: np.ndarray) -> _Shape:
         manifold, demo = self._manifold, samples.demonstration
         progress = self._rows.of(number)
         flat_goal = manifold.flat(goal)

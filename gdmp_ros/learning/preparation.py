@@ -133,8 +133,7 @@ def _local_fit(samples: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
                 for other, their_error in fits):
             return best
         fits.append((value, error))
-        best = (value, slope / (size - 1.0),
-                noise * math.sqrt(covariance[1, 1]) / (size - 1.0))
+        best = value, slope / (size - 1.0), noise * math.sqrt(covariance[1, 1]) / (size - 1.0)
     if best is None:
         raise ValueError(f'{len(samples)} samples, expected at least {LEAST}')
     return best
@@ -271,8 +270,7 @@ def common_segments(demos: list[Demonstration], settings: FitSettings) -> Segmen
     ends = segment_ends(spacing, split)
     at = [_points_at(d, ends) for d in demos]
     weights = settings.weights(len(demos))
-    waypoints = [_mean(manifold, [points[k] for points in at], weights)
-                 for k in range(len(ends))]
+    waypoints = [_mean(manifold, [points[k] for points in at], weights) for k in range(len(ends))]
     return Segments(ends, np.array(waypoints).reshape(len(ends), -1), split)
 
 

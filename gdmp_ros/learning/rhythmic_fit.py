@@ -14,12 +14,7 @@ from gdmp_ros.dmp.primitive import Gains, MIN_STEPS
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.cycles import coordinates, CycleFit, FittedCycle, thinned
-from gdmp_ros.learning.preparation import (
-    check_tolerance,
-    FitSettings,
-    prepared,
-    warn_tolerance,
-)
+from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 from gdmp_ros.learning.regression import Series
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.util.parallel import one_thread
@@ -61,8 +56,7 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
     phases = max(PHASES, PER_FUNCTION * counts[-1])
     progress = np.arange(phases) / phases
     forcing, velocity = curve.forcing(progress, gains)
-    chosen, result, error = _smallest(counts, progress, forcing,
-                                      curve.limits(progress, tolerance))
+    chosen, result, error = _smallest(counts, progress, forcing, curve.limits(progress, tolerance))
     if n_basis == 'auto' and error > 1.0:
         warn_tolerance(chosen, error * tolerance, tolerance)
     lasts = float(np.average([take.period for take in fitted.takes], weights=weights))

@@ -117,8 +117,7 @@ class ContextFit:
         :param rows: coordinates of a primitive, of numbers that a take shows, both row by row
         :param lengths: logarithms of the takes' durations, divided by that of the primitive
         """
-        trend, bend = (rows(part @ self._shown).T for part in (self._maps.trend,
-                                                               self._maps.bend))
+        trend, bend = (rows(part @ self._shown).T for part in (self._maps.trend, self._maps.bend))
         near = correlations(self._contexts.numbers, self._contexts.numbers, self._lengths)
         explained = self._linear @ trend.T + near @ bend.T
         roots = np.sqrt(self._weights)[:, None]

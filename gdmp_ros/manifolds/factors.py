@@ -16,13 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gdmp_ros.kernels import (
-    always_inline,
-    call_kernel,
-    kernel,
-    measure_with_kernel,
-    numbers_at,
-)
+from gdmp_ros.kernels import always_inline, call_kernel, kernel, measure_with_kernel, numbers_at
 from gdmp_ros.kernels.intrinsics import kernel_signature
 from gdmp_ros.manifolds.linalg import copy_numbers, norm
 

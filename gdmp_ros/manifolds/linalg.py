@@ -91,8 +91,7 @@ def transposed_multiply(m, a, b, out):
 def _half_product(m, a, b, out):
     """``out = a bᵀ`` where the product is symmetric; the result is exactly symmetric."""
     if m == 3:
-        b0, b1, b2, b3, b4, b5, b6, b7, b8 = (b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7],
-                                              b[8])
+        b0, b1, b2, b3, b4, b5, b6, b7, b8 = b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8]
         a3, a4, a5, a6, a7, a8 = a[3], a[4], a[5], a[6], a[7], a[8]
         out[0] = a[0] * b0 + a[1] * b1 + a[2] * b2
         out[1] = out[3] = a3 * b0 + a4 * b1 + a5 * b2

@@ -339,8 +339,7 @@ class Manifold(ABC):
     @final
     def frame_point(self, frame: np.ndarray) -> np.ndarray:
         """Point of a frame, shape ``(..., *point_shape)``."""
-        return self.unflat(self._rows(frame_point_rows, self.point_size,
-                                      kernel_array(frame)))
+        return self.unflat(self._rows(frame_point_rows, self.point_size, kernel_array(frame)))
 
     @final
     def transport_frame(self, frame: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
@@ -487,8 +486,7 @@ class Manifold(ABC):
                   distances.reshape(-1), self.scratch())
         return out, distances[()]
 
-    def _broadcast(self, arrays: Sequence[np.ndarray]
-                   ) -> tuple[tuple[int, ...], list[np.ndarray]]:
+    def _broadcast(self, arrays: Sequence[np.ndarray]) -> tuple[tuple[int, ...], list[np.ndarray]]:
         """Axes in front of several arrays, and their rows."""
         axes = arrays[0].shape[:-1]
         for array in arrays[1:]:

@@ -9,14 +9,7 @@ from __future__ import annotations
 import math
 
 from gdmp_ros.kernels import inlined, kernel, noinline
-from gdmp_ros.manifolds.linalg import (
-    copy_into,
-    EPS,
-    multiply,
-    row_of,
-    scratch,
-    set_identity,
-)
+from gdmp_ros.manifolds.linalg import copy_into, EPS, multiply, row_of, scratch, set_identity
 
 #: From this size on the reduction to a tridiagonal matrix is faster.
 _QL_FROM = 4

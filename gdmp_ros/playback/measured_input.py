@@ -35,8 +35,7 @@ class MeasuredInput:
     :ivar source: where it comes from, for messages
     """
 
-    def __init__(self, clock: Clock, read: PlaceSource, source: str,
-                 what: str = 'measured pose'):
+    def __init__(self, clock: Clock, read: PlaceSource, source: str, what: str = 'measured pose'):
         """
         Prepare.
 

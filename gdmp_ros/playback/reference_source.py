@@ -14,8 +14,7 @@ from gdmp_ros.playback.streamed_skill import StreamedSkill, Way
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 # Looked up once: this is done in every tick.
-MOVING, PAUSED, STOPPING, HOLDING = (Status.MOVING, Status.PAUSED, Status.STOPPING,
-                                     Status.HOLDING)
+MOVING, PAUSED, STOPPING, HOLDING = Status.MOVING, Status.PAUSED, Status.STOPPING, Status.HOLDING
 
 
 class ReferenceSource:

@@ -181,8 +181,7 @@ class Streamer:
         """
         if not self.active:
             raise ParameterError('the node is not active')
-        prepared = self.sequence.prepare(sequence, first, self._player_settings,
-                                         self._goals.check)
+        prepared = self.sequence.prepare(sequence, first, self._player_settings, self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)
         if self.player is None:
@@ -280,8 +279,7 @@ class Streamer:
         self.robot.measure_by(skill.kind, skill.distance)
         source = self._inputs.of(skill.kind)
         measured = source.newest()
-        known = (measured is not None
-                 and source.age(measured) <= self.settings.measured_pose_age)
+        known = measured is not None and source.age(measured) <= self.settings.measured_pose_age
         reference = player.place
         if reference is not None:
             self.robot.update(self.time, measured.place if measured is not None and known else

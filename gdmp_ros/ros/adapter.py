@@ -307,11 +307,8 @@ class Adapter(ManagedNode):
     # Outputs
 
     def _send_pose(self, command: Command) -> None:
-        message = PoseStamped()
-        message.header.frame_id = self._frame
-        message.header.stamp = messages.stamp_of(command.stamp_ns)
-        messages.set_pose(message.pose, command.pose)
-        self._pose.publish(message)
+        self._pose.publish(messages.stamped_pose(command.pose, self._frame,
+                                                 messages.stamp_of(command.stamp_ns)))
 
     def _stiffness_output(self) -> Callable[[Command], None]:
         p = self.parameters

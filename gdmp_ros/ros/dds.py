@@ -190,8 +190,7 @@ class DdsClient(DdsParticipant):
 
     def __init__(self, name: str):
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, args=[],
-                   signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self._context, args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name, context=self._context)
         super().__init__(self.node)
         self.name = self.node.get_fully_qualified_name()

@@ -45,6 +45,22 @@ def pose_numbers(pose: Pose) -> np.ndarray:
     return np.array(bags.pose_numbers(pose))
 
 
+def pose_message(numbers: np.ndarray) -> Pose:
+    """Pose of (x, y, z, qw, qx, qy, qz)."""
+    result = Pose()
+    set_pose(result, numbers)
+    return result
+
+
+def stamped_pose(numbers: np.ndarray, frame: str, stamp: Time | None = None) -> PoseStamped:
+    """Pose of (x, y, z, qw, qx, qy, qz) in a frame; without a stamp it holds as it arrives."""
+    result = PoseStamped(pose=pose_message(numbers))
+    result.header.frame_id = frame
+    if stamp is not None:
+        result.header.stamp = stamp
+    return result
+
+
 def set_pose(pose: Pose, numbers: np.ndarray) -> None:
     """Write (x, y, z, qw, qx, qy, qz) to a pose message."""
     p, q = pose.position, pose.orientation
@@ -148,10 +164,8 @@ def path_message(poses: np.ndarray, frame: str, stamp: Time) -> Path:
     """Path through poses (x, y, z, qw, qx, qy, qz), shape ``(T, 7)``."""
     result = Path()
     result.header.frame_id, result.header.stamp = frame, stamp
-    for numbers in poses:
-        item = PoseStamped(header=result.header)
-        set_pose(item.pose, numbers)
-        result.poses.append(item)
+    result.poses.extend(PoseStamped(header=result.header, pose=pose_message(numbers))
+                        for numbers in poses)
     return result
 
 
@@ -159,10 +173,9 @@ def tube_message(poses: np.ndarray, covariances: np.ndarray, frame: str, stamp: 
     """Poses as in `path_message`, with covariances, shape ``(T, 6, 6)``."""
     result = Tube()
     result.header.frame_id, result.header.stamp = frame, stamp
-    for numbers, covariance in zip(poses, covariances):
-        item = PoseWithCovariance(covariance=covariance.reshape(-1))
-        set_pose(item.pose, numbers)
-        result.poses.append(item)
+    result.poses.extend(
+        PoseWithCovariance(pose=pose_message(numbers), covariance=covariance.reshape(-1))
+        for numbers, covariance in zip(poses, covariances))
     return result
 
 

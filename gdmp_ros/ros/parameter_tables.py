@@ -45,8 +45,7 @@ def bounds(spec: Spec) -> str:
 def yaml_text(node: str) -> str:
     """Configuration file of a node: every parameter with its default, unit and range."""
     title, specs = NODES[node]
-    lines = [f'# {title}: every parameter with its default.', f'/**/{node}:',
-             '  ros__parameters:']
+    lines = [f'# {title}: every parameter with its default.', f'/**/{node}:', '  ros__parameters:']
     for spec in specs:
         unit = f' [{spec.unit}]' if spec.unit else ''
         words = '; '.join(filter(None, [spec.description + unit, bounds(spec)]))

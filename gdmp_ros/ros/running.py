@@ -108,8 +108,7 @@ def own_arguments(arguments: Sequence[str] | None = None) -> list[str]:
     return words[:words.index('--ros-args')] if '--ros-args' in words else words
 
 
-def run(makes: Sequence[Callable[[], ManagedNode]],
-        arguments: Sequence[str] | None = None) -> int:
+def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | None = None) -> int:
     """
     Run nodes until Ctrl-C or SIGTERM, then deactivate them.
 

@@ -40,8 +40,7 @@ class _FrameCheck:
         self._ends = _HEADER + 8 + len(self._string)
 
     def passes(self, data: Buffer) -> bool:
-        return (data[:_HEADER] == self._begin
-                and data[_HEADER + 8:self._ends] == self._string)
+        return data[:_HEADER] == self._begin and data[_HEADER + 8:self._ends] == self._string
 
 
 class PoseReader:

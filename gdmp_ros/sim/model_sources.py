@@ -127,8 +127,7 @@ def _has_motors_only(spec: mujoco.MjSpec) -> bool:
               and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] == 1.0
               and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
               and actuator.ctrlrange[1] > actuator.ctrlrange[0]]
-    return (len(driven) == len(spec.actuators)
-            and driven == [joint.name for joint in spec.joints])
+    return len(driven) == len(spec.actuators) and driven == [joint.name for joint in spec.joints]
 
 
 def _torque_limit(spec: mujoco.MjSpec, joint: str) -> float:

@@ -26,8 +26,7 @@ class PlantSettings:
     velocity_noise: float = setting(
         0.0, 'standard deviation of the measured joint velocities', 'rad/s', 0.0, 1.0)
     payload: float = setting(0.0, 'mass at the tool that nobody announced', 'kg', 0.0, 10.0)
-    model: str = setting(
-        '', "model of the robot itself, as for model; empty: the controller's")
+    model: str = setting('', "model of the robot itself, as for model; empty: the controller's")
 
 
 #: A robot as public models of a Franka describe it, with a cycle of delay and encoder noise.

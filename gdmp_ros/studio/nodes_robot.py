@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.limits import described
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.data.runs import limited
 from gdmp_ros.dmp.sequence import SkillSequence
@@ -112,8 +112,7 @@ class NodesRobot:
             ArmMode(robot.mode).name.lower(),
             0.0 if state is None else state.progress, 0.0 if state is None else state.speed,
             (float(offset[0]), float(offset[1])), robot.tank_energy,
-            tuple(f'{limit.name} by {value:.2g} {limit.unit}'
-                  for limit, value in zip(LIMITS, limited(robot)) if value > 0.0),
+            tuple(described(limited(robot))),
             recorder.duration if recorder is not None and recording else None,
             self._problem or problem_of(state), 1.0,
             None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
@@ -218,7 +217,9 @@ class NodesRobot:
             self._state, self._received['server'] = self._client.state, now
         if self._pulled is not None:
             # Repeated, because the arm counts a silent hand as released.
-            self._hand.publish(self._stamped(self._pulled))
+            robot = self._robot
+            self._hand.publish(messages.stamped_pose(
+                self._pulled, '' if robot is None else robot.header.frame_id))
         if self._homing is not None and self._homing.done():
             reply, self._homing = self._homing.result(), None
             if not reply.success:
@@ -271,13 +272,6 @@ class NodesRobot:
         if state is None:
             raise GdmpError(f'{self._server} is silent')
         self._client.goal_pose(pose, state.header.frame_id)
-
-    def _stamped(self, pose: np.ndarray) -> PoseStamped:
-        message, robot = PoseStamped(), self._robot
-        if robot is not None:
-            message.header.frame_id = robot.header.frame_id
-        messages.set_pose(message.pose, pose)
-        return message
 
     def _ready(self, name: str) -> Any:
         service = self._services[name]

@@ -2,33 +2,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 import trimesh
 import viser
 
 from gdmp_ros.data import runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.manifolds.product import Product
+from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.prediction import LIKELY, likely_path
+from gdmp_ros.playback.prediction import likely_path
 from gdmp_ros.playback.tool_skill import ToolSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import DURATIONS
 from gdmp_ros.sim.urdf import Shape, shapes
-from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
+from gdmp_ros.view import style
 
 #: Ellipsoids along a tube.
 TUBE = 24
 #: Samples of a motion.
 SAMPLES = 240
-#: Ellipsoids of the stiffness along a path.
-ELLIPSOIDS = 12
 #: First view: eye and point that it looks at [m], vertical field of view [deg].
 EYE, LOOKED_AT, FIELD_OF_VIEW = (1.5, -1.3, 0.95), (0.3, -0.1, 0.35), 45.0
 #: Thickness of lines [pixels].
@@ -97,15 +94,9 @@ def of_demonstration(demo: Demonstration) -> ShownMotion:
     return _of_points(demo.times - demo.times[0], demo.points, demo.manifold).thinned(SAMPLES)
 
 
-def _of_points(times: np.ndarray, points: np.ndarray, manifold: object) -> ShownMotion:
-    flat = points.reshape(len(times), -1)
-    motion = ShownMotion(times, flat[:, :7])
-    names = manifold.names if isinstance(manifold, Product) else ()
-    if 'stiffness' not in names or not isinstance(manifold, Product):
-        return motion
-    at = names.index('stiffness')
-    matrices = np.array([manifold.split(point)[at][:3, :3] for point in points])
-    return replace(motion, stiffness=matrices)
+def _of_points(times: np.ndarray, points: np.ndarray, manifold: Manifold) -> ShownMotion:
+    return ShownMotion(times, points.reshape(len(times), -1)[:, :7],
+                       style.stiffness_of(manifold, points))
 
 
 def of_run(bag: Path) -> tuple[ShownMotion, ShownMotion]:
@@ -139,7 +130,7 @@ _BALL = trimesh.creation.icosphere(subdivisions=2)
 
 def colour(number: int) -> _Colour:
     """Colour of the ``number``-th curve, as in the figures."""
-    text = INK[number % len(INK)].lstrip('#')
+    text = style.INK[number % len(style.INK)].lstrip('#')
     return int(text[:2], 16), int(text[2:4], 16), int(text[4:], 16)
 
 
@@ -211,8 +202,7 @@ class Scene:
         self._scene.set_up_direction('+z')
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = EYE, LOOKED_AT, np.radians(FIELD_OF_VIEW)
-        self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5,
-                             plane='xy')
+        self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5, plane='xy')
         self._scene.add_frame('/base', axes_length=0.1, axes_radius=0.003)
         self.arm = ArmModel(self._scene, arm, '/arm')
         self.ghost = ArmModel(self._scene, ghost, '/ghost', _GHOST)
@@ -248,44 +238,32 @@ class Scene:
 
     def stiffness(self, motion: ShownMotion | None) -> None:
         """Ellipsoids along a motion, long where the arm is stiff; the longest has one length."""
-        if motion is None or motion.stiffness is None:
-            self._ellipsoids('stiffness', None, None, colour(2), 0.35)
-            return
-        at = evenly(motion.poses[:, :3], ELLIPSOIDS)
-        matrices = motion.stiffness[at]
-        largest = float(np.linalg.eigvalsh(matrices).max())
-        self._ellipsoids('stiffness', motion.poses[at, :3], matrices * ELLIPSOID_M / largest,
+        self._ellipsoids('stiffness', None if motion is None or motion.stiffness is None else
+                         style.of_stiffness(motion.poses[:, :3], motion.stiffness)[0],
                          colour(2), 0.35)
 
     def tube(self, likely: tuple[np.ndarray, np.ndarray] | None) -> None:
         """Ellipsoids in which 95 % of takes lie; None removes them."""
-        if likely is None:
-            self._ellipsoids('takes', None, None, colour(3), 0.15)
-            return
-        poses, covariances = likely
-        values, axes = np.linalg.eigh(covariances[:, :3, :3])
-        roots = np.einsum('tij,tj,tkj->tik', axes, np.sqrt(np.maximum(values, 1e-10)), axes)
-        self._ellipsoids('takes', poses[:, :3], LIKELY * roots, colour(3), 0.15)
+        self._ellipsoids('takes', None if likely is None else
+                         style.of_takes(likely[0][:, :3], likely[1][:, :3, :3]), colour(3), 0.15)
 
-    def _ellipsoids(self, name: str, positions: np.ndarray | None, matrices: np.ndarray | None,
-                    paint: _Colour, opacity: float) -> None:
-        if positions is None or matrices is None:
+    def _ellipsoids(self, name: str, ellipsoids: style.Ellipsoids | None, paint: _Colour,
+                    opacity: float) -> None:
+        if ellipsoids is None:
             result = self._batches.pop(name, None)
             if result is not None:
                 result.remove()
             return
-        lengths, axes = np.linalg.eigh(matrices)
-        # The axes become a rotation.
-        axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
-        turns = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
+        lengths, rotations = ellipsoids.oriented()
+        positions = ellipsoids.positions
         if name in self._batches:
             batch = self._batches[name]
             batch.batched_positions = positions.astype(np.float32)
-            batch.batched_wxyzs = turns.astype(np.float32)
+            batch.batched_wxyzs = rotations.astype(np.float32)
             batch.batched_scales = lengths.astype(np.float32)
         else:
             self._batches[name] = self._scene.add_batched_meshes_simple(
-                f'/ellipsoids/{name}', _BALL.vertices, _BALL.faces, turns, positions,
+                f'/ellipsoids/{name}', _BALL.vertices, _BALL.faces, rotations, positions,
                 batched_scales=lengths, batched_colors=paint, opacity=opacity, lod='off',
                 cast_shadow=False, receive_shadow=False)
 

@@ -8,7 +8,7 @@ import traceback
 import numpy as np
 
 from gdmp_ros.control.joint_motion import PostureMotion
-from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.limits import described, LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.control.tick import Tick
@@ -92,8 +92,7 @@ class RecordedTake:
         if count < MIN_SAMPLES:
             raise DataError('the take is not kept: it has no samples')
         times = np.array(self._times[:count])
-        demo = Demonstration(times - times[0], np.array(self._poses[:count]),
-                             tool_manifold(None))
+        demo = Demonstration(times - times[0], np.array(self._poses[:count]), tool_manifold(None))
         recordings.write(self.path, demo, recordings.FRAME, self._start_ns)
         return self.path
 
@@ -122,7 +121,7 @@ class SimulatedRobot:
                                   kinematics=Reach(Arm(model)))
         self._streamer.activate(round(arm.period * NS))
         self._take: RecordedTake | None = None
-        self._acted: dict[int, tuple[float, float]] = {}
+        self._acted, self._acted_at = np.zeros(len(LIMITS)), np.full(len(LIMITS), -np.inf)
         self._problem, self._refused, self._guard_refused, self._tempo = '', 0, 0, 1.0
         self._in_sequence = False
         self._view: RobotView | None = None
@@ -257,8 +256,8 @@ class SimulatedRobot:
             self._problem = loop.joint_motion_problem
             self._hold()
         self._pose, self._joints = tick.measurement.pose.copy(), tick.measurement.position.copy()
-        for number in np.flatnonzero(tick.violation > 0.0):
-            self._acted[int(number)] = arm.time, float(tick.violation[number])
+        acts = tick.violation > 0.0
+        self._acted[acts], self._acted_at[acts] = tick.violation[acts], arm.time
         take = self._take  # the page may end it meanwhile
         if take is not None and self._streamer.ticks % SAMPLE_EVERY == 0:
             take.add(arm.time, self._pose)
@@ -276,9 +275,7 @@ class SimulatedRobot:
         moves = player is not None and player.rollout is not None
         goal = player.goal if player is not None and moves else None
         offset = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
-        limited = tuple(f'{LIMITS[number].name} by {most:.2g} {LIMITS[number].unit}'
-                        for number, (at, most) in sorted(self._acted.items())
-                        if now - at < SHOWN_S)
+        limited = tuple(described(np.where(now - self._acted_at < SHOWN_S, self._acted, 0.0)))
         rollout = None if player is None else player.rollout
         sequence = streamer.sequence.status
         if sequence is not None and not sequence.running and self._in_sequence:

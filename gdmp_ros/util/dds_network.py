@@ -48,8 +48,7 @@ def default_environment() -> dict[str, str]:
 
 def reaching_other_machines(environment: Mapping[str, str]) -> dict[str, str]:
     """The environment, changed so that nodes reach other machines too, over UDP."""
-    kept = {name: value for name, value in environment.items()
-            if name not in (*REACH, *TRANSPORT)}
+    kept = {name: value for name, value in environment.items() if name not in (*REACH, *TRANSPORT)}
     return {**kept, RANGE: 'SUBNET', 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
 
 

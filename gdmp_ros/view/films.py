@@ -40,8 +40,7 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     :raises DataError: if the film cannot be written
     """
     numbers = target.with_name(f'.{target.stem}.npz')
-    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s,
-             whole=whole)
+    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s, whole=whole)
     try:
         for backend in BACKENDS:
             done = subprocess.run(

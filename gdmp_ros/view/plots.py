@@ -116,8 +116,7 @@ def bands(axes: Any, times: np.ndarray, limits: np.ndarray) -> None:
                           lw=0.0)
 
 
-def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray | None,
-                         count: int = 12) -> None:
+def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray | None) -> None:
     """
     Draw a path in space with ellipsoids of its stiffness.
 
@@ -128,9 +127,9 @@ def path_with_ellipsoids(axes: Any, positions: np.ndarray, matrices: np.ndarray 
     axes.scatter(*positions[0], marker='o', color='black', label='start')
     axes.scatter(*positions[-1], marker='*', s=60, color=INK[1], label='end')
     if matrices is not None:
-        largest = float(np.linalg.eigvalsh(matrices).max())
-        for i in style.evenly(positions, count):
-            _ellipsoid(axes, positions[i], matrices[i] * style.ELLIPSOID_M / largest)
+        ellipsoids, largest = style.of_stiffness(positions, matrices)
+        for centre, matrix in zip(*ellipsoids):
+            _ellipsoid(axes, centre, matrix)
         axes.plot([], [], color=INK[2], label=f'stiffness (longest {largest:.0f} N/m)')
     axes.set(xlabel='x [m]', ylabel='y [m]', zlabel='z [m]')
     axes.set_aspect('equal')

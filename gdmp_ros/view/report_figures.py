@@ -11,10 +11,15 @@ from plotly.subplots import make_subplots
 
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.runs import Event, lateness, Limited, Run, Tracking
-from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
-from gdmp_ros.playback.prediction import LIKELY
-from gdmp_ros.view.style import ELLIPSOID_M, evenly, INK
+from gdmp_ros.view.style import (
+    ELLIPSOIDS,
+    Ellipsoids,
+    evenly,
+    INK,
+    of_stiffness,
+    of_takes,
+    stiffness_of,
+)
 
 #: Poses of a skill and their covariances (`gdmp_ros.playback.prediction.likely_path`).
 Likely: TypeAlias = tuple[np.ndarray, np.ndarray]
@@ -22,8 +27,6 @@ Likely: TypeAlias = tuple[np.ndarray, np.ndarray]
 MAX_POINTS = 3000
 #: Height of a panel [px].
 PANEL_PX = 220
-#: Ellipsoids along a path.
-ELLIPSOIDS = 12
 DASH = ('solid', 'dash', 'dot', 'dashdot', 'longdash', 'longdashdot')
 
 
@@ -48,34 +51,27 @@ def _path(positions: np.ndarray, name: str, ink: str, dash: str = 'solid') -> go
                         line={'color': ink, 'width': 4, 'dash': dash})
 
 
-def _rings(positions: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Three rings of each ellipsoid, whose half-axes are the eigenvalues of its matrix."""
+def _rings(ellipsoids: Ellipsoids, name: str, ink: str) -> go.Scatter3d:
+    """Three rings of each ellipsoid."""
     angle = np.linspace(0.0, 2.0 * np.pi, 25)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     unit = np.vstack([np.vstack([np.roll(ring, k, axis=1), np.full((1, 3), np.nan)])
                       for k in range(3)])
-    return np.vstack([position + unit @ matrix.T
-                      for position, matrix in zip(positions, matrices)])
+    x, y, z = np.vstack([position + unit @ matrix.T for position, matrix in zip(*ellipsoids)]).T
+    return go.Scatter3d(x=x, y=y, z=z, mode='lines', name=name,
+                        line={'color': ink, 'width': 1.5}, connectgaps=False)
 
 
-def _ellipsoids(positions: np.ndarray, matrices: np.ndarray, name: str) -> go.Scatter3d:
-    """The longest axis is the stiffest direction."""
-    at = evenly(positions, ELLIPSOIDS)
-    largest = float(np.linalg.eigvalsh(matrices[at]).max())
-    x, y, z = _rings(positions[at], matrices[at] * ELLIPSOID_M / largest).T
-    return go.Scatter3d(x=x, y=y, z=z, mode='lines', name=f'{name} (longest {largest:.0f} N/m)',
-                        line={'color': INK[2], 'width': 1.5}, connectgaps=False)
+def _stiffness(positions: np.ndarray, matrices: np.ndarray) -> go.Scatter3d:
+    ellipsoids, largest = of_stiffness(positions, matrices)
+    return _rings(ellipsoids, f'stiffness (longest {largest:.0f} N/m)', INK[2])
 
 
 def _tube(poses: np.ndarray, covariances: np.ndarray) -> list[go.Scatter3d]:
     """Path of the skill, and ellipsoids in which 95 % of takes lie."""
     at = evenly(poses[:, :3], ELLIPSOIDS)
-    values, axes = np.linalg.eigh(covariances[at, :3, :3])
-    roots = np.einsum('tij,tj,tkj->tik', axes, np.sqrt(np.maximum(values, 0.0)), axes)
-    x, y, z = _rings(poses[at, :3], LIKELY * roots).T
     return [_path(poses[:, :3], 'skill', INK[3], 'dot'),
-            go.Scatter3d(x=x, y=y, z=z, mode='lines', name='95 % of takes',
-                         line={'color': INK[3], 'width': 1.5}, connectgaps=False)]
+            _rings(of_takes(poses[at, :3], covariances[at, :3, :3]), '95 % of takes', INK[3])]
 
 
 def _point(position: np.ndarray, name: str, symbol: str) -> go.Scatter3d:
@@ -154,7 +150,7 @@ def run_in_space(run: Run, likely: Likely | None = None) -> go.Figure:
     matrices = run.reference_stiffness[kept].reshape(-1, 6, 6)[:, :3, :3]
     return _space([_path(moving[:, :3], 'reference', INK[0], 'dash'),
                    _path(run.poses[:, :3], 'arm', INK[1]),
-                   _ellipsoids(moving[:, :3], matrices, 'stiffness'),
+                   _stiffness(moving[:, :3], matrices),
                    *(_tube(*likely) if likely else []),
                    _point(moving[0, :3], 'start', 'circle'),
                    _point(moving[-1, :3], 'end', 'diamond')])
@@ -189,9 +185,9 @@ def demonstration_in_space(recording: Recording, likely: Likely | None = None) -
     traces = [_path(points[:, :3], 'demonstration', INK[0]),
               _point(points[0, :3], 'start', 'circle'),
               _point(points[-1, :3], 'end', 'diamond')]
-    matrices = _stiffness(demo)
+    matrices = stiffness_of(demo.manifold, points)
     if matrices is not None:
-        traces.insert(1, _ellipsoids(points[:, :3], matrices, 'stiffness'))
+        traces.insert(1, _stiffness(points[:, :3], matrices))
     return _space(traces + (_tube(*likely) if likely else []))
 
 
@@ -213,15 +209,7 @@ def demonstration_over_time(recording: Recording, likely: Likely | None = None) 
             *((f'95 % of takes, {word}', at, poses[:, k] + sign * offset[:, k])
               for word, sign in (('least', -1.0), ('most', 1.0)))])
             for k, name in enumerate('xyz')]
-    matrices = _stiffness(demo)
+    matrices = stiffness_of(demo.manifold, points)
     if matrices is not None:
         rows.append(('stiffness [N/m]', _eigenvalues(matrices, times, 'demonstrated,')))
     return _over_time(rows)
-
-
-def _stiffness(demo: Demonstration) -> np.ndarray | None:
-    """Translational stiffness of a demonstration of a tool; None without a stiffness."""
-    last = demo.manifold.factors[-1]
-    if not isinstance(last, SymmetricPositiveDefinite):
-        return None
-    return demo.points[:, 7:].reshape(-1, *last.point_shape)[:, :3, :3].copy()

@@ -16,8 +16,8 @@ from gdmp_ros.learning.correction import Correction
 from gdmp_ros.learning.report import cycle_takes
 from gdmp_ros.learning.tuning import BasisError, GoalSwitch
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.product import Product
 from gdmp_ros.view import plots
+from gdmp_ros.view.style import stiffness_of
 
 if TYPE_CHECKING:
     from gdmp_ros.sim.path_check import PathCheck
@@ -149,11 +149,8 @@ def draw_motion(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> Dr
         panels.append((axes, places))
     space = None
     if spatial:
-        matrices = None
-        if isinstance(manifold, Product) and count > 2 and manifold.names[2] == 'stiffness':
-            matrices = np.array([manifold.split(point)[2][:3, :3] for point in points])
         space = figure.add_subplot(grid[:, 1], projection='3d')
-        plots.path_with_ellipsoids(space, flat[:, :3], matrices)
+        plots.path_with_ellipsoids(space, flat[:, :3], stiffness_of(manifold, points))
     return DrawnMotion(figure, panels, space)
 
 

@@ -1,10 +1,7 @@
 """Recorded runs are read from bags."""
-from pathlib import Path
 
-import numpy as np
 import pytest
 
-from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.data import runs
 from gdmp_ros.data.bags import BagWriter, message_of, opened, REFERENCE
 from gdmp_ros.errors import DataError
@@ -55,15 +52,6 @@ def test_messages_with_empty_sequences_of_numbers_are_read(tmp_path, length):
         assert (one.last_refusal, one.steps) == (expected.last_refusal, 7)
         assert list(one.context.values) == list(expected.context.values)
         assert len(one.robot_distance) == 0
-
-
-def test_a_run_that_was_recorded_with_the_first_messages_is_read_with_zeros():
-    """40 references and 40 states of a motion, recorded before the messages had a mode."""
-    run = runs.read(Path(__file__).parent / 'first_messages')
-    assert len(run.references) == len(run.poses) == 40 and run.moving.all()
-    assert np.ptp(run.poses[:, 0]) > 0.0 and run.limited.shape == (40, len(LIMITS))
-    for zero in (run.modes, run.arm_modes, run.ticks, run.limited[:, 15:]):
-        assert not zero.any()
 
 
 def test_messages_without_the_references_of_joints_are_read(tmp_path):

@@ -169,24 +169,6 @@ def test_contexts_that_cannot_be_used_are_refused(rng):
         Skill.learn(shown, fit='forcing', contexts=np.ones((5, 1)))
 
 
-def test_files_with_linear_contexts_can_be_read(rng, tmp_path):
-    shown, heights = takes(Euclidean(2), 5, rng), np.arange(5.0)[:, None]
-    skill, path = Skill.learn(shown, 20, contexts=heights), tmp_path / 'skill.json'
-    skill.save(path)
-    document = json.loads(path.read_text())
-    document['version'], old = 5, document['variation']
-    columns = np.random.default_rng(0).standard_normal((len(old['factor']), 1))
-    old['factor'] = np.hstack([old['factor'], columns]).tolist()
-    del old['contexts']
-    old['context_mean'], old['context_scale'] = [2.0], [[1.5]]
-    path.write_text(json.dumps(document))
-    read = Skill.load(path)
-    made = read.distribution.condition(context=[2.0 + 1.5])
-    np.testing.assert_allclose(made.goal - read.goal, columns[2:4, 0], atol=1e-9)
-    np.testing.assert_allclose(made.weights - read.weights, columns[4:, 0].reshape(-1, 2),
-                               atol=1e-9)
-
-
 @pytest.mark.parametrize('change, reason', [
     (lambda c: c.update(names='height'), 'object with names'),
     (lambda c: c.update(names=['a', 'a']), 'takes has shape'),

@@ -9,7 +9,7 @@ import pytest
 from gdmp_ros import Skill
 from gdmp_ros.data import recordings, runs
 from gdmp_ros.errors import DataError
-from gdmp_ros.view import pages, report_figures
+from gdmp_ros.view import pages, report_figures, style
 from test.recorded_run import NS, recorded_run
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -23,9 +23,9 @@ FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--use-angle=swiftsh
 def test_ellipsoids_are_long_where_the_arm_is_stiff():
     positions = np.column_stack([np.linspace(0, 1, 50), np.zeros(50), np.zeros(50)])
     matrices = np.tile(np.diag([100.0, 800.0, 200.0]), (50, 1, 1))
-    drawn = report_figures._ellipsoids(positions, matrices, 'stiffness')
-    assert np.nanmax(drawn.y) == pytest.approx(report_figures.ELLIPSOID_M)
-    assert np.nanmax(drawn.z) == pytest.approx(report_figures.ELLIPSOID_M / 4)
+    drawn = report_figures._stiffness(positions, matrices)
+    assert np.nanmax(drawn.y) == pytest.approx(style.ELLIPSOID_M)
+    assert np.nanmax(drawn.z) == pytest.approx(style.ELLIPSOID_M / 4)
 
 
 @pytest.fixture(scope='module')

@@ -156,8 +156,7 @@ class ArmNode(ManagedNode):
         refused, self._refused = self._refused, guard.refused
         if guard.refused > refused:
             level = DiagnosticStatus.WARN if level == DiagnosticStatus.OK else level
-            publishers = ', '.join(self.participant.publishers(
-                self.parameters.reference_topic))
+            publishers = ', '.join(self.participant.publishers(self.parameters.reference_topic))
             self.get_logger().warning(f'reference refused: {guard.last_refusal} (published by '
                                       f'{publishers})', throttle_duration_sec=1.0)
         extra = {'references refused': guard.refused, 'last refusal': guard.last_refusal,

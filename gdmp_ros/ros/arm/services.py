@@ -123,8 +123,7 @@ class ArmServices:
             reply.message = str(error)
         return reply
 
-    async def on_tool(self, request: SetTool.Request, reply: SetTool.Response
-                      ) -> SetTool.Response:
+    async def on_tool(self, request: SetTool.Request, reply: SetTool.Response) -> SetTool.Response:
         """Answers when the tool has changed."""
         try:
             pose = pose_numbers(request.pose)

@@ -18,11 +18,7 @@ from gdmp_ros.ros.lifecycle import (
     stiffness_stream,
     Stream,
 )
-from gdmp_ros.ros.messages import (
-    fill_robot_state,
-    ROBOT_STATE_FIXED,
-    robot_state_numbers,
-)
+from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED, robot_state_numbers
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 

@@ -12,7 +12,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.limits import described
+from gdmp_ros.data.runs import limited
 from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.lifecycle import SILENT_S
 
@@ -74,12 +75,11 @@ class Dashboard(Client):
             return [(self.arm, 'silent')]
         p, v = r.pose.position, r.twist.linear
         stiffness = np.linalg.eigvalsh(np.asarray(r.stiffness).reshape(6, 6)[:3, :3])
-        limited = ', '.join(f'{limit.name} by {value:.2g} {limit.unit}'
-                            for limit, value in zip(LIMITS, r.limited) if value > 0.0)
         return [(self.arm, f'at {p.x:.3f} {p.y:.3f} {p.z:.3f} m, '
                            f'{np.linalg.norm([v.x, v.y, v.z]):.3f} m/s'),
                 ('stiffness', f'{stiffness[0]:.0f} to {stiffness[-1]:.0f} N/m'),
-                ('energy tank', f'{r.tank_energy:.2f} J'), ('limited', limited or 'no')]
+                ('energy tank', f'{r.tank_energy:.2f} J'),
+                ('limited', ', '.join(described(limited(r))) or 'no')]
 
 
 def show(server: str, arm: str, seconds: float | None) -> None:

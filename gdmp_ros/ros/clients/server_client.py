@@ -218,10 +218,7 @@ class ServerClient(Client):
 
     def goal_pose(self, pose: np.ndarray, frame: str) -> None:
         """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
-        message = PoseStamped()
-        message.header.frame_id = frame
-        messages.set_pose(message.pose, pose)
-        self._publish('goal_pose', message)
+        self._publish('goal_pose', messages.stamped_pose(pose, frame))
 
     def goal_stiffness(self, matrix: np.ndarray) -> None:
         """Switch the stiffness goal."""
@@ -246,8 +243,7 @@ class ServerClient(Client):
 
     def _publish(self, topic: str, message: Any) -> None:
         publisher = self._publishers[topic]
-        self.wait(f'the server to subscribe to {topic}',
-                  lambda: publisher.subscribers() > 0, 5.0)
+        self.wait(f'the server to subscribe to {topic}', lambda: publisher.subscribers() > 0, 5.0)
         publisher.publish(message)
 
 

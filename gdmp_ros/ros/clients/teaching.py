@@ -70,8 +70,7 @@ class Teacher(Client):
         self.wait('the recorder',
                   lambda: bool(self._states) and self._states[-1].status == 'ready',
                   timeout)
-        self.wait('the arm to subscribe to the hand',
-                  lambda: self._hand.subscribers() > 0, 30.0)
+        self.wait('the arm to subscribe to the hand', lambda: self._hand.subscribers() > 0, 30.0)
 
     def recording(self) -> bool:
         """Whether a take is being recorded now."""
@@ -151,13 +150,10 @@ class Teacher(Client):
 
     def _guide(self, at: Callable[[float], np.ndarray], seconds: float) -> None:
         """Move the hand along ``at(t)`` in steady time."""
-        message = PoseStamped()
-        message.header.frame_id = self.frame
         begun = self.now()
         due = begun
         while due - begun <= seconds:
-            messages.set_pose(message.pose, at(due - begun))
-            self._hand.publish(message)
+            self._hand.publish(messages.stamped_pose(at(due - begun), self.frame))
             due = max(due + HAND_PERIOD_S, self.now())
             self.spend(due - self.now())
 

@@ -211,8 +211,7 @@ class RobotInputs:
         def newest() -> tuple[np.ndarray, float] | None:
             received = poses.newest()
             pose = None if received is None else self.read_pose(received.data)
-            return (None if received is None or pose is None else
-                    (pose, poses.age(received)))
+            return None if received is None or pose is None else (pose, poses.age(received))
         return MeasuredInput(node.clock, newest, node.resolve_topic_name(topic))
 
     def _newest_joints(self) -> tuple[np.ndarray, float] | None:

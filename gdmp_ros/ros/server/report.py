@@ -5,7 +5,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ArmStatus, Context, ServerState
 from gdmp_msgs.msg import Tube as TubeMessage
-from geometry_msgs.msg import Pose
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 
@@ -20,7 +19,7 @@ from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import Punctuality
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import lateness_diagnostics, path_message, set_pose, tube_message
+from gdmp_ros.ros.messages import lateness_diagnostics, path_message, pose_message, tube_message
 
 #: Poses of a predicted path in one duration of the motion.
 PLAN_POSES = 40
@@ -81,9 +80,7 @@ class ServerReport:
             measured, player = streamer.robot.place, streamer.player
             if measured is not None and measured.shape == player.goal.shape:
                 message.robot_distance = list(player.playing.distance(measured, player.goal))
-            for pose in self._poses_at(player.goal):
-                message.goal.append(Pose())
-                set_pose(message.goal[-1], pose)
+            message.goal.extend(pose_message(pose) for pose in self._poses_at(player.goal))
         sequence = streamer.sequence.status
         if sequence is not None and sequence.running:
             message.sequence, message.step_name = sequence.name, sequence.step_name
@@ -139,8 +136,7 @@ class ServerReport:
     def _publish_plan(self) -> None:
         """Publish path and tube if there are subscribers, and empty ones at the end."""
         player = self._streamer.player
-        if player is None or not (self._plan.subscribers()
-                                  or self._tube_out.subscribers()):
+        if player is None or not (self._plan.subscribers() or self._tube_out.subscribers()):
             return
         rollout, stamp = player.taken_copy(), self._node.stamp()
         if rollout is not None:
@@ -156,8 +152,7 @@ class ServerReport:
             self._plan.publish(path_message(np.empty((0, 7)), self._frame, stamp))
             self._tube_out.publish(tube_message(np.empty((0, 7)), np.empty((0, 6, 6)), self._frame,
                                                 stamp))
-        if (player.status in (Status.MOVING, Status.PAUSED)
-                and self._reports % PLAN_EVERY == 0):
+        if player.status in (Status.MOVING, Status.PAUSED) and self._reports % PLAN_EVERY == 0:
             player.request_copy()
 
     def _poses_at(self, place: np.ndarray) -> np.ndarray:

@@ -12,7 +12,6 @@ import warnings
 
 from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill
-from geometry_msgs.msg import Pose
 import numpy as np
 
 from gdmp_ros.dmp.primitive import check_connection
@@ -22,7 +21,7 @@ from gdmp_ros.learning.correction import Correction, correction, FollowedMotion
 from gdmp_ros.playback.pair_skill import is_of_two_arms
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import set_pose
+from gdmp_ros.ros.messages import pose_message
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.sim.path_check import check_skill, PathChecker
 from gdmp_ros.util import child_process
@@ -265,8 +264,8 @@ class Refinement:
             raise ParameterError(f'{name} has not been executed since it was loaded')
         progress, references, measured = record.arrays()
         reply.progress = progress.tolist()
-        reply.references.extend(_pose(row) for row in references)
-        reply.measured.extend(_pose(row) for row in measured)
+        reply.references.extend(pose_message(row) for row in references)
+        reply.measured.extend(pose_message(row) for row in measured)
         result = correction(skill, FollowedMotion(progress, references, measured))
         self._proposed = skill, result
         reply.pushed_at = [push.at for push in result.pushes]
@@ -274,7 +273,7 @@ class Refinement:
                        for push in result.pushes]
         for path, into in ((result.before, reply.before), (result.after, reply.after)):
             rows = np.linspace(0, len(path) - 1, PREVIEW_POSES).astype(int)
-            into.extend(_pose(row[:7]) for row in path[rows])
+            into.extend(pose_message(row[:7]) for row in path[rows])
         return (f'{len(result.pushes)} pushes; the path is moved by at most '
                 f'{1e3 * max(reply.moved):.0f} mm')
 
@@ -303,9 +302,3 @@ class Refinement:
         self._proposed = None
         self._logger.info(f'the last correction of {name} is undone')
         return self._skills.use(before, name)
-
-
-def _pose(numbers: np.ndarray) -> Pose:
-    pose = Pose()
-    set_pose(pose, numbers)
-    return pose

@@ -10,9 +10,9 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 from gdmp_ros.manifolds.poses import IDENTITY
-from gdmp_ros.playback.prediction import LIKELY
 from gdmp_ros.ros.messages import set_pose
 from gdmp_ros.sim.urdf import Shape
+from gdmp_ros.view.style import Ellipsoids, of_takes
 
 _KINDS = {'sphere': Marker.SPHERE, 'box': Marker.CUBE, 'cylinder': Marker.CYLINDER}
 #: Red, green, blue, opacity. Blue and orange are distinct with colour blindness too.
@@ -47,27 +47,24 @@ def tube(space: str, positions: np.ndarray, covariances: np.ndarray) -> list[Mar
 
     :param covariances: shape ``(T, 3, 3)`` [m²]
     """
-    result = []
-    for number, (position, covariance) in enumerate(zip(positions, covariances)):
-        values, axes = np.linalg.eigh(covariance)
-        root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-        result.append(ellipsoid(space, position, root, LIKELY, TUBE, number))
-    return result
+    return _ellipsoids(space, of_takes(positions, covariances), TUBE)
 
 
-def ellipsoid(space: str, position: np.ndarray, matrix: np.ndarray, scale: float,
-              colour: Sequence[float], number: int = 0) -> Marker:
+def ellipsoid(space: str, position: np.ndarray, matrix: np.ndarray,
+              colour: Sequence[float]) -> Marker:
     """
     Ellipsoid of a symmetric positive definite matrix.
 
-    :param matrix: shape ``(3, 3)``; the half-axes are ``scale`` times its eigenvalues
+    :param matrix: shape ``(3, 3)``; the half-axes are its eigenvalues [m]
     """
-    values, axes = np.linalg.eigh(matrix)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    orientation = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
-    size = 2.0 * scale * np.maximum(values, 0.0)
-    return _marker(space, number, Marker.SPHERE, colour, np.concatenate([position, orientation]),
-                   np.maximum(size, 1e-4))
+    return _ellipsoids(space, Ellipsoids(position[None], matrix[None]), colour)[0]
+
+
+def _ellipsoids(space: str, drawn: Ellipsoids, colour: Sequence[float]) -> list[Marker]:
+    return [_marker(space, number, Marker.SPHERE, colour, np.concatenate([position, rotation]),
+                    2.0 * lengths)
+            for number, (position, lengths, rotation) in enumerate(
+                zip(drawn.positions, *drawn.oriented()))]
 
 
 def frame(space: str, pose: np.ndarray, length: float) -> list[Marker]:

@@ -26,7 +26,7 @@ from visualization_msgs.srv import GetInteractiveMarkers
 from gdmp_ros.control.manipulability import manipulability
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode, SILENT_S
-from gdmp_ros.ros.messages import pose_numbers, set_pose
+from gdmp_ros.ros.messages import pose_numbers, set_pose, stamped_pose
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.visualizer import markers
@@ -199,8 +199,7 @@ class Visualizer(ManagedNode):
         self._robots = self.add_subscription(RobotState, f'{p.arm}/state', None)
         kinds = {title: (Trigger, f'{p.server}/{title}') for title in ('start', 'stop')}
         kinds |= {'pause': (SetBool, f'{p.server}/pause'), 'teach': (SetBool, f'{p.arm}/teach')}
-        self._calls = {title: self.add_client(kind, name)
-                       for title, (kind, name) in kinds.items()}
+        self._calls = {title: self.add_client(kind, name) for title, (kind, name) in kinds.items()}
         self.handles = InteractiveMarkers(self, self._on_feedback)
         self.add_report(self._show)
         self.parameters.locked = True
@@ -324,11 +323,12 @@ class Visualizer(ManagedNode):
             return result
         pose = pose_numbers(robot.pose)
         stiffness = np.asarray(robot.stiffness).reshape(6, 6)[:3, :3]
-        result.append(markers.ellipsoid('stiffness', pose[:3], stiffness, p.stiffness_scale,
+        result.append(markers.ellipsoid('stiffness', pose[:3], p.stiffness_scale * stiffness,
                                         markers.STIFFNESS))
         result.append(markers.ellipsoid(
-            'manipulability', pose[:3], manipulability(self._arm.measure().jacobian[:3]),
-            p.manipulability_scale, markers.MANIPULABILITY))
+            'manipulability', pose[:3],
+            p.manipulability_scale * manipulability(self._arm.measure().jacobian[:3]),
+            markers.MANIPULABILITY))
         result += markers.frame('tool', pose, 0.06)
         result += markers.frame('base', np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), 0.1)
         if p.draw_arm:
@@ -371,11 +371,7 @@ class Visualizer(ManagedNode):
             self._send(self._goal_out, self.handles.pose(_GOAL))
 
     def _send(self, publisher: Any, pose: np.ndarray) -> None:
-        message = PoseStamped()
-        message.header.frame_id = self.parameters.frame_id
-        message.header.stamp = self.stamp()
-        set_pose(message.pose, pose)
-        publisher.publish(message)
+        publisher.publish(stamped_pose(pose, self.parameters.frame_id, self.stamp()))
 
     def _call(self, entry: int) -> None:
         """Call the service of a menu entry; a refusal is logged."""
