@@ -40,3 +40,8 @@ def check_lasa_class(name: str) -> None:
     if name not in LASA_CLASSES:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
+#: What an array of another program can be.
+ROLES = ('times', 'points', 'position', 'orientation', 'stiffness', 'joints')
+#: Other ways to write a rotation than a quaternion: a rotation vector, or angles about axes; axes
+#: in capitals turn with the body, others do not.
+ROTATIONS = ('rotvec', 'xyz', 'XYZ', 'zyx', 'ZYX')

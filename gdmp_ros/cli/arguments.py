@@ -7,10 +7,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.choices import ARMS, STORAGES
+from gdmp_ros.choices import ARMS, ROLES, ROTATIONS, STORAGES
 from gdmp_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:
+    from gdmp_ros.data.columns import Import
     from gdmp_ros.ros.arm_choice import ArmChoice
 
 
@@ -25,6 +26,51 @@ def add_pose_topic(parser: argparse.ArgumentParser) -> None:
     """Declare ``--pose-topic``."""
     parser.add_argument('--pose-topic', default='', metavar='TOPIC',
                         help='topic of the poses, if a bag has several')
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Declare what is said about files of other programs; see `import_settings`."""
+    parser.add_argument('--key', action='append', default=[], metavar='ROLE=NAME',
+                        help='name of an array, or of columns with commas between them (w first); '
+                             f'roles: {", ".join(ROLES)}')
+    parser.add_argument('--quaternion', choices=('wxyz', 'xyzw'), default='',
+                        help='order of the numbers of quaternions in the source')
+    parser.add_argument('--rotation', choices=ROTATIONS, default='',
+                        help='what three numbers of a rotation are: a rotation vector, or angles '
+                             'about fixed axes (xyz is roll, pitch, yaw) or moving ones (XYZ)')
+    parser.add_argument('--scale', type=float, metavar='X',
+                        help='factor of the positions, 0.001 for millimetres')
+    parser.add_argument('--offset', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+                        metavar=('X', 'Y', 'Z'), help='added to the scaled positions [m]')
+    parser.add_argument('--rate-hz', type=float, metavar='HZ',
+                        help='samples per second of the source; its times are not used then')
+    parser.add_argument('--time-unit', choices=('s', 'ms', 'us', 'ns'), default='',
+                        help='unit of the times of the source')
+    parser.add_argument('--drop-bad', action='store_true',
+                        help='leave out samples with missing numbers, or whose times do not '
+                             'increase; how many is told')
+
+
+def import_settings(options: argparse.Namespace) -> Import:
+    """
+    What the arguments of `add_import` say.
+
+    :raises ParameterError: if something is out of range
+    """
+    from gdmp_ros.data.columns import Import
+    keys = {}
+    for pair in options.key:
+        role, _, name = pair.partition('=')
+        if role not in ROLES or not name:
+            raise ParameterError(f'--key {pair}: expected ROLE=NAME with a role of '
+                                 f'{", ".join(ROLES)}')
+        keys[role] = name
+    if options.rate_hz is not None:
+        check_number('--rate-hz', options.rate_hz, 1e-2, 100_000.0)
+    if options.scale is not None:
+        check_number('--scale', options.scale, above=0.0)
+    return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset),
+                  options.rotation, options.time_unit, options.drop_bad)
 
 
 def add_arm_node(parser: argparse.ArgumentParser) -> None:

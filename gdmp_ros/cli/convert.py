@@ -5,10 +5,11 @@ Demonstrations: rosbag2 folders, tables (.csv), NumPy archives (.npz), MATLAB (.
 movement_primitives' JSON. From a skill its motion is written; with --rollouts N, N random motions
 from the distribution of its takes.
 
-What the arrays and columns of other programs mean is guessed from their names, and the guess is
-printed. Correct it with --key, --quaternion and --rate-hz. Only poses of the tool are read: a
-position, a unit quaternion, and a stiffness. Of a file with several episodes data.hdf5#2 is the
-third one.
+What the arrays and columns of other programs mean is told by their names (position, tx, x_mm,
+roll [deg], tcp_quat_xyzw, ...) and printed. What no name tells is decided from the numbers; where
+two readings fit, the error names the option to give: --key, --quaternion, --rotation, --scale,
+--time-unit or --rate-hz. Of a file with several episodes data.hdf5#2 is the third one. --rate-hz
+is also the rate of a skill's motion (default 100).
 
 The name of the result determines its format: .csv, .npz, .hdf5 (robomimic), .json (a skill),
 anything else a rosbag2 folder; --as overrides it. Several demonstrations become several bags.
@@ -28,19 +29,17 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from gdmp_ros.cli.arguments import add_bag_output, check_number
-from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.cli.arguments import add_bag_output, add_import, check_number, import_settings
+from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 if TYPE_CHECKING:
-    from gdmp_ros.data.foreign import Import
     from gdmp_ros.dmp.demonstration import Demonstration
     from gdmp_ros.dmp.skill import Skill
 
 FORMATS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives', 'lerobot', 'robomimic')
 _BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.json': 'skill', '.h5': 'robomimic',
               '.hdf5': 'robomimic'}
-_ROLES = ('times', 'points', 'position', 'orientation', 'stiffness')
 T = TypeVar('T')
 #: Samples per second of a skill's motion, and of a data set.
 RATE_HZ, FPS = 100.0, 30
@@ -53,17 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sources', type=Path, nargs='+', metavar='FROM')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='TO')
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
-    parser.add_argument('--key', action='append', default=[], metavar='ROLE=NAME',
-                        help=f'name of an array; roles: {", ".join(_ROLES)}')
-    parser.add_argument('--quaternion', choices=('wxyz', 'xyzw'), default='',
-                        help='order of the numbers of quaternions in the source')
-    parser.add_argument('--scale', type=float, default=1.0, metavar='X',
-                        help='factor of the positions, 0.001 for millimetres')
-    parser.add_argument('--offset', type=float, nargs=3, default=(0.0, 0.0, 0.0),
-                        metavar=('X', 'Y', 'Z'), help='added to the scaled positions [m]')
-    parser.add_argument('--rate-hz', type=float, metavar='HZ',
-                        help='samples per second: of a source without times, which needs it; of '
-                             f'the motion of a skill (default {RATE_HZ:g})')
+    add_import(parser)
     parser.add_argument('--fps', type=int, default=FPS, metavar='N',
                         help='frames per second of LeRobot and robomimic data sets '
                              '(default %(default)s)')
@@ -78,13 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Convert; nothing is written unless the sources are valid."""
-    if options.rate_hz is not None:
-        check_number('--rate-hz', options.rate_hz, 1.0, 10_000.0)
     check_number('--fps', options.fps, 1, 1000)
     if options.format is None and options.output.suffix in _READ_ONLY:
         raise DataError(f'{options.output}: {options.output.suffix} files are read, not written')
     check_number('--rollouts', options.rollouts, 1, 100_000)
-    check_number('--scale', options.scale, above=0.0)
+    import_settings(options)
     if options.output.exists() and not options.force:
         raise DataError(f'{options.output}: exists already; use --force to replace it')
     try:
@@ -164,23 +151,10 @@ def _demonstrations(options: argparse.Namespace, source: Path) -> list[tuple[Dem
 
 def _imported(source: Path, options: argparse.Namespace) -> Demonstration:
     from gdmp_ros.data import episodes
-    result = episodes.read(source, _import(options))
+    result = episodes.read(source, import_settings(options))
     if result.notes:
         print(f'{source}: {"; ".join(result.notes)}')
     return result.demonstration
-
-
-def _import(options: argparse.Namespace) -> Import:
-    """What is said about the arrays of the source."""
-    from gdmp_ros.data.foreign import Import
-    keys = {}
-    for pair in options.key:
-        role, _, name = pair.partition('=')
-        if role not in _ROLES or not name:
-            raise ParameterError(f'--key {pair}: expected ROLE=NAME with a role of '
-                                 f'{", ".join(_ROLES)}')
-        keys[role] = name
-    return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset))
 
 
 def _motions(options: argparse.Namespace, source: Path) -> list[tuple[Demonstration, str]]:

@@ -26,7 +26,14 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gdmp_ros.choices import CONNECTIONS, ENDS, FITS, STIFFNESSES
-from gdmp_ros.cli.arguments import add_bags, add_parallel, add_stiffness_range, check_output
+from gdmp_ros.cli.arguments import (
+    add_bags,
+    add_import,
+    add_parallel,
+    add_stiffness_range,
+    check_output,
+    import_settings,
+)
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
@@ -42,6 +49,7 @@ _UNITS = {'position': ' [m]', 'orientation': ' [rad / 2]', 'joints': ' [rad]',
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_bags(parser)
+    add_import(parser)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='SKILL',
                         help='skill file to write (JSON); with --each a folder for them')
     parser.add_argument('--each', action='store_true', help='learn one skill from each bag')
@@ -112,7 +120,8 @@ def run(options: argparse.Namespace) -> None:
         options.pose_topic, options.stiffness_topic, options.wrench_topic,
         options.joint_topic, fit=options.fit,
         end=options.end, weights=options.weights and tuple(options.weights),
-        rhythmic=options.rhythmic, period=options.period, contexts=options.contexts)
+        rhythmic=options.rhythmic, period=options.period, contexts=options.contexts,
+        source=import_settings(options))
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
                              'demonstrations of one skill, expected one for each')

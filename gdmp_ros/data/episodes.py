@@ -8,8 +8,11 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from gdmp_ros.data import foreign, lerobot, robomimic, tables
-from gdmp_ros.data.foreign import Import, Imported
+from gdmp_ros.data.columns import Import
+from gdmp_ros.data.foreign import Imported
 from gdmp_ros.errors import DataError
 
 #: What separates a file from the number of its episode.
@@ -41,15 +44,25 @@ def read(source: Path, settings: Import | None = None) -> Imported:
 
     :raises DataError: naming the file and what is missing in it
     """
+    return foreign.demonstration(str(source), _arrays(source), settings or Import())
+
+
+def read_joints(source: Path, settings: Import | None = None
+                ) -> tuple[Imported, tuple[str, ...]]:
+    """
+    Read the joints of an episode, and their names.
+
+    :raises DataError: naming the file and what is missing in it
+    """
+    return foreign.joint_demonstration(str(source), _arrays(source), settings or Import())
+
+
+def _arrays(source: Path) -> dict[str, np.ndarray]:
     path, number = _parts(source)
-    settings = settings or Import()
     result = _episodes(path, _stamp(path))
     if not 0 <= (number or 0) < len(result):
         raise DataError(f'{path}: there is no episode {number}, it has {len(result)}')
-    arrays = result[number or 0]
-    if settings.rate_hz is not None:
-        arrays = {name: array for name, array in arrays.items() if name != robomimic.COUNTED}
-    return foreign.demonstration(str(source), arrays, settings)
+    return dict(result[number or 0])
 
 
 def _parts(source: Path) -> tuple[Path, int | None]:

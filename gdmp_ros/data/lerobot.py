@@ -30,10 +30,10 @@ def is_dataset(folder: Path) -> bool:
 
 def episodes(folder: Path) -> list[dict[str, np.ndarray]]:
     """
-    Numbers of every episode by name: ``timestamp``, and the features by the names of their parts.
+    Numbers of every episode by name: ``timestamp [s]``, and the features.
 
     A feature whose parts have names, such as ``observation.state``, becomes one array for each
-    part, such as ``observation.state.x``, and is there as a whole too.
+    part, such as ``observation.state.x``.
 
     :raises DataError: naming the file and what is wrong with it
     """
@@ -78,12 +78,14 @@ def _info(folder: Path) -> dict[str, Any]:
 
 def _named(features: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Arrays of features, and of their parts with names."""
-    result = dict(rows)
+    result = {f'{name} [s]' if name == 'timestamp' else name: array
+              for name, array in rows.items()}
     for name, array in rows.items():
         names = features[name].get('names')
         if isinstance(names, dict):  # older files: {'motors': [...]}
             names = next(iter(names.values()), None)
         if isinstance(names, list) and array.ndim == 2 and len(names) == array.shape[1]:
+            del result[name]
             result.update({f'{name}.{part}': array[:, i] for i, part in enumerate(names)})
     return result
 

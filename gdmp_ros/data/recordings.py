@@ -14,6 +14,8 @@ from rosbags.highlevel import AnyReader
 from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.data import bags, episodes
 from gdmp_ros.data.bags import GRIPPER, message_of, NS
+from gdmp_ros.data.columns import Import
+from gdmp_ros.data.foreign import Imported
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.errors import DataError, GdmpError, GdmpWarning, InvalidPointError
@@ -213,7 +215,7 @@ def with_wrench(recordings: Sequence[Recording], demonstrations: Sequence[Demons
 
 
 def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
-         wrench_topic: str = '') -> Recording:
+         wrench_topic: str = '', settings: Import | None = None) -> Recording:
     """
     Read pose and stiffness, if the bag has one; rest at both ends is cut off.
 
@@ -225,10 +227,11 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
         only such topic. A Reference contains its stiffness
     :param wrench_topic: of type WrenchStamped, as a sensor measures it: of the world on the tool,
         in the frame of the poses; empty: none is read
+    :param settings: what is said about a file of another program, and about bad samples
     :raises DataError: naming bag, topic, sample and reason
     """
     if episodes.is_foreign(Path(bag)):
-        return _imported(Path(bag))
+        return _trimmed(str(bag), _noted(bag, episodes.read(Path(bag), settings)))
     with bags.opened(bag) as reader:
         result = bags.topics_in(reader)
         pose_topic = pose_topic or _only(bag, result, 'pose', bags.POSE, bags.REFERENCE)
@@ -253,13 +256,17 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
                      events=during(commands, stamps[0], stamps[-1]))
 
 
-def read_joints(bag: str | Path, topic: str = '') -> Recording:
+def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None) -> Recording:
     """
     Read positions of joints; rest at both ends is cut off.
 
     :param topic: of type JointState; by default the only such topic
+    :param settings: as for `read`
     :raises DataError: naming bag, topic, sample and reason
     """
+    if episodes.is_foreign(Path(bag)):
+        result, names = episodes.read_joints(Path(bag), settings)
+        return _trimmed(str(bag), _noted(bag, result), names)
     with bags.opened(bag) as reader:
         topic = topic or _only(bag, bags.topics_in(reader), 'joint state', bags.JOINTS)
         series = bags.series_in(reader, bag, topic, bags.JOINTS)
@@ -368,16 +375,19 @@ def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.
                             for column in felt.values.T])
 
 
-def _imported(source: Path) -> Recording:
-    """An episode of another program."""
-    result = episodes.read(source)
+def _noted(source: str | Path, result: Imported) -> Demonstration:
+    """The demonstration of another program; how it was read is told."""
     if result.notes:
-        warnings.warn(f'{source}: {"; ".join(result.notes)}', GdmpWarning, stacklevel=3)
-    full = result.demonstration
-    kept = without_rest(full, str(source))
+        warnings.warn(f'{source}: {"; ".join(result.notes)}', GdmpWarning, stacklevel=4)
+    return result.demonstration
+
+
+def _trimmed(source: str, full: Demonstration, joints: tuple[str, ...] = ()) -> Recording:
+    """The demonstration of another program without rest."""
+    kept = without_rest(full, source)
     times = full.times[kept]
-    return Recording(Demonstration(times - times[0], full.points[kept], full.manifold),
-                     str(source), FRAME, None)
+    return Recording(Demonstration(times - times[0], full.points[kept], full.manifold), source,
+                     FRAME, None, joints=joints)
 
 
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:

@@ -20,7 +20,7 @@ POSITION, ORIENTATION, STIFFNESS = 'robot0_eef_pos', 'robot0_eef_quat', 'stiffne
 SITE_ORIENTATION = 'robot0_eef_quat_site'
 TIMES = 'timestamps'
 #: Name of times that follow from the control rate.
-COUNTED = 'time, counted at control_freq'
+COUNTED = 'time, counted at control_freq [s]'
 
 
 def control_rate(path: Path) -> float | None:
@@ -53,7 +53,12 @@ def episodes(arrays: Mapping[str, np.ndarray], rate_hz: float | None = None
     for episode in result.values():
         if f'obs/{SITE_ORIENTATION}' in episode:
             episode.pop(f'obs/{ORIENTATION}', None)
-        if rate_hz is not None and TIMES not in episode and 'actions' in episode:
+        # robosuite writes all of them so.
+        for name in [name for name in episode if name.startswith('obs/') and '_quat' in name]:
+            episode[f'{name} (xyzw)'] = episode.pop(name)
+        if TIMES in episode:
+            episode[f'{TIMES} [s]'] = episode.pop(TIMES)
+        if rate_hz is not None and f'{TIMES} [s]' not in episode and 'actions' in episode:
             episode[COUNTED] = np.arange(len(episode['actions'])) / rate_hz
     return [result[group] for group in order]
 

@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
 import shutil
 from typing import Any, NamedTuple
 
 from gdmp_ros.data import recordings
+from gdmp_ros.data.columns import Import
 from gdmp_ros.data.recordings import common_events
 from gdmp_ros.data.takes import read_contexts
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -32,6 +33,7 @@ class LearningSettings:
     :ivar contexts: table of the takes (`gdmp_ros.data.takes`); None without contexts
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
+    :ivar source: what is said about files of other programs
     """
 
     n_basis: int | str = 'auto'
@@ -54,6 +56,7 @@ class LearningSettings:
     rhythmic: bool = False
     period: float | None = None
     contexts: Path | None = None
+    source: Import = field(default_factory=Import)
 
     @property
     def goal_gain(self) -> float:
@@ -139,9 +142,9 @@ def _cycle(demos: list[Demonstration], settings: LearningSettings, provenance: d
 
 def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:
     if settings.joint_topic is not None:
-        return recordings.read_joints(bag, settings.joint_topic)
+        return recordings.read_joints(bag, settings.joint_topic, settings.source)
     return recordings.read(bag, settings.pose_topic, settings.stiffness_topic,
-                           settings.wrench_topic)
+                           settings.wrench_topic, settings.source)
 
 
 def _of_the_same_joints(takes: Sequence[recordings.Recording]) -> list[Demonstration]:

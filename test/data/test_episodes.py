@@ -125,19 +125,23 @@ def test_arrays_are_named_by_key_and_guesses_are_stated(shown, tmp_path, suffix)
         episodes.read(path, Import({'points': 'traj'}, 'xyzw'))
     found = episodes.read(path, Import({'points': 'traj'}, 'xyzw', RATE_HZ))
     np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
-    assert found.notes == ()  # nothing was guessed
-    guessed = episodes.read(path, Import(rate_hz=RATE_HZ))
+    assert not any('traj' in note for note in found.notes)  # nothing was guessed
+    guessed = episodes.read(path, Import(quaternion='xyzw', rate_hz=RATE_HZ))
     assert 'points: traj' in guessed.notes
-    assert any('taken as wxyz' in note for note in guessed.notes)
+    with pytest.raises(DataError, match='give --quaternion wxyz or'):
+        episodes.read(path, Import(rate_hz=RATE_HZ))
     with pytest.raises(DataError, match="no array is called 'pose'.*there are traj"):
         episodes.read(path, Import({'points': 'pose'}))
 
 
-def test_the_command_converts_and_says_what_it_guessed(shown, tmp_path):
+def test_the_command_converts_and_says_how_it_was_read(shown, tmp_path):
     _, points = frames(shown[0])
     np.savez(tmp_path / 'a.npz', position=points[:, :3], quat=points[:, [4, 5, 6, 3]])
-    done = gdmp('convert', 'a.npz', '-o', 'take', '--rate-hz', RATE_HZ, cwd=tmp_path)
-    assert done.returncode == 0 and 'quaternions in quat are taken as xyzw' in done.stdout
+    words = ('convert', 'a.npz', '-o', 'take', '--rate-hz', RATE_HZ)
+    done = gdmp(*words, cwd=tmp_path)
+    assert done.returncode == 1 and '--quaternion wxyz or --quaternion xyzw' in done.stderr
+    done = gdmp(*words, '--quaternion', 'xyzw', cwd=tmp_path)
+    assert done.returncode == 0 and 'position: position; orientation: quat' in done.stdout
     read = recordings.read(tmp_path / 'take').demonstration
     assert np.abs(read.points[-1, :3] - points[-1, :3]).max() < 1e-3
     robomimic.write(tmp_path / 'set.hdf5', shown, RATE_HZ)
@@ -236,8 +240,12 @@ def test_several_bodies_are_asked_for(shown):
     times, points = frames(shown[0])
     arrays = {'time': times, 'cube_pos': points[:, :3] + 1.0, 'can_pos': points[:, :3],
               'can_quat': points[:, 3:7]}
-    with pytest.raises(DataError, match='cube_pos, can_pos may be the position: choose with'):
-        foreign.demonstration('table', arrays, Import())
+    # The orientation tells which body it is.
+    found = foreign.demonstration('table', arrays, Import(quaternion='wxyz'))
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
+    two = {**arrays, 'cube_quat': points[:, 3:7]}
+    with pytest.raises(DataError, match='cube_pos; can_pos may be the position: choose with'):
+        foreign.demonstration('table', two, Import())
     found = foreign.demonstration('table', arrays, Import({'position': 'can_pos'}, 'wxyz'))
     np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
     with pytest.raises(DataError, match='have 10, .* samples'):
@@ -259,7 +267,7 @@ def test_units_of_times_are_found_and_stated(shown, factor, unit):
     np.testing.assert_allclose(found.demonstration.times, times, atol=1e-6)
     assert any(note.startswith(f'times: time [{unit}]') for note in found.notes)
     arrays['time'] = 1e-9 * times
-    with pytest.raises(DataError, match='in no unit'):
+    with pytest.raises(DataError, match='no unit from s to ns fits'):
         foreign.demonstration('table', arrays, Import())
 
 

@@ -50,7 +50,7 @@ def test_bags_are_converted_to_tables_and_back(shown, tmp_path):
     (lambda lines: lines[1:], 'the first line has numbers'),
     (lambda lines: [*lines[:4], lines[4].replace(',', ',x', 1), *lines[5:]], 'sample 3'),
     (lambda lines: [*lines[:4], lines[4] + ',1.0', *lines[5:]], 'line 5: 18 numbers'),
-    (lambda lines: [*lines[:4], lines[3], *lines[5:]], 'sample 3 has t'),
+    (lambda lines: [*lines[:4], lines[3], *lines[5:]], 'sample 3: time does not increase'),
     (lambda lines: [], 'there is nothing in it')])
 def test_a_damaged_table_is_refused_with_its_line(shown, tmp_path, change, reason):
     path = tmp_path / 'shown.csv'
