@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from experiments import timing
-from gdmp_ros.data import robottasks
+from gdmp_ros.data import public_sets
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.evaluation import deviation
@@ -41,7 +41,7 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures of each task; none without the data set."""
     if settings.robottasks is None:
         return {'tasks': []}
-    found = robottasks.files(settings.robottasks)
+    found = public_sets.task_files(settings.robottasks)
     result = []
     with progress('takes', len(found)) as step:
         for path in found:
@@ -51,7 +51,7 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
 
 
 def _task(path: Path) -> dict[str, Any]:
-    raw = robottasks.takes(path)
+    raw = public_sets.task_takes(path)
     even = aligned(raw)
     left = [_leave_out(raw, even, number) for number in range(len(raw))]
     before, after, conditioned = (float(np.mean([getattr(one, name) for one in left]))

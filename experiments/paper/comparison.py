@@ -13,7 +13,7 @@ from experiments.paper.experiment import Data, Settings, Verdict
 from experiments.paper.fig4 import shown as quaternion_example
 from experiments.paper.table1 import off_the_space
 from gdmp_ros.choices import LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
-from gdmp_ros.data import lasa, letters
+from gdmp_ros.data import lasa, public_sets
 from gdmp_ros.dmp import Demonstration
 from gdmp_ros.dmp.evaluation import mean_distance
 from gdmp_ros.util.parallel import map_tasks
@@ -37,7 +37,7 @@ def data_sets(folder: Path | None) -> list[tuple[str, str]]:
 
     :param folder: of 2D-Letters, None where there is none
     """
-    found = letters.files(folder) if folder else []
+    found = public_sets.files(folder) if folder else []
     return [*((mapping, name) for mapping in (*LASA_MANIFOLDS, LASA_COVARIANCES, TOOL)
               for name in LASA_CLASSES), (EXAMPLE, ''),
             *((LETTERS + mapping, str(path)) for mapping in LASA_MANIFOLDS for path in found)]
@@ -50,8 +50,8 @@ def demonstration(data_set: str, name: str) -> Demonstration:
     if data_set == TOOL:
         return lasa.robot_demonstrations(name)[0].uniform()
     if data_set.startswith(LETTERS):
-        stroke = letters.strokes(Path(name))[0]
-        return letters.on_manifold(stroke, data_set.removeprefix(LETTERS)).uniform()
+        stroke = public_sets.strokes(Path(name))[0]
+        return public_sets.on_manifold(stroke, data_set.removeprefix(LETTERS)).uniform()
     return lasa.data_set(name, data_set)[0].uniform()
 
 

@@ -10,7 +10,7 @@ from experiments.paper.best_fit import best_error
 from experiments.paper.experiment import Data, Settings, Verdict
 from experiments.paper.fig3 import curves, errors_of, print_errors, profiles, spread
 from gdmp_ros.choices import CONNECTIONS, LASA_MANIFOLDS
-from gdmp_ros.data import letters
+from gdmp_ros.data import public_sets
 from gdmp_ros.util.parallel import map_tasks
 
 CLAIM = ('Every demonstration of the 2D-Letters data set is reproduced on R², S², S³, SO(3) and, '
@@ -25,7 +25,8 @@ FAILED = 0.1
 def errors(task: tuple[str, str]) -> list[list[float]]:
     """Mean error / span of each demonstration of a letter: each connection, then the best."""
     path, manifold = task
-    shown = [letters.on_manifold(stroke, manifold) for stroke in letters.strokes(Path(path))]
+    shown = [public_sets.on_manifold(stroke, manifold)
+             for stroke in public_sets.strokes(Path(path))]
     return [*errors_of(shown), [best_error(one) for one in shown]]
 
 
@@ -33,12 +34,12 @@ def run(settings: Settings) -> Data:
     """Errors of every letter in the folder; nothing without the data set."""
     if settings.letters is None:
         return {}
-    found = letters.files(settings.letters)
+    found = public_sets.files(settings.letters)
     done = map_tasks('2D-Letters', errors, {
         f'{path.stem} {manifold}': (str(path), manifold)
         for manifold in LASA_MANIFOLDS for path in found}, settings.jobs)
     longest = max(len(result[0]) for result in done.values())
-    count = sum(len(letters.strokes(path)) for path in found)
+    count = sum(len(public_sets.strokes(path)) for path in found)
     data: Data = {'letters': np.array([path.stem for path in found]),
                   'expected': np.full(len(LASA_MANIFOLDS), count)}
     for manifold in LASA_MANIFOLDS:
@@ -46,7 +47,7 @@ def run(settings: Settings) -> Data:
             rows = [done[f'{path.stem} {manifold}'][i] for path in found]
             data[f'errors_{manifold}_{kind}'] = np.array(
                 [row + [np.nan] * (longest - len(row)) for row in rows])
-        shown = letters.on_manifold(letters.strokes(found[0])[0], manifold)
+        shown = public_sets.on_manifold(public_sets.strokes(found[0])[0], manifold)
         data.update({f'{manifold}_{key}': value for key, value in curves(shown).items()})
     return data
 
@@ -55,7 +56,7 @@ def verdict(data: Data) -> Verdict:
     """Mean error over the mean of the best errors, by manifold; None without the data set."""
     if not data:
         return Verdict(None, {}, 'The 2D-Letters data set was not given. It is public: '
-                       f'{letters.ADDRESS}. Name its folder with --letters or GDMP_LETTERS.')
+                       f'{public_sets.ADDRESS}. Name its folder with --letters or GDMP_LETTERS.')
     found = tuple(str(name) for name in data['letters'])
     print_errors(data, LASA_MANIFOLDS, found)
     measured: dict[str, Any] = {'files': len(found), 'letters': ' '.join(found),

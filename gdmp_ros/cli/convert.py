@@ -11,8 +11,9 @@ two readings fit, the error names the option to give: --key, --quaternion, --rot
 --time-unit or --rate-hz. Of a file with several episodes data.hdf5#2 is the third one. --rate-hz
 is also the rate of a skill's motion (default 100).
 
-The name of the result determines its format: .csv, .npz, .hdf5 (robomimic), .json (a skill),
-anything else a rosbag2 folder; --as overrides it. Several demonstrations become several bags.
+The name of the result determines its format: .csv, .npz, .tum (poses only, as evo reads them),
+.hdf5 (robomimic), .json (a skill), without a suffix or with .bag a rosbag2 folder; --as overrides
+it. Several demonstrations become several bags.
 
 examples:
   gdmp convert takes/take_001 -o take.csv
@@ -29,7 +30,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from gdmp_ros.cli.arguments import add_bag_output, add_import, check_number, import_settings
+from gdmp_ros.cli.arguments import (
+    add_bag_output,
+    add_import,
+    add_pose_topic,
+    check_number,
+    import_settings,
+)
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
@@ -37,14 +44,12 @@ if TYPE_CHECKING:
     from gdmp_ros.dmp.demonstration import Demonstration
     from gdmp_ros.dmp.skill import Skill
 
-FORMATS = ('csv', 'npz', 'bag', 'skill', 'movement_primitives', 'lerobot', 'robomimic')
-_BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.json': 'skill', '.h5': 'robomimic',
-              '.hdf5': 'robomimic'}
+FORMATS = ('csv', 'npz', 'tum', 'bag', 'skill', 'movement_primitives', 'lerobot', 'robomimic')
+_BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.tum': 'tum', '.json': 'skill', '.h5': 'robomimic',
+              '.hdf5': 'robomimic', '': 'bag', '.bag': 'bag'}
 T = TypeVar('T')
 #: Samples per second of a skill's motion, and of a data set.
 RATE_HZ, FPS = 100.0, 30
-#: Formats that are read only.
-_READ_ONLY = ('.mat', '.parquet')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sources', type=Path, nargs='+', metavar='FROM')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='TO')
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
+    add_pose_topic(parser)
     add_import(parser)
     parser.add_argument('--fps', type=int, default=FPS, metavar='N',
                         help='frames per second of LeRobot and robomimic data sets '
@@ -68,8 +74,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Convert; nothing is written unless the sources are valid."""
     check_number('--fps', options.fps, 1, 1000)
-    if options.format is None and options.output.suffix in _READ_ONLY:
-        raise DataError(f'{options.output}: {options.output.suffix} files are read, not written')
+    if options.format is None and options.output.suffix not in _BY_SUFFIX:
+        raise DataError(f'{options.output}: {options.output.suffix} files are not written; use a '
+                        f'name that ends in {", ".join(filter(None, _BY_SUFFIX))}, a folder for '
+                        'a bag, or --as')
     check_number('--rollouts', options.rollouts, 1, 100_000)
     import_settings(options)
     if options.output.exists() and not options.force:
@@ -77,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         options.output.parent.mkdir(parents=True, exist_ok=True)
         with optional_import(extra('bench')):
-            _convert(options, options.format or _BY_SUFFIX.get(options.output.suffix, 'bag'))
+            _convert(options, options.format or _BY_SUFFIX[options.output.suffix])
     except OSError as error:
         raise DataError(f'{options.output}: cannot write: {error.strerror}') from None
     print(f'wrote {options.output}')
@@ -105,8 +113,8 @@ def _convert(options: argparse.Namespace, target: str) -> None:
     elif target == 'robomimic':
         robomimic.write(output, demos, options.fps)
     else:
-        write = foreign.write_csv if target == 'csv' else foreign.write_npz
-        write(output, _only(demos))
+        {'csv': foreign.write_csv, 'npz': foreign.write_npz, 'tum': foreign.write_tum}[target](
+            output, _only(demos))
 
 
 def _only(result: list[T]) -> T:
@@ -136,14 +144,18 @@ def _skill(source: Path) -> Skill:
 
 def _demonstrations(options: argparse.Namespace, source: Path) -> list[tuple[Demonstration, str]]:
     """The demonstrations in a source, and their frames."""
-    from gdmp_ros.data import episodes, foreign, recordings, takes
+    from gdmp_ros.data import bags, episodes, foreign, recordings, tables, takes
     if episodes.is_foreign(source):
         return [(_imported(item, options), options.frame) for item in episodes.sources(source)]
     if not source.exists():
         raise DataError(f'{source}: no such bag or file')
-    if source.is_dir():
-        read = [recordings.read(bag) for bag in takes.bags_in(source)]
+    if source.is_dir() or source.suffix in bags.FILES:
+        read = [recordings.read(bag, options.pose_topic, settings=import_settings(options),
+                                keep_rest=True) for bag in takes.bags_in(source)]
         return [(item.demonstration, item.frame) for item in read]
+    if source.suffix != '.json':
+        raise DataError(f'{source}: format not read; use a bag, a skill (.json) or a file that '
+                        f'ends in {", ".join(tables.SUFFIXES)}')
     if foreign.is_foreign(source):
         return [(foreign.from_movement_primitives(source), options.frame)]
     return _motions(options, source)

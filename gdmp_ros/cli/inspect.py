@@ -31,13 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print a bag if the path is a folder, otherwise a skill."""
     path = options.path
-    from gdmp_ros.data import episodes
+    from gdmp_ros.data import bags, episodes
     if episodes.is_foreign(path):
         _print_foreign(path)
         return
     if not path.exists():
         raise DataError(f'{path}: no such bag or skill file')
-    if path.is_dir():
+    if path.is_dir() or path.suffix in bags.FILES:
         _print_bag(path, options.pose_topic)
     else:
         _print_skill(path)

@@ -1,4 +1,8 @@
-"""Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed."""
+"""
+Reading and writing rosbag2 recordings (sqlite3 and MCAP), with or without ROS installed.
+
+ROS 1 bags, single storage files and those of a recorder that was killed are read too.
+"""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
@@ -6,19 +10,25 @@ from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import shutil
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 import uuid
+import warnings
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import storage_mcap, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from scipy.spatial.transform import Rotation, Slerp
 
 from gdmp_ros import choices
 from gdmp_ros.control import target as layout
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.data.columns import increasing
+from gdmp_ros.data.tables import SUFFIXES
+from gdmp_ros.errors import DataError, GdmpError, GdmpWarning
+from gdmp_ros.manifolds.poses import compose, IDENTITY
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -26,6 +36,15 @@ REFERENCE = 'gdmp_msgs/msg/Reference'
 JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 GRIPPER = 'gdmp_msgs/msg/GripperCommand'
+TRANSFORM, TRANSFORMS = 'geometry_msgs/msg/TransformStamped', 'tf2_msgs/msg/TFMessage'
+#: Types that hold a pose; of a path that was recorded the last one counts.
+PATH = 'nav_msgs/msg/Path'
+POSES = (POSE, REFERENCE, TRANSFORM, PATH, 'nav_msgs/msg/Odometry',
+         'geometry_msgs/msg/PoseWithCovarianceStamped', 'geometry_msgs/msg/Pose')
+#: Storage files of rosbag2, and the magic bytes of one of them.
+STORAGE_SUFFIXES, _MCAP = ('.mcap', '.db3'), b'\x89MCAP0\r\n'
+#: Files that are bags, that of ROS 1 among them.
+FILES = (*STORAGE_SUFFIXES, '.bag')
 NS = 1_000_000_000
 #: Largest number of unused bytes at the end of a message: four for each of its sequences.
 MOST_UNUSED = 32
@@ -34,6 +53,12 @@ MOST_UNUSED = 32
 def pose_numbers(pose: Any) -> list[float]:
     """(x, y, z, qw, qx, qy, qz) of a pose."""
     p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def transform_numbers(transform: Any) -> list[float]:
+    """(x, y, z, qw, qx, qy, qz) of a transform."""
+    p, q = transform.translation, transform.rotation
     return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
 
 
@@ -108,6 +133,11 @@ class Series(NamedTuple):
 
 _DECODERS: dict[str, Callable[[Any], list[float]]] = {
     POSE: lambda message: pose_numbers(message.pose),
+    TRANSFORM: lambda message: transform_numbers(message.transform),
+    'nav_msgs/msg/Odometry': lambda message: pose_numbers(message.pose.pose),
+    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda message: pose_numbers(
+        message.pose.pose),
+    'geometry_msgs/msg/Pose': pose_numbers,
     ARRAY: lambda message: list(message.data),
     REFERENCE: lambda message: [*pose_numbers(message.pose), *message.stiffness],
     JOINTS: lambda message: list(message.position),
@@ -121,16 +151,76 @@ def opened(path: str | Path) -> Iterator[AnyReader]:
     path = Path(path)
     if not path.exists():
         raise DataError(f'{path}: no such bag')
-    if path.is_dir() and not (path / 'metadata.yaml').exists():
-        raise DataError(f'{path}: a folder without metadata.yaml: it is no rosbag2 recording')
+    if not path.is_dir() and path.suffix not in FILES:
+        raise DataError(f'{path}: format not read; use a rosbag2 folder or a file that ends in '
+                        f'{", ".join((*FILES, *SUFFIXES))}')
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        with TemporaryDirectory(prefix='gdmp-bag-') as folder, AnyReader(
+                _files(path, Path(folder)),
+                default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield reader
     except GdmpError:
         raise
     except Exception as error:  # rosbags passes on errors of sqlite3, struct, zstd, yaml …
         raise DataError(f'{path}: damaged or not a rosbag2 recording '
                         f'({type(error).__name__}: {error})') from None
+
+
+def _files(path: Path, folder: Path) -> list[Path]:
+    """
+    What to open: a bag, or its storage files if it has no description.
+
+    :param folder: for what has to be made
+    :raises DataError: if it has neither
+    """
+    if not path.is_dir():
+        return [_complete(path, folder)]
+    if (path / 'metadata.yaml').exists():
+        if path.suffix != '.bag':
+            return [path]
+        # The name would make it a bag of ROS 1.
+        named = folder / 'bag'
+        named.symlink_to(path.absolute())
+        return [named]
+    files = sorted(item for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
+    if not files:
+        raise DataError(f'{path}: a folder without metadata.yaml: it is no rosbag2 recording')
+    warnings.warn(f'{path}: there is no metadata.yaml: its storage files are read', GdmpWarning,
+                  stacklevel=5)
+    return [_complete(file, folder) for file in files]
+
+
+def _complete(path: Path, folder: Path) -> Path:
+    """The file, or a copy without the incomplete end of an MCAP whose recorder was killed."""
+    if path.suffix != '.mcap':
+        return path
+    data = path.read_bytes()
+    if not data.startswith(_MCAP) or data.endswith(_MCAP):
+        return path
+    at = ends = len(_MCAP)
+    while at + 9 <= len(data):
+        at += 9 + int.from_bytes(data[at + 1:at + 9], 'little')
+        if at <= len(data):
+            ends = at
+    repaired = folder / path.name
+    footer = b'\x02' + (20).to_bytes(8, 'little') + bytes(20)
+    repaired.write_bytes(data[:ends] + footer + _MCAP)
+    warnings.warn(f'{path}: the recorder was killed: what is complete is read', GdmpWarning,
+                  stacklevel=6)
+    return repaired
+
+
+def _definition(schema: Any) -> MessageDefinition:
+    """Definition of the messages of a channel; none if it is not one of ROS."""
+    try:
+        return _definition_of_rosbags(schema)
+    except KeyError:
+        return MessageDefinition(MessageDefinitionFormat.NONE, '')
+
+
+# rosbags refuses a whole file because of one channel with JSON in it.
+_definition_of_rosbags = storage_mcap.get_msgdef
+storage_mcap.get_msgdef = _definition
 
 
 def message_of(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
@@ -161,12 +251,14 @@ def topics_in(reader: AnyReader) -> list[tuple[str, str, int]]:
     return sorted((c.topic, c.msgtype, c.msgcount) for c in reader.connections)
 
 
-def series_in(reader: AnyReader, path: str | Path, topic: str, *kinds: str) -> Series:
+def series_in(reader: AnyReader, path: str | Path, topic: str, *kinds: str,
+              drop_bad: bool = False) -> Series:
     """
     Read a topic of an open bag as numbers.
 
     :param kinds: message types that are accepted; by default any known type
-    :raises DataError: on a missing topic, a wrong type, a NaN, or stamps that do not increase
+    :param drop_bad: leave out samples with a NaN, or whose stamps do not increase; it is told
+    :raises DataError: on a missing topic, a wrong type, several frames, and on bad samples
     """
     connections = [c for c in reader.connections if c.topic == topic]
     known = ', '.join(sorted(c.topic for c in reader.connections)) or 'none'
@@ -177,51 +269,152 @@ def series_in(reader: AnyReader, path: str | Path, topic: str, *kinds: str) -> S
         if connection.msgtype not in allowed:
             raise DataError(f'{path}: topic {topic} is of type {connection.msgtype}, expected '
                             f'{" or ".join(allowed)}')
-    return _decode(reader, connections, str(path), topic)
+    return _checked(_decode(reader, connections, str(path), topic), drop_bad)
+
+
+class _Sample(NamedTuple):
+    """A message as numbers; the stamp is 0 without one."""
+
+    stamp: int
+    bag_time: int
+    row: list[float]
+    frame: str
+    names: tuple[str, ...]
+
+
+def _samples(reader: AnyReader, connections: list[Connection]) -> Iterator[_Sample]:
+    for connection, bag_time, raw in reader.messages(connections):
+        message = message_of(reader, connection, raw)
+        kind = POSE if connection.msgtype == PATH else connection.msgtype
+        for item in message.poses if connection.msgtype == PATH else (message,):
+            header = getattr(item, 'header', None)
+            yield _Sample(0 if header is None else header.stamp.sec * NS + header.stamp.nanosec,
+                          bag_time, _DECODERS[kind](item),
+                          '' if header is None else header.frame_id,
+                          tuple(getattr(item, 'name', ())))
 
 
 def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: str) -> Series:
-    decoder = _DECODERS[connections[0].msgtype]
-    stamps: list[int] = []
-    rows: list[list[float]] = []
-    frame, names = '', None
-    for connection, bag_time, raw in reader.messages(connections):
-        message = message_of(reader, connection, raw)
-        named = tuple(getattr(message, 'name', ()))
-        names = named if names is None else names
-        if named != names:
-            raise DataError(f'{bag}, topic {topic}, sample {len(rows)}: the names are '
-                            f'{", ".join(named)}, those before {", ".join(names)}: are there '
-                            'several publishers?')
-        header = getattr(message, 'header', None)
-        stamp = bag_time
-        if header is not None:
-            frame = frame or header.frame_id
-            stamp = header.stamp.sec * NS + header.stamp.nanosec or bag_time
-        row = decoder(message)
-        if rows and len(row) != len(rows[0]):
-            raise DataError(f'{bag}, topic {topic}, sample {len(rows)}: {len(row)} numbers, '
-                            f'the samples before have {len(rows[0])}')
-        stamps.append(stamp)
-        rows.append(row)
-    if not rows:
+    samples = list(_samples(reader, connections))
+    if not samples:
         raise DataError(f'{bag}: topic {topic} has no messages')
-    series = Series(bag, topic, np.array(stamps, dtype=np.int64), np.array(rows, dtype=float),
-                    frame, names or ())
-    _check_series(series)
-    return series
+    if connections[0].msgtype == PATH:
+        samples = [sample for sample in samples if sample.bag_time == samples[-1].bag_time]
+    frames = sorted({sample.frame for sample in samples if sample.frame}) or ['']
+    if len(frames) > 1:
+        raise DataError(f'{bag}, topic {topic}: the frames are {", ".join(map(repr, frames))}, '
+                        'expected one: are there several publishers?')
+    # An arm and its gripper may publish the same topic.
+    names = max(sorted({sample.names for sample in samples}), key=len)
+    others = {sample.names for sample in samples if len(sample.names) == len(names)} - {names}
+    if others:
+        raise DataError(f'{bag}, topic {topic}: the names are {", ".join(names)}, and those of '
+                        f'others {", ".join(others.pop())}: are there several publishers?')
+    samples = [sample for sample in samples if sample.names == names]
+    lengths = [len(sample.row) for sample in samples]
+    if len(set(lengths)) > 1:
+        at = next(i for i, length in enumerate(lengths) if length != lengths[0])
+        raise DataError(f'{bag}, topic {topic}, sample {at}: {lengths[at]} numbers, the samples '
+                        f'before have {lengths[0]}')
+    # A simulated clock begins at 0.
+    stamped = any(sample.stamp for sample in samples)
+    return Series(bag, topic, np.array([sample.stamp if stamped else sample.bag_time
+                                        for sample in samples], dtype=np.int64),
+                  np.array([sample.row for sample in samples], dtype=float), frames[0], names)
 
 
-def _check_series(series: Series) -> None:
-    finite = np.isfinite(series.values).all(axis=1)
+def _checked(series: Series, drop_bad: bool) -> Series:
+    """
+    The series, without bad samples if they are to be dropped.
+
+    :raises DataError: naming the first bad one otherwise
+    """
+    good = finite = np.isfinite(series.values).all(axis=1)
+    seconds = (series.stamps - series.stamps[0]) / NS
+    if drop_bad:
+        good = finite.copy()
+        good[np.flatnonzero(finite)] = increasing(seconds[finite])
+        if not good.all():
+            warnings.warn(f'{series.bag}, topic {series.topic}: {int((~good).sum())} of '
+                          f'{len(good)} samples are left out, the first at t = '
+                          f'{seconds[int(np.argmin(good))]:.3f} s', GdmpWarning, stacklevel=4)
+        return series._replace(stamps=series.stamps[good], values=series.values[good])
     if not finite.all():
-        raise DataError(f'{series.where(int(np.argmin(finite)))}: a number is NaN or infinite')
+        raise DataError(f'{series.where(int(np.argmin(finite)))}: a number is NaN or infinite '
+                        f'({int((~finite).sum())} samples are bad: --drop-bad leaves them out)')
     backward = np.diff(series.stamps) <= 0
     if backward.any():
         at = int(np.argmax(backward)) + 1
         raise DataError(f'{series.where(at)}: the stamp does not increase: it is '
                         f'{(series.stamps[at - 1] - series.stamps[at]) / NS:.6f} s before the '
-                        'previous one')
+                        'previous one (--drop-bad leaves such samples out)')
+    return series
+
+
+class _Edge(NamedTuple):
+    """Transforms of a frame: the frame it is given in, and at stamps [ns] the numbers."""
+
+    parent: str
+    stamps: list[int]
+    rows: list[list[float]]
+
+
+def transforms_in(reader: AnyReader, path: str | Path, tool: str, base: str,
+                  drop_bad: bool = False) -> Series:
+    """
+    Poses of a frame in another one, from the transforms of an open bag.
+
+    Between them are any number of frames; their transforms are interpolated at the stamps of the
+    one that was recorded most often.
+
+    :raises DataError: if the frames are not connected; naming those that there are
+    """
+    edges: dict[str, _Edge] = {}
+    connections = [c for c in reader.connections if c.msgtype == TRANSFORMS]
+    for connection, _, raw in reader.messages(connections) if connections else ():
+        for item in message_of(reader, connection, raw).transforms:
+            stamp = item.header.stamp.sec * NS + item.header.stamp.nanosec
+            edge = edges.setdefault(item.child_frame_id.lstrip('/'), _Edge(
+                item.header.frame_id.lstrip('/'), [], []))
+            if not edge.stamps or stamp > edge.stamps[-1]:
+                edge.stamps.append(stamp)
+                edge.rows.append(transform_numbers(item.transform))
+    chain: list[_Edge] = []
+    at = tool.lstrip('/')
+    while at != base.lstrip('/'):
+        if at not in edges or len(chain) > len(edges):
+            known = sorted({*edges, *(edge.parent for edge in edges.values())})
+            raise DataError(f'{path}: no transforms lead from {tool} to {base}; the frames are '
+                            f'{", ".join(known) or "none"}')
+        chain.append(edges[at])
+        at = edges[at].parent
+    stamps = np.array(max((edge.stamps for edge in chain), key=len, default=[0]), dtype=np.int64)
+    poses = np.tile(IDENTITY, (len(stamps), 1))
+    for edge in chain:
+        placed = _at_stamps(np.array(edge.stamps, dtype=np.int64), np.array(edge.rows), stamps)
+        poses = np.array([compose(outer, inner) for outer, inner in zip(placed, poses)])
+    return _checked(Series(str(path), f'/tf, {tool} in {base}', stamps, poses, base), drop_bad)
+
+
+def _at_stamps(known: np.ndarray, rows: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """Transforms at stamps: between those that are known, or the first or last one."""
+    if len(known) == 1:
+        return np.repeat(rows, len(stamps), axis=0)
+    seconds = (known - known[0]) / NS
+    at = np.clip((stamps - known[0]) / NS, 0.0, seconds[-1])
+    turned = Slerp(seconds, Rotation.from_quat(np.roll(rows[:, 3:], -1, axis=1)))(at)
+    return np.column_stack([*(np.interp(at, seconds, column) for column in rows[:, :3].T),
+                            np.roll(turned.as_quat(), 1, axis=1)])
+
+
+def frames_in(reader: AnyReader) -> list[str]:
+    """Frames of the transforms of an open bag."""
+    result: set[str] = set()
+    connections = [c for c in reader.connections if c.msgtype == TRANSFORMS]
+    for connection, _, raw in reader.messages(connections) if connections else ():
+        for item in message_of(reader, connection, raw).transforms:
+            result |= {item.child_frame_id, item.header.frame_id}
+    return sorted(result)
 
 
 def checked_poses(series: Series) -> np.ndarray:
@@ -230,9 +423,9 @@ def checked_poses(series: Series) -> np.ndarray:
     norms = np.linalg.norm(poses[:, 3:], axis=1)
     off = np.abs(norms - 1.0) > QUATERNION_TOLERANCE
     if off.any():
-        at = int(np.argmax(off))
+        at = int(np.argmax(np.abs(norms - 1.0)))
         raise DataError(f'{series.where(at)}: quaternion norm is {norms[at]:.6g}, expected 1 '
-                        f'within {QUATERNION_TOLERANCE:g}')
+                        f'within {QUATERNION_TOLERANCE:g} ({int(off.sum())} samples are bad)')
     poses[:, 3:] /= norms[:, None]
     return poses
 

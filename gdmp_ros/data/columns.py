@@ -50,6 +50,7 @@ class Import:
     :ivar rotation: of three numbers, one of `gdmp_ros.choices.ROTATIONS`
     :ivar time_unit: of the times: s, ms, us or ns
     :ivar drop_bad: leave out samples that are not numbers, or whose times do not increase
+    :ivar tf_frames: of a bag with transforms: frame of the tool, and of its base
     """
 
     keys: Mapping[str, str] = field(default_factory=dict)
@@ -60,6 +61,7 @@ class Import:
     rotation: str = ''
     time_unit: str = ''
     drop_bad: bool = False
+    tf_frames: tuple[str, str] | None = None
 
 
 class Motion(NamedTuple):
@@ -403,7 +405,7 @@ class Columns:
                                   f'reach {largest:.3g}')
             rotation = (Rotation.from_rotvec(factor * rows) if found.kind == 'rotvec' else
                         Rotation.from_euler(found.kind, factor * rows))
-            return np.roll(rotation.as_quat(), 1, axis=1)
+            return np.asarray(np.roll(rotation.as_quat(), 1, axis=1))
         norms = np.linalg.norm(rows, axis=1)
         off = np.abs(norms - 1.0)
         if off.max() > QUATERNION_TOLERANCE:
@@ -414,7 +416,8 @@ class Columns:
         order = found.kind if found.kind == 'wxyz' else self._order(found, rows)
         # Numbers that are exact stay so.
         norms[off < EXACT] = 1.0
-        return (rows if order == 'wxyz' else rows[:, [3, 0, 1, 2]]) / norms[:, None]
+        ordered = rows if order == 'wxyz' else rows[:, [3, 0, 1, 2]]
+        return np.asarray(ordered / norms[:, None])
 
     def _of_matrices(self, found: _Found, matrices: np.ndarray) -> np.ndarray:
         """:raises DataError: if a matrix is no rotation"""
@@ -532,7 +535,7 @@ class Columns:
 
         :raises DataError: naming the first bad one, unless bad ones are to be dropped
         """
-        finite = np.isfinite(times[1]) & np.isfinite(rows).all(axis=1)
+        finite = np.asarray(np.isfinite(times[1]) & np.isfinite(rows).all(axis=1))
         good = finite.copy()
         good[np.flatnonzero(finite)] = increasing(times[1][finite])
         if good.all():

@@ -106,6 +106,14 @@ def write_csv(path: Path, demonstration: Demonstration) -> None:
     write_text(path, out.getvalue())
 
 
+def write_tum(path: Path, demonstration: Demonstration) -> None:
+    """Write the poses of a demonstration of a tool as lines of TUM: time, x y z, qx qy qz qw."""
+    stiffness_size_of(demonstration, path)
+    poses = demonstration.points[:, [0, 1, 2, 4, 5, 6, 3]]
+    write_text(path, ''.join(' '.join(repr(float(value)) for value in (time, *pose)) + '\n'
+                             for time, pose in zip(demonstration.times, poses)))
+
+
 def write_npz(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration of a tool as an archive of ``times`` and ``points``."""
     stiffness_size_of(demonstration, path)

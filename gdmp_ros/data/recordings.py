@@ -215,27 +215,30 @@ def with_wrench(recordings: Sequence[Recording], demonstrations: Sequence[Demons
 
 
 def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
-         wrench_topic: str = '', settings: Import | None = None) -> Recording:
+         wrench_topic: str = '', settings: Import | None = None, *, keep_rest: bool = False
+         ) -> Recording:
     """
     Read pose and stiffness, if the bag has one; rest at both ends is cut off.
 
     Files of other programs are read too (`gdmp_ros.data.episodes`), with a `GdmpWarning` that says
     what was guessed.
 
-    :param pose_topic: of type PoseStamped or gdmp_msgs/Reference; by default the only such topic
+    :param pose_topic: of one of `bags.POSES`; by default the only one of type PoseStamped or
+        gdmp_msgs/Reference, otherwise the only one with poses
     :param stiffness_topic: of type Float64MultiArray (9 or 36 numbers, row-major); by default the
         only such topic. A Reference contains its stiffness
     :param wrench_topic: of type WrenchStamped, as a sensor measures it: of the world on the tool,
         in the frame of the poses; empty: none is read
     :param settings: what is said about a file of another program, and about bad samples
+    :param keep_rest: keep the rest at both ends of a bag
     :raises DataError: naming bag, topic, sample and reason
     """
     if episodes.is_foreign(Path(bag)):
         return _trimmed(str(bag), _noted(bag, episodes.read(Path(bag), settings)))
+    settings = settings or Import()
     with bags.opened(bag) as reader:
         result = bags.topics_in(reader)
-        pose_topic = pose_topic or _only(bag, result, 'pose', bags.POSE, bags.REFERENCE)
-        poses = bags.series_in(reader, bag, pose_topic, bags.POSE, bags.REFERENCE)
+        poses = _poses_in(reader, bag, pose_topic, settings)
         matrices, block = None, None
         if poses.values.shape[1] > 7:
             matrices, block = _matrices(poses, poses.values[:, 7:])
@@ -247,7 +250,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
         felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
         commands = commands_in(reader, str(bag))
     full = _joined(poses, matrices)
-    kept = without_rest(full, f'{poses.bag}, topic {poses.topic}')
+    kept = slice(None) if keep_rest else without_rest(full, f'{poses.bag}, topic {poses.topic}')
     times = full.times[kept]
     demonstration = Demonstration(times - times[0], full.points[kept], full.manifold)
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
@@ -267,9 +270,10 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
     if episodes.is_foreign(Path(bag)):
         result, names = episodes.read_joints(Path(bag), settings)
         return _trimmed(str(bag), _noted(bag, result), names)
+    settings = settings or Import()
     with bags.opened(bag) as reader:
         topic = topic or _only(bag, bags.topics_in(reader), 'joint state', bags.JOINTS)
-        series = bags.series_in(reader, bag, topic, bags.JOINTS)
+        series = bags.series_in(reader, bag, topic, bags.JOINTS, drop_bad=settings.drop_bad)
         commands = commands_in(reader, str(bag))
     if series.values.shape[1] == 0 or len(series.names) != series.values.shape[1]:
         raise DataError(f'{bag}: topic {topic} has {series.values.shape[1]} positions for '
@@ -277,9 +281,15 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
     manifold = Product(Euclidean(series.values.shape[1]), names=('joints',))
     where = f'{series.bag}, topic {series.topic}'
     try:
-        full = Demonstration((series.stamps - series.stamps[0]) / bags.NS, series.values, manifold)
+        full = Demonstration((series.stamps - series.stamps[0]) / bags.NS,
+                             np.unwrap(series.values, axis=0), manifold)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
+    largest = np.abs(np.diff(series.values, axis=0)).max(axis=0, initial=0.0)
+    wrapped = ', '.join(np.array(series.names)[largest > np.pi])
+    if wrapped:
+        warnings.warn(f'{where}: {wrapped} pass from pi to -pi: read as continuous', GdmpWarning,
+                      stacklevel=2)
     kept = without_rest(full, where)
     times = full.times[kept]
     return Recording(Demonstration(times - times[0], full.points[kept], manifold), str(bag),
@@ -305,6 +315,29 @@ def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: i
             writer.pose(POSE_TOPIC, stamp, [*position, *orientation], frame)
             if stiffness:
                 writer.matrix(STIFFNESS_TOPIC, stamp, stiffness[0])
+
+
+def _poses_in(reader: AnyReader, bag: str | Path, topic: str, settings: Import) -> bags.Series:
+    """
+    The poses of an open bag.
+
+    :raises DataError: if it is not clear which; naming what there is
+    """
+    if settings.tf_frames is not None:
+        return bags.transforms_in(reader, bag, *settings.tf_frames, settings.drop_bad)
+    known = bags.topics_in(reader)
+    usual = [name for name, kind, _ in known if kind in (bags.POSE, bags.REFERENCE)]
+    if not topic and not usual and not any(kind in bags.POSES for _, kind, _ in known):
+        frames = bags.frames_in(reader)
+        hints = [f'there are transforms: --tf-frame TOOL BASE with two of {", ".join(frames)}'
+                 ] if frames else []
+        if any(kind == bags.JOINTS for _, kind, _ in known):
+            hints.append('there are positions of joints: learn a skill of them with --joints')
+        if hints:
+            raise DataError(f'{bag}: no topic holds a pose; {"; ".join(hints)}')
+    topic = topic or _only(bag, known, 'pose', *(
+        (bags.POSE, bags.REFERENCE) if usual else bags.POSES))
+    return bags.series_in(reader, bag, topic, *bags.POSES, drop_bad=settings.drop_bad)
 
 
 def _only(bag: str | Path, result: Sequence[tuple[str, str, int]], what: str, *types: str) -> str:

@@ -137,12 +137,14 @@ def read(bag: Path, robot: str = '') -> Run:
                                 f'{f" in {robot}" if robot else ""}, the bag has {have}')
         reference_topic, state_topic = result[0][0], result[1][0]
         server_topic = reference_topic.rpartition('/')[0] + '/state'
-        for connection, bag_time, raw in reader.messages():
+        used = [c for c in reader.connections
+                if c.topic in (reference_topic, state_topic, server_topic)]
+        for connection, bag_time, raw in reader.messages(used):
             if connection.topic == reference_topic:
                 published.append(bag_time)
             message = message_of(reader, connection, raw)
-            {server_topic: server, reference_topic: references, state_topic: states}.get(
-                connection.topic, []).append(message)
+            {server_topic: server, reference_topic: references, state_topic: states}[
+                connection.topic].append(message)
     for topic, messages in ((reference_topic, references), (state_topic, states)):
         if not messages:
             raise DataError(f'{bag}: nothing was recorded on {topic}')

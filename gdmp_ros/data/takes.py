@@ -29,6 +29,8 @@ TEMPO = 2.0
 DROPPED = 'dropped'
 #: Heading of the column with the names of the bags.
 TAKE = 'take'
+#: Suffixes of tables in a folder of takes.
+TABLES = ('.csv', '.txt', '.tsv', '.tum', '.npz')
 #: Larger files are refused [bytes].
 MAX_BYTES = 10_000_000
 
@@ -142,15 +144,22 @@ def next_name(takes: Path, prefix: str = 'take') -> str:
 
 def bags_in(path: Path) -> list[Path]:
     """
-    Bag at a path, all bags in a folder, or all episodes of a file of another program.
+    Bag at a path, all bags or tables in a folder, or all episodes of a file.
 
     :raises DataError: if a folder has none
     """
     if episodes.is_foreign(path):
         return episodes.sources(path)
-    if path.is_file() or (path / 'metadata.yaml').exists() or not path.is_dir():
+    if not path.is_dir() or (path / 'metadata.yaml').exists():
         return [path]
-    return takes_in(path)
+    if any(path.glob('*/metadata.yaml')):
+        return takes_in(path)
+    files = sorted(item for item in path.iterdir() if item.suffix == '.mcap'
+                   or item.suffix in TABLES)
+    if len(files) == 1 and files[0].suffix == '.mcap':
+        return [path]  # of a recorder that was killed
+    return [source for file in files for source in (
+        episodes.sources(file) if episodes.is_foreign(file) else [file])] or takes_in(path)
 
 
 def drop(takes: Path, name: str) -> Path:

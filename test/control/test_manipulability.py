@@ -13,7 +13,7 @@ from gdmp_ros.control.manipulability import (
     PositionState,
     PositionTarget,
 )
-from gdmp_ros.data.letters import PlanarArm
+from gdmp_ros.data.public_sets import PlanarArm
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.planar import planar_arm, point_mass
 

@@ -4,7 +4,7 @@ import pytest
 from scipy.io import savemat
 
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import lasa, letters
+from gdmp_ros.data import lasa, public_sets
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from test.commands import experiments
@@ -61,36 +61,36 @@ def test_letters_are_read_and_mapped(tmp_path):
     letter(tmp_path, 'B')
     letter(tmp_path, 'A')
     (tmp_path / 'readme.mat').touch()
-    assert [path.stem for path in letters.files(tmp_path)] == ['A', 'B']
-    strokes = letters.strokes(tmp_path / 'A.mat')
+    assert [path.stem for path in public_sets.files(tmp_path)] == ['A', 'B']
+    strokes = public_sets.strokes(tmp_path / 'A.mat')
     assert len(strokes) == 2 and strokes[0].positions.shape == (200, 2)
     assert strokes[0].times[-1] == pytest.approx(1.99)
     for mapping in lasa.MAPPINGS:
-        assert len(letters.on_manifold(strokes[0], mapping).points) == 200
-    values = np.linalg.eigvalsh(letters.manipulability(strokes[0]).points)
+        assert len(public_sets.on_manifold(strokes[0], mapping).points) == 200
+    values = np.linalg.eigvalsh(public_sets.manipulability(strokes[0]).points)
     assert values.min() > 1e-3
 
 
 def test_files_that_are_no_letters_are_refused(tmp_path):
     with pytest.raises(DataError, match='no letters there.*public'):
-        letters.files(tmp_path)
+        public_sets.files(tmp_path)
     (tmp_path / 'A.mat').write_bytes(b'not a file of MATLAB at all' * 20)
     with pytest.raises(DataError, match='A.mat: not a letter'):
-        letters.strokes(tmp_path / 'A.mat')
+        public_sets.strokes(tmp_path / 'A.mat')
     savemat(str(tmp_path / 'B.mat'), {'other': np.eye(2)})
     with pytest.raises(DataError, match='B.mat: not a letter'):
-        letters.strokes(tmp_path / 'B.mat')
+        public_sets.strokes(tmp_path / 'B.mat')
     with pytest.raises(DataError, match='demonstration 2 has shape'):
-        letters.strokes(letter(tmp_path, 'C', ((2, 200), (1, 200))))
+        public_sets.strokes(letter(tmp_path, 'C', ((2, 200), (1, 200))))
     damaged = letter(tmp_path, 'D')
     raw = bytearray(damaged.read_bytes())
     raw[200:260] = bytes(60)
     damaged.write_bytes(bytes(raw))
     with pytest.raises(DataError, match='D.mat'):
-        letters.strokes(damaged)
+        public_sets.strokes(damaged)
     savemat(str(tmp_path / 'E.mat'), {'demos': np.empty((1, 0), dtype=object)})
     with pytest.raises(DataError, match='no demonstrations'):
-        letters.strokes(tmp_path / 'E.mat')
+        public_sets.strokes(tmp_path / 'E.mat')
     with pytest.raises(DataError, match='F.mat: demonstration 1.*never moves'):
-        letters.strokes(letter(tmp_path, 'F', still=True))
+        public_sets.strokes(letter(tmp_path, 'F', still=True))
     assert experiments('paper', 'letters', '--letters', tmp_path / 'nowhere').returncode == 1

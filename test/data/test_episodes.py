@@ -253,6 +253,10 @@ def test_several_bodies_are_asked_for(shown):
                               Import({'position': 'can_pos'}, 'wxyz'))
     columns = dict(zip(NAMES, np.column_stack([times, points[:, :7]]).T))
     columns.update({f'other.{axis}': points[:, 0] for axis in 'xyz'})
+    found = foreign.demonstration('table', columns, Import())
+    np.testing.assert_allclose(found.demonstration.points, points[:, :7], atol=1e-12)
+    columns.update({f'third.q{axis}': points[:, 3 + i] for i, axis in enumerate('wxyz')},
+                   **{f'third.{axis}': points[:, 0] for axis in 'xyz'})
     with pytest.raises(DataError, match='may be the position: choose with --key position=x,y,z'):
         foreign.demonstration('table', columns, Import())
     found = foreign.demonstration('table', columns, Import({'position': 'x,y,z'}))

@@ -3,11 +3,14 @@ import gzip
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
 from gdmp_ros import Skill
 from gdmp_ros.cli.main import main
-from gdmp_ros.data import episodes
+from gdmp_ros.data import bags, episodes, recordings
 from gdmp_ros.data.columns import Import, increasing
 from gdmp_ros.errors import DataError
 
@@ -211,7 +214,8 @@ REFUSED = {
     'two_units.csv': (text(NAMES, [[float(i), *row[1:]] for i, row in enumerate(
         scaled(1.0, 0.5)[::2])]), {}, 's and ms fit a recording: give --time-unit'),
     'nan.csv': (READ['nan.csv'][0], {}, r'sample 70: a number is missing.*--drop-bad'),
-    'duplicate_stamp.csv': (READ['duplicate_stamp.csv'][0], {}, 'sample 70: time does not increase.*--drop-bad'),
+    'duplicate_stamp.csv': (READ['duplicate_stamp.csv'][0], {},
+                            'sample 70: time does not increase.*--drop-bad'),
     'duplicate_columns.csv': (READ['duplicate_columns.csv'][0], {}, 'x#2.*--key position'),
     'pandas_columns.csv': (text([*NAMES, *(f'{n}.1' for n in NAMES[1:])],
                                 stacked(ROWS, ROWS[:, 1:])), {}, 'x#2.*--key position'),
@@ -391,3 +395,179 @@ def test_the_command_learns_or_names_the_option(tmp_path, capsys):
     capsys.readouterr()
     assert main(['learn', str(tmp_path / 'nan.csv'), '-o', str(tmp_path / 'no.json')]) == 1
     assert '--drop-bad' in capsys.readouterr().err and not (tmp_path / 'no.json').exists()
+
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+START = 1_700_000_000 * bags.NS
+
+
+def message(kind, **fields):
+    return STORE.types[kind](**fields)
+
+
+def header(i, frame='base', start=START):
+    stamp = start + round(1e9 * T.times[i])
+    return message('std_msgs/msg/Header', frame_id=frame, stamp=message(
+        'builtin_interfaces/msg/Time', sec=stamp // bags.NS, nanosec=stamp % bags.NS))
+
+
+def pose_message(i):
+    x, y, z, w = T.xyzw[i]
+    return message('geometry_msgs/msg/Pose',
+                   position=message('geometry_msgs/msg/Point', **dict(zip('xyz', T.position[i]))),
+                   orientation=message('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w))
+
+
+def transform(i, tool='tool0', base='base', moved=True):
+    x, y, z, w = T.xyzw[i] if moved else (0.0, 0.0, 0.0, 1.0)
+    position = T.position[i] if moved else np.zeros(3)
+    return message('geometry_msgs/msg/TransformStamped', header=header(i, base),
+                   child_frame_id=tool, transform=message(
+                       'geometry_msgs/msg/Transform',
+                       translation=message('geometry_msgs/msg/Vector3', **dict(
+                           zip('xyz', position))),
+                       rotation=message('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)))
+
+
+def stamped(i, **options):
+    return message(bags.POSE, header=header(i, **options), pose=pose_message(i))
+
+
+def covariance(i):
+    return message('geometry_msgs/msg/PoseWithCovariance', pose=pose_message(i),
+                   covariance=np.zeros(36))
+
+
+def odometry(i):
+    vector = message('geometry_msgs/msg/Vector3', x=0.0, y=0.0, z=0.0)
+    twist = message('geometry_msgs/msg/TwistWithCovariance', covariance=np.zeros(36),
+                    twist=message('geometry_msgs/msg/Twist', linear=vector, angular=vector))
+    return message('nav_msgs/msg/Odometry', header=header(i), child_frame_id='tool',
+                   pose=covariance(i), twist=twist)
+
+
+def joint_state(i, names, positions):
+    empty = np.empty(0)
+    return message(bags.JOINTS, header=header(i, ''), name=names, velocity=empty, effort=empty,
+                   position=np.asarray(positions, dtype=float))
+
+
+def written(path, topics, storage='mcap'):
+    """A bag: of each topic its type, and a function that gives the message of a sample."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+        for topic, (kind, of_sample) in topics.items():
+            connection = writer.add_connection(topic, kind, typestore=STORE)
+            for i in range(len(T.times)):
+                for item in of_sample(i) if isinstance(of_sample(i), list) else [of_sample(i)]:
+                    writer.write(connection, START + round(1e9 * T.times[i]),
+                                 STORE.serialize_cdr(item, kind))
+    return path
+
+
+BAGS = {
+    'transform': {'/tool': (bags.TRANSFORM, transform)},
+    'odometry': {'/odom': ('nav_msgs/msg/Odometry', odometry)},
+    'pose': {'/pose': ('geometry_msgs/msg/Pose', pose_message)},
+    'covariance': {'/pose': ('geometry_msgs/msg/PoseWithCovarianceStamped', lambda i: message(
+        'geometry_msgs/msg/PoseWithCovarianceStamped', header=header(i), pose=covariance(i)))},
+    'path': {'/path': (bags.PATH, lambda i: message(
+        bags.PATH, header=header(i), poses=[stamped(k) for k in range(i + 1)]))},
+    'simulated_clock': {'/pose': (bags.POSE, lambda i: stamped(i, start=0))},
+    'unset_stamps': {'/pose': (bags.POSE, lambda i: message(bags.POSE, pose=pose_message(
+        i), header=message('std_msgs/msg/Header', frame_id='base', stamp=message(
+            'builtin_interfaces/msg/Time', sec=0, nanosec=0))))},
+    'pose_beside_a_path': {'/pose': (bags.POSE, stamped), '/plan': (bags.PATH, lambda i: message(
+        bags.PATH, header=header(i), poses=[]))},
+}
+
+
+def check_trimmed(found):
+    """The motion is that of the truth, but for rest at its ends."""
+    assert SECONDS - 0.5 < found.duration <= SECONDS
+    np.testing.assert_allclose(found.points[[0, -1], :3], T.position[[0, -1]], atol=2e-3)
+    first = int(np.argmin(np.linalg.norm(T.position - found.points[0, :3], axis=1)))
+    rows = first + np.arange(len(found.times))
+    np.testing.assert_allclose(found.points[:, :3], T.position[rows], atol=1e-9)
+    np.testing.assert_allclose(np.abs((found.points[:, 3:7] * T.wxyz[rows]).sum(axis=1)), 1.0,
+                               atol=1e-9)
+
+
+@pytest.mark.parametrize('name', BAGS)
+def test_bags_with_other_messages_are_read(name, tmp_path):
+    check_trimmed(recordings.read(written(tmp_path / 'bag', BAGS[name])).demonstration)
+
+
+def test_transforms_are_read_between_two_frames(tmp_path):
+    bag = written(tmp_path / 'bag', {
+        '/tf': (bags.TRANSFORMS, lambda i: message(bags.TRANSFORMS, transforms=[
+            transform(i, 'link', 'base'), transform(i, 'other', 'base', False)])),
+        '/tf_static': (bags.TRANSFORMS, lambda i: message(bags.TRANSFORMS, transforms=[
+            transform(0, 'tool0', 'link', False)]))})
+    found = recordings.read(bag, settings=Import(tf_frames=('tool0', 'base')))
+    check_trimmed(found.demonstration)
+    assert found.frame == 'base'
+    with pytest.raises(DataError, match='--tf-frame TOOL BASE with two of base, link, other'):
+        recordings.read(bag)
+    with pytest.raises(DataError, match='no transforms lead from hand to base; the frames are'):
+        recordings.read(bag, settings=Import(tf_frames=('hand', 'base')))
+
+
+def test_an_arm_and_its_gripper_may_share_a_topic(tmp_path):
+    bag = written(tmp_path / 'bag', {'/joint_states': (bags.JOINTS, lambda i: [
+        joint_state(i, ['finger'], [0.04]), joint_state(i, ['a', 'b'], T.rpy[i, 1:])])})
+    with pytest.raises(DataError, match='--joints'):
+        recordings.read(bag)
+    found = recordings.read_joints(bag)
+    assert found.joints == ('a', 'b')
+    np.testing.assert_allclose(found.demonstration.points[-1], T.rpy[-1, 1:], atol=2e-3)
+
+
+def test_two_frames_in_one_topic_are_refused(tmp_path):
+    bag = written(tmp_path / 'bag', {'/pose': (bags.POSE, lambda i: stamped(
+        i, frame='base' if i % 2 else 'camera'))})
+    with pytest.raises(DataError, match="the frames are 'base', 'camera', expected one"):
+        recordings.read(bag)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_storage_files_and_folders_with_other_names_are_read(storage, tmp_path, recwarn):
+    bag = written(tmp_path / 'take.bag', {'/pose': (bags.POSE, stamped)}, storage)
+    check_trimmed(recordings.read(bag).demonstration)
+    data = next(path for path in bag.iterdir() if path.suffix in bags.STORAGE_SUFFIXES)
+    check_trimmed(recordings.read(data).demonstration)
+    (bag / 'metadata.yaml').unlink()
+    check_trimmed(recordings.read(bag).demonstration)
+    assert any('there is no metadata.yaml' in str(item.message) for item in recwarn)
+
+
+def test_what_a_killed_recorder_has_left_is_read(tmp_path, recwarn):
+    bag = written(tmp_path / 'bag', {'/pose': (bags.POSE, stamped)})
+    data, cut = next(bag.glob('*.mcap')), tmp_path / 'cut.mcap'
+    cut.write_bytes(data.read_bytes()[:-200])
+    check_trimmed(recordings.read(cut).demonstration)
+    assert any('the recorder was killed' in str(item.message) for item in recwarn)
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer1(tmp_path / 'old.bag') as writer:
+        connection = writer.add_connection('/pose', bags.POSE, typestore=store)
+        for i in range(len(T.times)):
+            same = stamped(i)
+            same.header = store.types['std_msgs/msg/Header'](
+                seq=i, stamp=same.header.stamp, frame_id='base')
+            writer.write(connection, START + round(1e9 * T.times[i]),
+                         store.serialize_ros1(same, bags.POSE))
+    check_trimmed(recordings.read(tmp_path / 'old.bag').demonstration)
+
+
+def test_conversion_keeps_every_sample(tmp_path):
+    bag = written(tmp_path / 'bag', {'/pose': (bags.POSE, stamped)})
+    for target in ('a.csv', 'a.npz', 'a.tum', 'again'):
+        assert main(['convert', str(bag), '-o', str(tmp_path / target)]) == 0
+    check(episodes.read(tmp_path / 'a.csv').demonstration, 1e-9)
+    check(episodes.read(tmp_path / 'a.npz').demonstration, 1e-9)
+    check(episodes.read(tmp_path / 'a.tum').demonstration, 1e-9)
+    check(recordings.read(tmp_path / 'again', keep_rest=True).demonstration, 1e-9)
+    assert main(['convert', str(bag), '-o', str(tmp_path / 'a.xyz')]) == 1
+    assert not (tmp_path / 'a.xyz').exists()

@@ -1,4 +1,11 @@
-"""The 2D-Letters handwriting data set, read from its public ``.mat`` files."""
+"""
+Public data sets: the 2D letters (``.mat`` files) and RoboTasks9 (``.npy`` files).
+
+RoboTasks9 are real kinesthetic demonstrations of a Franka, several takes of each task: takes ×
+samples × (x, y, z [cm], qw, qx, qy, qz), without times.
+
+Source of RoboTasks9: Auddy, Hollenstein, Saveriano, Rodriguez-Sanchez, Piater 2023.
+"""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,9 +18,12 @@ from gdmp_ros.control.manipulability import manipulability as jacobian_ellipsoid
 from gdmp_ros.data.lasa import riemannian, Stroke
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
-#: Where the data set is public.
+#: Duration that is assumed of RoboTasks9 [s], and metres of its unit.
+TASK_S, _METRES = 5.0, 0.01
+#: Where the letters are public.
 ADDRESS = ('https://gitlab.idiap.ch/rli/pbdlib-matlab (folder data/2Dletters: A.mat to Z.mat), or '
            'https://gitlab.com/geometry-aware/ga-dmp')
 #: Spacing of the samples [s]; the files' velocities are differences divided by it.
@@ -147,3 +157,35 @@ def manipulability(stroke: Stroke) -> Demonstration:
     for q in ARM.follow(path, POSTURE):
         matrices.append(jacobian_ellipsoid(ARM.jacobian(q)))
     return Demonstration(stroke.times, np.array(matrices), SymmetricPositiveDefinite(2))
+
+
+def task_files(folder: Path) -> list[Path]:
+    """
+    Files of the tasks in a folder.
+
+    :raises DataError: if there are none
+    """
+    result = sorted(folder.glob('*.npy'))
+    if not result:
+        raise DataError(f'{folder}: no task of RoboTasks9 (.npy)')
+    return result
+
+
+def task_takes(path: Path) -> list[Demonstration]:
+    """
+    Takes of a task on R³ × S³, with consistent signs.
+
+    :raises DataError: if the file is no array of takes
+    """
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise DataError(f'{path}: cannot be read: {error}') from None
+    if array.ndim != 3 or array.shape[2] != 7 or array.shape[1] < 3:
+        raise DataError(f'{path}: shape is {array.shape}, expected (takes, samples, 7)')
+    points = np.array(array, dtype=np.float64)
+    points[:, :, :3] *= _METRES
+    points[:, :, 3:] /= np.linalg.norm(points[:, :, 3:], axis=2, keepdims=True)
+    times = np.linspace(0.0, TASK_S, array.shape[1])
+    demos = [Demonstration(times, point, tool_manifold(None)) for point in points]
+    return [demo.aligned(demos[0].points[0]) for demo in demos]
