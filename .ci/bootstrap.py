@@ -252,7 +252,8 @@ def install_project(venv, python, prefixes, log):
     if prefixes:
         write_wrappers(venv, prefixes)
     install_protocol_server(venv, log)
-    run('compiling the kernels (half a minute)', [venv / 'bin' / 'gdmp', 'warm-up'], log)
+    run('compiling the kernels (half a minute)',
+        [venv / 'bin' / 'gdmp', 'doctor', '--compile'], log)
 
 
 def install_protocol_server(venv, log):

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 import math
 import os
 from pathlib import Path
@@ -13,6 +14,25 @@ from gdmp_ros.errors import DataError, ParameterError
 if TYPE_CHECKING:
     from gdmp_ros.data.columns import Import
     from gdmp_ros.ros.arm_choice import ArmChoice
+
+
+def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, *,
+               required: bool = True) -> None:
+    """Declare ``-o``."""
+    parser.add_argument('-o', '--out', '--output', type=Path, required=required, dest='output',
+                        metavar=metavar, help=text)
+
+
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--overwrite``; see `check_free`."""
+    parser.add_argument('--overwrite', action='store_true', help='replace what exists')
+
+
+def check_free(targets: Iterable[Path], overwrite: bool) -> None:
+    """:raises DataError: if something exists that must not be replaced"""
+    for target in targets:
+        if target.exists() and not overwrite:
+            raise DataError(f'{target}: exists already; --overwrite replaces it')
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
@@ -77,8 +97,8 @@ def import_settings(options: argparse.Namespace) -> Import:
 
 
 def add_arm_node(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--arm`` of a verb that works with a running arm."""
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
+    """Declare ``--node`` of a verb that works with a running arm."""
+    parser.add_argument('--node', default='panda_sim',
                         help='node of the arm, with its namespace (default %(default)s)')
 
 
@@ -122,8 +142,8 @@ class _NamedNumbers(argparse.Action):
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--robot``."""
-    parser.add_argument('--robot', default='', metavar='NAME',
+    """Declare ``--namespace``."""
+    parser.add_argument('--namespace', default='', metavar='NAME',
                         help='namespace of the robot, if a bag has several')
 
 
@@ -144,7 +164,7 @@ def add_arm(parser: argparse.ArgumentParser) -> None:
                              '(default %(default)s)')
     add_franka(parser)
     parser.add_argument('--friction', type=Path, metavar='YAML',
-                        help='friction of the arm, from gdmp identify-friction')
+                        help='friction of the arm, from gdmp arm friction')
 
 
 def add_franka(parser: argparse.ArgumentParser) -> None:

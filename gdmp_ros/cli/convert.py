@@ -33,7 +33,10 @@ from typing import TYPE_CHECKING, TypeVar
 from gdmp_ros.cli.arguments import (
     add_bag_output,
     add_import,
+    add_output,
+    add_overwrite,
     add_pose_topic,
+    check_free,
     check_number,
     import_settings,
 )
@@ -55,7 +58,7 @@ RATE_HZ, FPS = 100.0, 30
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('sources', type=Path, nargs='+', metavar='FROM')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='TO')
+    add_output(parser, 'TO', 'what is written')
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
     add_pose_topic(parser)
     add_import(parser)
@@ -67,8 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rollouts', type=int, default=1, metavar='N',
                         help='motions of a skill of several takes that vary as the takes did')
     add_bag_output(parser)
-    parser.add_argument('--force', action='store_true',
-                        help='replace an existing file or bag; a data set is never replaced')
+    add_overwrite(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -80,8 +82,7 @@ def run(options: argparse.Namespace) -> None:
                         'a bag, or --as')
     check_number('--rollouts', options.rollouts, 1, 100_000)
     import_settings(options)
-    if options.output.exists() and not options.force:
-        raise DataError(f'{options.output}: exists already; use --force to replace it')
+    check_free([options.output], options.overwrite)
     try:
         options.output.parent.mkdir(parents=True, exist_ok=True)
         with optional_import(extra('bench')):

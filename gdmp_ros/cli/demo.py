@@ -28,7 +28,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('--out', type=Path, default=Path('out/demo'), metavar='DIR',
+    parser.add_argument('-o', '--out', '--output', type=Path, default=Path('out/demo'),
+                        metavar='DIR',
                         help='folder for report, bag and pictures (default %(default)s)')
     parser.add_argument('--class', dest='name', default='GShape', metavar='CLASS',
                         help='LASA class to demonstrate (default %(default)s)')

@@ -1,20 +1,29 @@
-"""Check this machine for streaming at 1 kHz, and say what to change.
+"""Check this machine for streaming at 1 kHz, and say what to change; or compile the kernels.
 
 Checks Python, kernel, cores, clock, permission for SCHED_FIFO, ROS, DDS, buffers, disk and
 compiled kernels, and measures a loop that only sleeps. Exit code 1 if a finding is bad.
+
+With --compile, nothing is checked: the kernels are compiled now, so that nodes and verbs start
+without compiling. Otherwise that happens when they are first used, which takes up to a minute.
+They are kept in the folder that GDMP_CACHE names (default: ~/.cache/gdmp_ros).
 
 examples:
   gdmp doctor
   gdmp doctor --seconds 30
   gdmp doctor --json
+  gdmp doctor --compile
   gdmp doctor --franka 172.16.0.2        # also the connection to a Franka, which does not move
 """
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import json
+import subprocess
 
 from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.util import child_process
 from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import table
 
@@ -29,10 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              '(default %(default)g)')
     parser.add_argument('--franka', metavar='HOST', help='check the connection to a Franka too')
     parser.add_argument('--json', action='store_true', help='print as JSON')
+    parser.add_argument('--compile', nargs='?', const='all', choices=('all', *PARTS),
+                        help='compile the kernels, or a part of them')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run all checks and print the findings; 1 if one is bad."""
+    if options.compile:
+        return _compile(options.compile)
     check_number('--seconds', options.seconds, 0.1, 3600.0)
     from gdmp_ros.realtime import doctor
     findings = doctor.examine(options.seconds)
@@ -49,3 +62,58 @@ def run(options: argparse.Namespace) -> int:
             if finding.advice:
                 print(f'{finding.subject}: {finding.advice}')
     return int(any(finding.level == doctor.BAD for finding in findings))
+
+
+def _compile(part: str) -> int:
+    """Compile; the largest part here, the other one in another process meanwhile."""
+    if part != 'all':
+        PARTS[part]()
+        return 0
+    from gdmp_ros.kernels import cache_folder, remove_stale
+    remove_stale()
+    other = subprocess.Popen(child_process.command('gdmp_ros.cli.start', 'doctor', '--compile',
+                                                   'control'))
+    try:
+        compile_motion()
+        code = other.wait()
+    finally:
+        other.kill()
+        other.wait()
+    if code != 0:
+        raise GdmpError(f'the kernels of the controller could not be compiled (exit code {code})')
+    print(f'the kernels are compiled: {cache_folder()}')
+    return 0
+
+
+def compile_motion() -> None:
+    """Use the kernels of learning, roll-out, batch and player."""
+    import numpy as np
+
+    from gdmp_ros.data.gallery import learned
+    from gdmp_ros.dmp.rollout import Batch, Rollout
+    from gdmp_ros.playback.player import Player
+    from gdmp_ros.playback.player_settings import PlayerSettings
+    from gdmp_ros.playback.prediction import prediction
+    skill = learned('polish')
+    rollout = Rollout(skill)
+    rollout.advance(0.01)
+    rollout.retarget(skill.goal)
+    rollout.sample(np.array([0.02, 0.03]))
+    Batch([rollout, Rollout(skill)]).advance(0.01)
+    prediction(rollout, 2)
+    player = Player(skill, PlayerSettings())
+    player.start(skill.start[:7])
+    player.tick(0.001)
+
+
+def compile_control() -> None:
+    """Use the kernels of the controller."""
+    with optional_import(extra('sim')):
+        from gdmp_ros.sim.arm import Arm
+        from gdmp_ros.sim.closed_loop import ClosedLoop
+    arm = Arm()
+    ClosedLoop(arm).warm_up(arm.measure(), arm.period)
+
+
+#: Parts of the work, of similar duration.
+PARTS: dict[str, Callable[[], None]] = {'motion': compile_motion, 'control': compile_control}

@@ -5,7 +5,7 @@ known: there must be room. Nothing may stream references meanwhile.
 
 examples:
   gdmp home
-  gdmp home --arm franka_arm --speed 0.2
+  gdmp home --node franka_arm --joint-speed 0.2
   gdmp home 0 -0.785 0 -2.356 0 1.571 0.785
 """
 from __future__ import annotations
@@ -22,13 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('position', type=float, nargs='*', metavar='RAD',
                         help='posture, one number for each joint (default: home)')
     add_arm_node(parser)
-    parser.add_argument('--speed', type=float, default=0.5, metavar='RAD/S',
+    parser.add_argument('--joint-speed', type=float, default=0.5, metavar='RAD/S',
                         help='largest speed of a joint [rad/s] (default %(default)g)')
 
 
 def run(options: argparse.Namespace) -> None:
     """Move."""
-    check_number('--speed', options.speed, above=0.0)
+    check_number('--joint-speed', options.joint_speed, above=0.0)
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.ros.clients.server_client import Client
     client = Client('joints_client')
     try:
-        move_joints(client, options.arm, options.position, options.speed)
+        move_joints(client, options.node, options.position, options.joint_speed)
     finally:
         client.close()
-    print(f'{options.arm} has arrived')
+    print(f'{options.node} has arrived')

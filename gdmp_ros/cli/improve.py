@@ -13,8 +13,9 @@ While it runs, a page beside the skill shows costs and skills; open it in a brow
 
 examples:
   gdmp improve insertion -o inserts.json --jobs 2
-  gdmp improve reach.py --skill skill.json -o better.json --weights 8 --tempo
-  gdmp improve ./score --skill skill.json -o better.json --via 0.3 0.6 --stiffness 1
+  gdmp improve reach.py --skill skill.json -o better.json --vary-path 8 --vary-duration
+  gdmp improve ./score --skill skill.json -o better.json --vary-via 0.3 0.6 \
+      --vary-stiffness 1
   gdmp improve insertion -o inserts.json --resume rollouts.jsonl
   gdmp improve insertion -o inserts.json --backend dask 127.0.0.1:8786
   gdmp improve reach.py --skill skill.json -o better.json --robot --updates 3 --by 3 0.02
@@ -30,7 +31,13 @@ import tempfile
 from typing import TYPE_CHECKING
 
 from gdmp_ros.choices import SEARCHES, TASKS_TO_IMPROVE
-from gdmp_ros.cli.arguments import add_arm_node, add_parallel, check_number, check_output
+from gdmp_ros.cli.arguments import (
+    add_arm_node,
+    add_output,
+    add_parallel,
+    check_number,
+    check_output,
+)
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 
@@ -55,8 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('task', metavar='TASK', help=f'{", ".join(TASKS_TO_IMPROVE)}, a Python '
                         'file, or an executable')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='SKILL',
-                        help='where the improved skill is written')
+    add_output(parser, 'SKILL', 'where the improved skill is written')
     parser.add_argument('--skill', type=Path, metavar='SKILL',
                         help='skill to improve; by default that of the task')
     parser.add_argument('--page', type=Path, metavar='HTML',
@@ -70,17 +76,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'CMA-ES (default %(default)s)')
     effort.add_argument('--seed', type=int, default=0, metavar='N',
                         help='the same one gives the same skill (default %(default)s)')
-    effort.add_argument('--force', type=float, default=100.0, metavar='N',
+    effort.add_argument('--largest-force', type=float, default=100.0, metavar='N',
                         help='external force at which a roll-out is ended [N] '
                              '(default %(default)g)')
     vary = parser.add_argument_group('what varies (by default what the task says)')
-    vary.add_argument('--weights', type=int, metavar='N',
+    vary.add_argument('--vary-path', type=int, metavar='N',
                       help='the path, by N bumps for each coordinate of the pose')
-    vary.add_argument('--via', type=float, nargs='+', metavar='S',
+    vary.add_argument('--vary-via', type=float, nargs='+', metavar='S',
                       help='the pose at this progress, 0 to 1')
-    vary.add_argument('--stiffness', type=int, metavar='N',
+    vary.add_argument('--vary-stiffness', type=int, metavar='N',
                       help='the stiffness at N places; 1: the same factors everywhere')
-    vary.add_argument('--tempo', action='store_true', help='the duration')
+    vary.add_argument('--vary-duration', action='store_true', help='the duration')
     vary.add_argument('--by', type=float, nargs=2, default=(5.0, 0.05), metavar=('MM', 'RAD'),
                       help='first standard deviation of positions and rotations (default 5 0.05)')
     add_parallel(parser)
@@ -101,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
     check_output(options.output, '.json')
     page = options.page or options.output.with_suffix('.html')
     check_output(page, '.html')
-    check_number('--force', options.force, above=0.0)
+    check_number('--largest-force', options.largest_force, above=0.0)
     for value in options.by:
         check_number('--by', value, above=0.0)
     insertion = options.task == TASKS_TO_IMPROVE[0]
@@ -116,8 +122,8 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.improvement.task import task_from_file
         from gdmp_ros.improvement.variables import Variables
     from gdmp_ros.util.parallel import Journal
-    task = (Insertion(largest_force=options.force) if insertion
-            else task_from_file(Path(options.task), options.force))
+    task = (Insertion(largest_force=options.largest_force) if insertion
+            else task_from_file(Path(options.task), options.largest_force))
     variables = Variables(_skill(options, task), _variables(options, task))
     effort = _effort(options)
     journal = options.resume or (options.output.with_suffix('.jsonl') if options.robot else None)
@@ -188,7 +194,7 @@ def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variab
     from gdmp_ros.sim.path_check import Reach
     reach, start = Reach(Arm(options.model)), variables.skill.start[:7]
     with tempfile.TemporaryDirectory() as folder:
-        robot = TrialsClient(options.server, options.arm, Path(folder), options.force)
+        robot = TrialsClient(options.server, options.node, Path(folder), options.largest_force)
         try:
             task = RobotTask(scored, robot)
             journal = kept(task)
@@ -229,22 +235,22 @@ def _variables(options: argparse.Namespace, task: Task) -> list[Variable]:
     """What varies: what is asked for, or what the task says, or the path."""
     from gdmp_ros.improvement.task import ProvidesSkill
     from gdmp_ros.improvement.variables import Stiffness, Tempo, ViaPoints, Weights
-    for name, value in (('--weights', options.weights), ('--stiffness', options.stiffness)):
+    for name, value in (('--weights', options.vary_path), ('--stiffness', options.vary_stiffness)):
         if value is not None:
             check_number(name, value, 1)
-    for place in options.via or ():
+    for place in options.vary_via or ():
         check_number('--via', place, above=0.0, high=1.0)
     millimetres, turn = options.by
     # Tangents on S³ are half the rotation vector.
     pose = {'position': 1e-3 * millimetres, 'orientation': 0.5 * turn}
     chosen: list[Variable] = []
-    if options.weights is not None:
-        chosen.append(Weights(options.weights, pose))
-    if options.stiffness is not None:
-        chosen.append(Stiffness(options.stiffness))
-    if options.via:
-        chosen.append(ViaPoints(tuple(options.via), pose))
-    if options.tempo:
+    if options.vary_path is not None:
+        chosen.append(Weights(options.vary_path, pose))
+    if options.vary_stiffness is not None:
+        chosen.append(Stiffness(options.vary_stiffness))
+    if options.vary_via:
+        chosen.append(ViaPoints(tuple(options.vary_via), pose))
+    if options.vary_duration:
         chosen.append(Tempo())
     if not chosen and isinstance(task, ProvidesSkill):
         chosen = list(task.variables())

@@ -4,13 +4,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import difflib
 import importlib
 import os
 import sys
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 import warnings
 
 from gdmp_ros import __version__
@@ -26,7 +26,8 @@ class Program:
     :ivar name: as users type it
     :ivar package: with a module for each verb, which has ``add_arguments(parser)`` and
         ``run(options)``
-    :ivar groups: verbs by purpose, with their help
+    :ivar groups: verbs by purpose, with their help; a verb may have two words
+    :ivar synonyms: other words for a verb, which a message knows
     """
 
     name: str
@@ -34,6 +35,7 @@ class Program:
     description: str
     groups: Mapping[str, Mapping[str, str]]
     examples: str = ''
+    synonyms: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def verbs(self) -> dict[str, str]:
@@ -43,7 +45,7 @@ class Program:
     def parser(self) -> argparse.ArgumentParser:
         """Build the parser of the command without a verb."""
         verbs = '\n'.join(f'{group}:\n' + '\n'.join(
-            f'  {name:<10}{text}' for name, text in members.items())
+            f'  {name:<17}{text}' for name, text in members.items())
             for group, members in self.groups.items())
         result = argparse.ArgumentParser(
             prog=self.name, usage=f'{self.name} VERB [arguments]',
@@ -54,7 +56,7 @@ class Program:
 
     def module_of(self, verb: str) -> ModuleType:
         """Import the module of a verb."""
-        return importlib.import_module(f'{self.package}.{verb.replace("-", "_")}')
+        return importlib.import_module(f'{self.package}.{verb.replace(" ", "_")}')
 
     def parse(self, words: Sequence[str]) -> tuple[ModuleType, argparse.Namespace]:
         """
@@ -64,20 +66,34 @@ class Program:
         :returns: its module, which has a function ``run(options)``, and the options
         :raises SystemExit: after help, or with code 2 if the usage is wrong
         """
-        name, verbs = words[0], self.verbs
-        if name.startswith('-'):
+        if words[0].startswith('-'):
             self.parser().parse_args(words)
-        if name not in verbs:
-            near = difflib.get_close_matches(name, verbs, n=1, cutoff=0.5)
-            question = f"did you mean '{near[0]}'?" if near else f'see {self.name} --help'
-            self.parser().error(f"'{name}' is not a verb; {question}")
-        module = self.module_of(name)
+        count = 2 if ' '.join(words[:2]) in self.verbs else 1
+        name = ' '.join(words[:count])
+        if name not in self.verbs:
+            self._refuse(words)
+        return self.module_of(name), self.verb_parser(name).parse_args(words[count:])
+
+    def verb_parser(self, verb: str) -> argparse.ArgumentParser:
+        """Build the parser of a verb; its help is the docstring of the module."""
+        module = self.module_of(verb)
         first, _, rest = (module.__doc__ or '').partition('\n')
-        verb = argparse.ArgumentParser(prog=f'{self.name} {name}', description=first,
-                                       epilog=rest.strip() or None,
-                                       formatter_class=argparse.RawDescriptionHelpFormatter)
-        module.add_arguments(verb)
-        return module, verb.parse_args(words[1:])
+        result = argparse.ArgumentParser(prog=f'{self.name} {verb}', description=first,
+                                         epilog=rest.strip() or None,
+                                         formatter_class=argparse.RawDescriptionHelpFormatter)
+        module.add_arguments(result)
+        return result
+
+    def _refuse(self, words: Sequence[str]) -> NoReturn:
+        """:raises SystemExit: with the verbs that may have been meant"""
+        members = [verb for verb in self.verbs if verb.split()[0] == words[0]]
+        if members:
+            self.parser().error(f"'{words[0]}' needs a second word: {', '.join(members)}")
+        known = {**{verb: verb for verb in self.verbs}, **self.synonyms}
+        near = difflib.get_close_matches(words[0], known, n=1, cutoff=0.5)
+        question = (f"did you mean '{known[near[0]]}'?" if near else
+                    f'see {self.name} --help')
+        self.parser().error(f"'{words[0]}' is not a verb; {question}")
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """

@@ -1,95 +1,51 @@
-"""Write demonstrations from a data set: rosbag2 recordings, or data on a manifold.
+"""Record takes of a motion: guide a simulated arm by hand, keep the good ones.
 
-As recordings, the LASA handwriting data set becomes motions of a tool in a Panda's workspace: the
-letter is scaled to 25 cm and lies on a slightly curved surface, the tool points down and leans
-into the stroke. The stiffness comes from the variance over the strokes (Gaussian mixture
-regression).
-
-With --manifold it becomes the Riemannian LASA data set: one NumPy archive per class with the
-arrays times_1, points_1, times_2, … of every demonstration, on R2, S2, S3, SO3 or SPD2, or the
-covariances of the class over time. Arguments that concern bags and robots are then not used.
+Starts the simulation with a gravity-compensated arm and a recorder of takes. A scripted hand
+guides the tool along handwriting of people (a different stroke in every take). With --by-hand you
+guide it: drag the tool with the mouse in the window of the simulation (double-click the hand, then
+Ctrl and the right button), or move the marker in RViz (~/hand_pose).
 
 examples:
-  gdmp record lasa GShape -o demos
-  gdmp record lasa all --manifold S3 -o riemannian
+  gdmp record -o takes                        four takes of GShape by a scripted hand
+  gdmp record -o takes --letter Angle --count 6
+  gdmp record -o takes --by-hand              your own takes
+  gdmp takes takes --plot takes.png           compare them, drop outliers
+  gdmp learn takes -o skill.json              pose and stiffness from all
 """
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from gdmp_ros.choices import check_lasa_class, LASA_CLASSES, LASA_COVARIANCES, LASA_MANIFOLDS
-from gdmp_ros.cli.arguments import add_bag_output, add_stiffness_range, check_number
+from gdmp_ros.cli.arguments import add_bag_output, add_output
 from gdmp_ros.errors import DataError
-from gdmp_ros.util.terminal import progress
-
-#: Time between the first stamps of two recordings [s].
-_SPACING_S = 60
+from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('source', choices=['lasa'], help='data set')
-    parser.add_argument('name', metavar='CLASS',
-                        help=f'class, one of {", ".join(LASA_CLASSES)}; with --manifold also all')
-    parser.add_argument('--manifold', choices=[*LASA_MANIFOLDS, LASA_COVARIANCES],
-                        help='write the Riemannian data set as NumPy archives instead of bags')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                        help='folder for the bags CLASS_1, CLASS_2, …, or for the archives')
+    add_output(parser, 'DIR', 'folder for the takes; new ones are added to it')
+    parser.add_argument('--by-hand', action='store_true', help='you guide the arm')
+    parser.add_argument('--no-window', action='store_true',
+                        help='with --by-hand: no window of the simulation, only ~/hand_pose')
+    parser.add_argument('--gripper', action='store_true',
+                        help='with --by-hand: the arm has a gripper; its commands become part of '
+                             'the skill')
+    parser.add_argument('--letter', default='GShape', metavar='CLASS',
+                        help='class of the LASA data set that the scripted hand writes '
+                             '(default %(default)s)')
+    parser.add_argument('--count', type=int, default=4, metavar='N',
+                        help='number of takes of the scripted hand, 1 to 7 (default %(default)s)')
     add_bag_output(parser)
-    parser.add_argument('--extent', type=float, default=0.25, metavar='M',
-                        help='size of the letter [m] (default %(default)s)')
-    add_stiffness_range(parser)
-    parser.add_argument('--force', action='store_true', help='replace existing files')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Record; nothing is written unless all names are free."""
-    if not (options.manifold and options.name == 'all'):
-        check_lasa_class(options.name)
-    check_number('--extent', options.extent, above=0.0, high=2.0)
-    if not options.manifold:
-        _write_bags(options)
-        return
-    try:
-        _write_archives(options)
-    except OSError as error:
-        raise DataError(f'{options.output}: cannot write: {error.strerror}') from None
-
-
-def _check_free(targets: list[Path], force: bool) -> None:
-    existing = [target for target in targets if target.exists()]
-    if existing and not force:
-        raise DataError(f'{existing[0]}: exists already; use --force to replace it')
-
-
-def _write_bags(options: argparse.Namespace) -> None:
-    from gdmp_ros.data import lasa, recordings
-    from gdmp_ros.data.bags import NS
-    targets = [options.output / f'{options.name}_{i + 1}'
-               for i in range(len(lasa.strokes(options.name)))]
-    _check_free(targets, options.force)
-    demos = lasa.robot_demonstrations(options.name, options.k_min, options.k_max, options.extent)
-    with progress('recording', len(targets)) as step:
-        for i, (target, demonstration) in enumerate(zip(targets, demos)):
-            recordings.overwrite(target, demonstration, options.frame,
-                                 recordings.EPOCH_NS + i * _SPACING_S * NS, options.storage)
-            step()
-    print(f'wrote {len(targets)} recordings: {targets[0]} … {targets[-1].name}')
-
-
-def _write_archives(options: argparse.Namespace) -> None:
+    """Start everything, teach, stop everything."""
+    if not 1 <= options.count <= 7:
+        raise DataError(f'--count is {options.count}, expected 1 to 7: there are seven strokes')
     from gdmp_ros.data import lasa
-    from gdmp_ros.util.files import write_archive
-    names = LASA_CLASSES if options.name == 'all' else (options.name,)
-    targets = {name: options.output / f'{name}_{options.manifold}.npz' for name in names}
-    _check_free(list(targets.values()), options.force)
-    with progress('mapping', len(names)) as step:
-        for name, target in targets.items():
-            arrays = {}
-            for number, demo in enumerate(lasa.data_set(name, options.manifold), 1):
-                arrays[f'times_{number}'], arrays[f'points_{number}'] = demo.times, demo.points
-            options.output.mkdir(parents=True, exist_ok=True)
-            write_archive(target, arrays)
-            step()
-    print(f'wrote {len(names)} archives of {options.manifold}: {next(iter(targets.values()))} …')
+    demos = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.count]
+    with optional_import(ROS):
+        from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
+    teach(TeachingSettings(options.output, options.storage, options.frame,
+                           options.by_hand and not options.no_window,
+                           options.by_hand and options.gripper), demos)

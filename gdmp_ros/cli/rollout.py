@@ -16,7 +16,7 @@ from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_context, check_number, check_output
+from gdmp_ros.cli.arguments import add_context, add_output, check_number, check_output
 from gdmp_ros.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('skill', type=Path, metavar='SKILL')
-    parser.add_argument('-o', '--output', type=Path, metavar='CSV', help='default: the terminal')
+    add_output(parser, 'CSV', 'default: the terminal', required=False)
     parser.add_argument('--dt', type=float, default=0.01,
                         help='time step [s] (default %(default)s)')
     parser.add_argument('--duration', type=float, help='duration [s]; default: as demonstrated')

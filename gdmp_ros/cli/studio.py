@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import add_arm_node, check_number
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 from gdmp_ros.util.terminal import progress
 
@@ -38,14 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='show and use running nodes instead of a simulation in this process')
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',
                         help='with --ros: trajectory server (default %(default)s)')
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='with --ros: arm (default %(default)s)')
+    add_arm_node(parser)
     parser.add_argument('--takes', type=Path, default=Path('takes'), metavar='DIR',
                         help='folder for takes that are recorded (default %(default)s)')
     parser.add_argument('--model', default='', metavar='MODEL',
                         help='another arm: MJCF file, menagerie:NAME, robot_descriptions:NAME')
-    parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
-                        help='address of the page (default %(default)s: this machine only); with '
+    parser.add_argument('--address', default='127.0.0.1',
+                        help='of the page (default %(default)s: this machine only); with '
                              'another one a token is asked for')
     parser.add_argument('--port', type=int, default=0, metavar='N',
                         help='port of the page (default: the first free one from 8080 on)')
@@ -58,10 +57,10 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(extra('studio')):
         from gdmp_ros.studio.serve import free_port, serve, StudioSettings
         from gdmp_ros.studio.workbench import opened
-    free_port(options.host, options.port)
+    free_port(options.address, options.port)
     with progress('opening', len(options.sources)) as step:
         bench = opened(options.sources, step)
-    serve(bench, StudioSettings(options.host, options.port, options.model, options.takes,
+    serve(bench, StudioSettings(options.address, options.port, options.model, options.takes,
                                 not options.no_browser), lambda: _robot(options))
 
 
@@ -73,4 +72,4 @@ def _robot(options: argparse.Namespace) -> Robot:
     os.environ.update(default_environment())
     with optional_import(ROS):
         from gdmp_ros.studio.nodes_robot import NodesRobot
-    return NodesRobot(options.server, options.arm)
+    return NodesRobot(options.server, options.node)

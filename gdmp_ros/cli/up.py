@@ -7,7 +7,7 @@ examples:
   gdmp up skill.json
   gdmp up skill.json --gripper --window
   then, in another terminal:
-  gdmp execute --goal-position 0.5 0 0.4
+  gdmp run --goal-position 0.5 0 0.4
   gdmp studio skill.json --ros
 """
 from __future__ import annotations

@@ -4,7 +4,7 @@ Without a terminal (a pipe, a file) it prints one line per second.
 
 examples:
   gdmp watch
-  gdmp watch --server left/trajectory_server --arm left/panda_sim
+  gdmp watch --server left/trajectory_server --node left/panda_sim
   gdmp watch --seconds 10 > log
 """
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import add_arm_node, check_number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -20,8 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',
                         help='trajectory server (default %(default)s)')
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='arm (default %(default)s)')
+    add_arm_node(parser)
     parser.add_argument('--seconds', type=float, metavar='S',
                         help='duration [s]; default: until Ctrl-C')
 
@@ -34,4 +33,4 @@ def run(options: argparse.Namespace) -> None:
     os.environ.update(default_environment())
     with optional_import(ROS):
         from gdmp_ros.ros.clients import dashboard
-    dashboard.show(options.server, options.arm, options.seconds)
+    dashboard.show(options.server, options.node, options.seconds)

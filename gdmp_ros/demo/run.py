@@ -148,7 +148,7 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     result = bed.client.result(60.0)
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
-        hint = ('; without --friction its dry friction holds it: gdmp identify-friction'
+        hint = ('; without --friction its dry friction holds it: gdmp arm friction'
                 if bed.arm.kind == 'franka' and bed.arm.friction is None else '')
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}{hint}')
     bed.spend(TAIL_S)

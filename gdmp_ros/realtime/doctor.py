@@ -183,8 +183,8 @@ def _disk() -> Finding:
 def _kernels() -> Finding:
     if is_warm():
         return Finding('compiled kernels', GOOD, 'in the cache')
-    return Finding('compiled kernels', FAIR, 'not in the cache', 'run gdmp warm-up, or the first '
-                   'start compiles them; GDMP_CACHE names the folder of the cache')
+    return Finding('compiled kernels', FAIR, 'not in the cache', 'run gdmp doctor --compile, or '
+                   'the first start compiles them; GDMP_CACHE names the folder of the cache')
 
 
 def _lateness(seconds: float) -> Finding:

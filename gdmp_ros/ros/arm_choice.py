@@ -58,7 +58,7 @@ class ArmChoice:
         :raises GdmpError: if something is missing or contradicts something else
         """
         if self.friction is not None and not self.friction.is_file():
-            raise DataError(f'{self.friction}: there is no such file; gdmp identify-friction '
+            raise DataError(f'{self.friction}: there is no such file; gdmp arm friction '
                             'writes one')
         if self.kind != 'franka':
             if self.host or self.protocol_server:

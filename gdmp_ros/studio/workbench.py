@@ -253,7 +253,7 @@ def _is_run(bag: Path) -> bool:
         if count > LARGEST:
             raise DataError(f'{bag}: topic {topic} has {count} messages, the studio opens bags '
                             f'with at most {LARGEST} on a topic (10 min at 1 kHz): cut it, or '
-                            'see it with gdmp report')
+                            'see it with gdmp show')
     return all(runs.streams(result))
 
 

@@ -1,4 +1,4 @@
-"""`gdmp couple`: two skill files become one."""
+"""`gdmp edit couple`: two skill files become one."""
 import numpy as np
 import pytest
 
@@ -17,7 +17,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize('kind', ['pose', 'relative', 'distance'])
 def test_two_files_become_one(folder, kind):
-    done = gdmp('couple', 'left.json', 'right.json', '-o', f'{kind}.json', '--kind', kind,
+    done = gdmp('edit', 'couple', 'left.json', 'right.json', '-o', f'{kind}.json', '--kind', kind,
                 cwd=folder)
     assert done.returncode == 0, done.stderr
     assert 'left_position' in done.stdout and 'right_position' in done.stdout
@@ -30,8 +30,8 @@ def test_two_files_become_one(folder, kind):
 
 def test_another_relation_and_a_leader(folder):
     relation = ['0', '0.56', '0', '1', '0', '0', '0']
-    done = gdmp('couple', 'left.json', 'right.json', '-o', 'led.json', '--leads', '--relation',
-                *relation, '--names', 'one', 'two', cwd=folder)
+    done = gdmp('edit', 'couple', 'left.json', 'right.json', '-o', 'led.json', '--leads',
+                '--relation', *relation, '--names', 'one', 'two', cwd=folder)
     assert done.returncode == 0, done.stderr
     coupling, = Skill.load(folder / 'led.json').couplings
     assert coupling.leads and coupling.relation == tuple(map(float, relation))
@@ -42,6 +42,7 @@ def test_another_relation_and_a_leader(folder):
     (['--relation', '1', '2'], 'expected 7'), (['--kind', 'distance', '--relation', '-1'], '-1'),
     (['--kind', 'glue'], 'glue')])
 def test_a_wrong_relation_is_refused_and_nothing_is_written(folder, words, message):
-    done = gdmp('couple', 'left.json', 'right.json', '-o', 'wrong.json', *words, cwd=folder)
+    done = gdmp('edit', 'couple', 'left.json', 'right.json', '-o', 'wrong.json', *words,
+                cwd=folder)
     assert done.returncode in (1, 2) and message in done.stderr
     assert not (folder / 'wrong.json').exists()

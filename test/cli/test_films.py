@@ -33,7 +33,8 @@ def test_a_skill_is_executed_by_the_simulated_arm(skill):
 @pytest.mark.long
 def test_films_have_the_stated_number_of_pictures(folder):
     av = pytest.importorskip('av')
-    done = gdmp('film', 'skill.json', '-o', 'skill.mp4', '--speed', '2', '--fps', '10', cwd=folder)
+    done = gdmp('show', 'skill.json', '-o', 'skill.mp4', '--playback', '2', '--fps', '10',
+                cwd=folder)
     if 'no picture of the arm' in done.stderr:
         pytest.skip(done.stderr)
     assert done.returncode == 0, done.stderr
@@ -45,26 +46,26 @@ def test_films_have_the_stated_number_of_pictures(folder):
     assert len(frames) == count > 5
     assert frames[0].std() > 20.0  # not one colour
     assert np.abs(frames[-1] - frames[0]).max() > 100.0  # something has moved
-    still = gdmp('film', 'skill.json', '-o', 'skill.png', cwd=folder)
+    still = gdmp('show', 'skill.json', '-o', 'skill.png', cwd=folder)
     assert still.returncode == 0 and Image.open(folder / 'skill.png').size == (960, 720)
 
 
 def test_invalid_arguments_are_refused(folder):
     for words, said in ((('skill.json', '-o', 'x.avi'), 'ending in .mp4, .webp, .gif or .png'),
-                        (('skill.json', '-o', 'x.mp4', '--speed', '0'), '--speed is 0'),
+                        (('skill.json', '-o', 'x.mp4', '--playback', '0'), '--playback is 0'),
                         (('skill.json', '-o', 'no/x.mp4'), 'no such folder'),
                         (('nothing.json', '-o', 'x.mp4'), 'nothing.json'),
                         (('skill.json', '-o', 'x.mp4', '--model', 'oven.xml'), 'no such file')):
-        done = gdmp('film', *words, cwd=folder)
+        done = gdmp('show', *words, cwd=folder)
         assert done.returncode == 1 and said in done.stderr
     assert not list(folder.glob('x.*')) and not list(folder.glob('.*'))
 
 
 def test_the_description_goes_to_the_terminal_or_to_a_file(folder):
-    shown = gdmp('describe', '--frame', 'left_link0')
+    shown = gdmp('arm', 'urdf', '--frame', 'left_link0')
     assert shown.returncode == 0
     robot = ET.fromstring(shown.stdout)
     assert robot.find('link').get('name') == 'left_link0'
-    done = gdmp('describe', '-o', 'panda.urdf', cwd=folder)
+    done = gdmp('arm', 'urdf', '-o', 'panda.urdf', cwd=folder)
     assert done.returncode == 0
     assert ET.parse(folder / 'panda.urdf').getroot().get('name') == 'panda'

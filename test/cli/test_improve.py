@@ -11,8 +11,8 @@ from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
 
 #: Much tried is not needed to see that it works.
-LITTLE = ('--updates', '2', '--samples', '3', '--situations', '1', '--held-out', '2', '--weights',
-          '3')
+LITTLE = ('--updates', '2', '--samples', '3', '--situations', '1', '--held-out', '2',
+          '--vary-path', '3')
 SCORE = """
 import numpy as np
 
@@ -67,8 +67,8 @@ def test_a_python_file_scores_and_a_killed_run_is_resumed(folder):
 
 def test_an_executable_scores(folder):
     done = gdmp('improve', './score', '--skill', 'skill.json', *LITTLE[:4], '--situations', '1',
-                '--held-out', '0', '--via', '0.5', '--tempo', '-o', 'other.json', '--page',
-                'pages/other.html', cwd=folder)
+                '--held-out', '0', '--vary-via', '0.5', '--vary-duration', '-o', 'other.json',
+                '--page', 'pages/other.html', cwd=folder)
     assert done.returncode == 0, done.stderr
     assert '7 numbers vary' in done.stdout
     assert (folder / 'pages' / 'other.html').exists()
@@ -80,8 +80,9 @@ def test_an_executable_scores(folder):
     (['reach.py', '-o', 'x.json'], 'the task brings no skill: give --skill'),
     (['reach.py', '--skill', 'skill.json', '-o', 'x.txt'], '.json'),
     (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--samples', '1'], 'samples is 1'),
-    (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--stiffness', '1'], "'stiffness'"),
-    (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--via', '1.5'], '--via'),
+    (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--vary-stiffness', '1'],
+     "'stiffness'"),
+    (['reach.py', '--skill', 'skill.json', '-o', 'x.json', '--vary-via', '1.5'], '--vary-via'),
     (['broken.py', '--skill', 'skill.json', '-o', 'x.json'], 'ZeroDivisionError'),
     (['empty.py', '--skill', 'skill.json', '-o', 'x.json'], 'expected a function score'),
     (['text.py', '--skill', 'skill.json', '-o', 'x.json', *LITTLE], 'expected a number'),

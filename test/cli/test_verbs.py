@@ -1,6 +1,7 @@
 """The command ``gdmp`` as a user runs it: as processes."""
 import csv
 import json
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -16,12 +17,14 @@ from test.commands import GDMP, gdmp, gdmp_process
 from test.motions import circles
 from test.pictures import drawn
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
     """Recordings of a letter and a skill learned from the first."""
     path = tmp_path_factory.mktemp('letters')
-    assert gdmp('record', 'lasa', 'GShape', '-o', path / 'demos').returncode == 0
+    assert gdmp('examples', 'lasa', 'GShape', '-o', path / 'demos').returncode == 0
     assert gdmp('learn', path / 'demos' / 'GShape_1', '-o', path / 'skill.json').returncode == 0
     return path
 
@@ -29,7 +32,7 @@ def folder(tmp_path_factory):
 def test_every_verb_has_help_with_an_example(capsys):
     for verb in PROGRAM.verbs:
         with pytest.raises(SystemExit) as ended:
-            PROGRAM.parse([verb, '--help'])
+            PROGRAM.parse([*verb.split(), '--help'])
         assert ended.value.code == 0
         assert re.search(rf'examples?:\n(  .*\n)*?  gdmp {verb}', capsys.readouterr().out), verb
 
@@ -40,7 +43,7 @@ import sys
 from gdmp_ros.cli.main import PROGRAM
 for verb in PROGRAM.verbs:
     try:
-        PROGRAM.parse([verb, '--help'])
+        PROGRAM.parse([*verb.split(), '--help'])
     except SystemExit:
         pass
 heavy = {'numba', 'numpy', 'scipy', 'sklearn', 'plotly', 'matplotlib', 'rclpy', 'mujoco',
@@ -52,18 +55,23 @@ assert not heavy, heavy
 
 def test_gdmp_alone_its_version_and_misspelt_verbs_are_answered():
     alone = gdmp()
-    assert alone.returncode == 0 and 'gdmp learn demos/GShape_*' in alone.stdout
+    assert alone.returncode == 0 and 'gdmp learn demos -o skill.json' in alone.stdout
     assert all(f'\n  {verb}' in alone.stdout for verb in PROGRAM.verbs)
     assert gdmp('--help').stdout == alone.stdout
     assert gdmp('--version').stdout == f'gdmp {gdmp_ros.__version__}\n'
     misspelt = gdmp('lern')
     assert misspelt.returncode == 2 and "did you mean 'learn'?" in misspelt.stderr
+    former = gdmp('inspect', 'skill.json')
+    assert former.returncode == 2 and "did you mean 'show'?" in former.stderr
+    half = gdmp('edit', 'skill.json')
+    assert half.returncode == 2 and 'edit couple, edit refine' in half.stderr
     unknown = gdmp('xyzzy')
     assert unknown.returncode == 2 and 'see gdmp --help' in unknown.stderr
 
 
 @pytest.mark.parametrize('line, expected', [
-    ('gdmp t', {'teach', 'takes', 'tune'}), ('gdmp learn takes --end ', {'rest', 'moving'}),
+    ('gdmp e', {'edit', 'examples'}), ('gdmp edit ', {'couple', 'refine'}),
+    ('gdmp arm f', {'friction'}), ('gdmp learn takes --end ', {'rest', 'moving'}),
     ('gdmp check skill.json --goal', {'--goal-position'})])
 def test_the_shell_completes_verbs_options_and_choices(tmp_path, line, expected):
     answer = tmp_path / 'answer'
@@ -74,8 +82,8 @@ def test_the_shell_completes_verbs_options_and_choices(tmp_path, line, expected)
 
 
 def test_warm_up_compiles_what_the_verbs_and_nodes_need():
-    assert gdmp('warm-up').returncode == 0
-    again = gdmp('warm-up')
+    assert gdmp('doctor', '--compile').returncode == 0
+    again = gdmp('doctor', '--compile')
     assert again.returncode == 0 and 'the kernels are compiled: ' in again.stdout
     assert 'compiling' not in again.stderr
     needed = """
@@ -117,10 +125,11 @@ def test_ctrl_c_during_start_up_is_no_traceback(imported, tmp_path):
 def test_recordings_are_named_by_class_and_not_overwritten(folder):
     bags = sorted(p.name for p in (folder / 'demos').iterdir())
     assert bags == [f'GShape_{i}' for i in range(1, 8)]
-    again = gdmp('record', 'lasa', 'GShape', '-o', folder / 'demos')
+    again = gdmp('examples', 'lasa', 'GShape', '-o', folder / 'demos')
     assert again.returncode == 1 and 'exists already' in again.stderr
-    assert gdmp('record', 'lasa', 'GShape', '-o', folder / 'demos', '--force').returncode == 0
-    unknown = gdmp('record', 'lasa', 'Elephant', '-o', folder / 'other')
+    assert gdmp('examples', 'lasa', 'GShape', '-o', folder / 'demos',
+                '--overwrite').returncode == 0
+    unknown = gdmp('examples', 'lasa', 'Elephant', '-o', folder / 'other')
     assert unknown.returncode == 1 and 'expected one of Angle' in unknown.stderr
     assert not (folder / 'other').exists()
 
@@ -143,15 +152,15 @@ def test_learn_refuses_with_one_line_and_leaves_no_file(folder):
 
 
 def test_inspect_tells_bags_from_skills(folder):
-    bag = gdmp('inspect', folder / 'demos' / 'GShape_1').stdout
+    bag = gdmp('show', folder / 'demos' / 'GShape_1').stdout
     assert '/demonstration/pose' in bag and 'panda_link0' in bag and '1000' in bag
-    skill = gdmp('inspect', folder / 'skill.json').stdout
+    skill = gdmp('show', folder / 'skill.json').stdout
     assert 'Euclidean(3) × UnitQuaternion() × SymmetricPositiveDefinite(3)' in skill
     assert 'GShape_1' in skill
 
 
 def test_plot_draws_a_picture(folder):
-    assert gdmp('plot', folder / 'skill.json', '-o', folder / 'skill.png').returncode == 0
+    assert gdmp('show', folder / 'skill.json', '-o', folder / 'skill.png').returncode == 0
     data = (folder / 'skill.png').read_bytes()
     assert data.startswith(b'\x89PNG') and len(data) > 20_000
 
@@ -203,13 +212,13 @@ def test_a_cycle_is_learned_shown_and_used_in_a_sequence(folder):
     done = gdmp('learn', 'wiping', '-o', 'wipe.json', '--rhythmic', cwd=folder)
     assert done.returncode == 0, done.stderr
     assert 'period [s]' in done.stdout and 'cycles of 1.000 s' in done.stdout
-    assert 'period [s]' in gdmp('inspect', 'wipe.json', cwd=folder).stdout
+    assert 'period [s]' in gdmp('show', 'wipe.json', cwd=folder).stdout
     out = gdmp('rollout', 'wipe.json', '--cycles', 2, '--dt', 0.1, cwd=folder).stdout
     assert len(out.splitlines()) == 22  # names, and 2 s
-    done = gdmp('plot', 'wipe.json', '-o', 'wipe.png', '--demonstrations', 'wiping', cwd=folder)
+    done = gdmp('show', 'wipe.json', '-o', 'wipe.png', '--demonstrations', 'wiping', cwd=folder)
     assert done.returncode == 0, done.stderr
     (folder / 'clean.yaml').write_text('steps: [{skill: wipe.json, until: clean}, {hold: 0.2}]')
-    done = gdmp('plot', 'clean.yaml', '-o', 'clean.png', cwd=folder)
+    done = gdmp('show', 'clean.yaml', '-o', 'clean.png', cwd=folder)
     assert done.returncode == 0 and drawn(folder / 'clean.png') > 0.01
     for words, reason in (
             (('learn', 'wiping', '-o', 'x.json', '--period', 2.0), 'belongs to a rhythmic skill'),
@@ -222,14 +231,14 @@ def test_a_cycle_is_learned_shown_and_used_in_a_sequence(folder):
 
 
 def test_a_skill_is_drawn_over_its_demonstrations(folder, letters):
-    alone = gdmp('plot', 'skill.json', '-o', 'alone.png', cwd=folder)
-    both = gdmp('plot', 'skill.json', '-o', 'both.png', '--demonstrations', 'demos', cwd=folder)
+    alone = gdmp('show', 'skill.json', '-o', 'alone.png', cwd=folder)
+    both = gdmp('show', 'skill.json', '-o', 'both.png', '--demonstrations', 'demos', cwd=folder)
     assert alone.returncode == both.returncode == 0, both.stderr
     shares = [drawn(folder / name) for name in ('alone.png', 'both.png')]
     assert shares[1] > 1.02 * shares[0]
     # A skill of several takes is drawn with what is likely.
     Skill.learn(letters[:3], 40).save(folder / 'several.json')
-    done = gdmp('plot', 'several.json', '-o', 'band.png', cwd=folder)
+    done = gdmp('show', 'several.json', '-o', 'band.png', cwd=folder)
     assert done.returncode == 0 and drawn(folder / 'band.png') > 1.02 * shares[0], done.stderr
 
 
@@ -254,3 +263,13 @@ def test_skills_and_roll_outs_are_printed_in_one_line(folder):
     skill = gdmp_ros.Skill.load(folder / 'skill.json')
     assert re.fullmatch(r'Skill\(.*, \d+ basis functions, [\d.]+ s\)', repr(skill))
     assert repr(skill.rollout()).startswith('Rollout(progress=0, speed=1, finished=False, skill=')
+
+
+def test_the_reference_lists_every_option():
+    text = (ROOT / 'docs' / 'cli.md').read_text()
+    sections = dict(part.partition('\n')[::2] for part in text.split('### gdmp ')[1:])
+    assert list(sections) == list(PROGRAM.verbs)
+    for verb, section in sections.items():
+        for action in PROGRAM.verb_parser(verb)._actions:
+            assert all(option in section for option in action.option_strings), (
+                f'gdmp {verb} {action.option_strings}: run python docs/cli_page.py')

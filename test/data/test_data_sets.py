@@ -49,11 +49,11 @@ def test_the_riemannian_data_set_is_written_as_archives(tmp_path, capsys):
         expected = lasa.data_set('Line', 'SO3')[6].points
         assert np.array_equal(found['points_7'], expected)
     assert main(words) == 1 and 'exists already' in capsys.readouterr().err
-    assert main([*words, '--force']) == 0
+    assert main([*words, '--overwrite']) == 0
     (tmp_path / 'file').touch()
     assert main([*words[:-1], str(tmp_path / 'file')]) == 1
     (tmp_path / 'file').unlink()
-    assert main(['record', 'lasa', 'Elephant', '--manifold', 'R2', '-o', str(tmp_path)]) == 1
+    assert main(['examples', 'lasa', 'Elephant', '--manifold', 'R2', '-o', str(tmp_path)]) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ['Line_SO3.npz']
 
 

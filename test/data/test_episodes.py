@@ -291,5 +291,5 @@ def test_a_stiffness_in_matrices_is_read(shown, tmp_path):
                                  'stiffness': points[:, 7:].reshape(-1, 3, 3).transpose(1, 2, 0)})
     found = episodes.read(tmp_path / 'a.mat', Import(quaternion='wxyz'))
     np.testing.assert_allclose(found.demonstration.points, points, atol=1e-9)
-    done = gdmp('inspect', tmp_path / 'a.mat')
+    done = gdmp('show', tmp_path / 'a.mat')
     assert done.returncode == 0 and 'stiffness' in done.stdout

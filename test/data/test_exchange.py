@@ -43,7 +43,7 @@ def test_bags_are_converted_to_tables_and_back(shown, tmp_path):
                                atol=1e-15)
     assert second.frame == 'base'
     assert main(['convert', str(table), '-o', str(again)]) == 1  # exists already
-    assert main(['convert', str(table), '-o', str(again), '--force']) == 0
+    assert main(['convert', str(table), '-o', str(again), '--overwrite']) == 0
 
 
 @pytest.mark.parametrize('change, reason', [

@@ -16,7 +16,7 @@ SCHEMA = json.loads((DOCS / 'skill.schema.json').read_text())
 
 
 def make(folder, *names):
-    done = gdmp('gallery', *names, '-o', 'here', cwd=folder)
+    done = gdmp('examples', 'skills', *names, '-o', 'here', cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / 'here'
 
@@ -52,7 +52,7 @@ def test_all_skills_are_those_of_the_documentation(tmp_path):
     made = make(tmp_path)
     check(made, gallery.EXAMPLES)
     kept = (DOCS / 'gallery' / 'index.md').read_text()
-    assert kept == (made / 'index.md').read_text(), 'gdmp gallery -o docs/gallery'
+    assert kept == (made / 'index.md').read_text(), 'gdmp examples skills -o docs/gallery'
     for picture in re.findall(r'\]\(([\w-]+\.png)\)', kept):
         assert (DOCS / 'gallery' / picture).is_file()
 
@@ -73,6 +73,6 @@ def test_schema_and_reader_refuse_the_same(made, tmp_path, field, value):
 
 
 def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
-    done = gdmp('gallery', 'oven', '-o', 'x', cwd=tmp_path)
+    done = gdmp('examples', 'skills', 'oven', '-o', 'x', cwd=tmp_path)
     assert done.returncode == 1 and 'expected one of letter-G' in done.stderr
     assert not (tmp_path / 'x').exists()

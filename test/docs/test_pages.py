@@ -36,7 +36,7 @@ _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
                 'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
                 'done\n')
 #: What a page assumes: files of an earlier page, names in pieces of Python.
-_SKILL = 'gdmp record lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
+_SKILL = 'gdmp examples lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 NAMES = {'docs/skills.md': """
 import gdmp_ros

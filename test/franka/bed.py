@@ -18,7 +18,7 @@ from test.ros.collected import Collected
 
 HOLD, FOLLOW, FAULT = RobotState.HOLD, RobotState.FOLLOW, RobotState.FAULT
 
-#: Of the joints of the server; `gdmp identify-friction` finds it within 2 %.
+#: Of the joints of the server; `gdmp arm friction` finds it within 2 %.
 FRICTION = """\
 /**/franka_arm:
   ros__parameters:

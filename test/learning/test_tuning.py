@@ -86,7 +86,8 @@ def test_stiffness_costs_the_same_force_at_two_standard_deviations(rng):
 def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path):
     for i, shown in enumerate(lasa.robot_demonstrations('GShape')[:3]):
         recordings.write(tmp_path / 'demos' / f'take_{i}', shown, 'base', recordings.EPOCH_NS)
-    done = gdmp('tune', 'demos', '--plot', 'tune.png', '--write', 'tuned.yaml', cwd=tmp_path)
+    done = gdmp('learn', 'demos', '--suggest', '--plot', 'tune.png', '--write', 'tuned.yaml',
+                cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     command = done.stdout.splitlines()[done.stdout.splitlines().index('learn with:') + 1]
     again = gdmp(*shlex.split(command)[1:], cwd=tmp_path)
@@ -102,9 +103,9 @@ def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path)
 
 
 def test_a_missing_folder_and_a_force_of_zero_are_refused(tmp_path, capsys):
-    assert main(['tune', str(tmp_path / 'nowhere')]) == 1
+    assert main(['learn', str(tmp_path / 'nowhere'), '--suggest']) == 1
     assert 'nowhere' in capsys.readouterr().err
-    assert main(['tune', str(tmp_path), '--force', '0']) == 1
+    assert main(['learn', str(tmp_path), '--suggest', '--force', '0']) == 1
     assert 'force' in capsys.readouterr().err
 
 

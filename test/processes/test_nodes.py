@@ -95,8 +95,8 @@ def test_nodes_find_each_other_in_any_order_and_a_command_finds_them(nodes, skil
     """The server waits for its arm, and the terminal for the pose of the arm."""
     nodes.start_server()
     nodes.client.wait_status('idle', 60.0)
-    executing = subprocess.Popen([*GDMP, 'execute', '--load', str(skill_file),
-                                  '--speed', '0.2'],
+    executing = subprocess.Popen([*GDMP, 'run', str(skill_file),
+                                  '--tempo', '0.2'],
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert executing.stdout.readline().startswith('waiting for the pose of the robot')

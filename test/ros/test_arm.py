@@ -155,7 +155,7 @@ def test_friction_is_identified_and_used(nodes, tmp_path):
     """As fast as the machine can, on a plant with dry friction."""
     nodes.start_arm(pace='fast', plant_dry_friction=1.0)
     output = tmp_path / 'friction.yaml'
-    done = gdmp('identify-friction', '-o', str(output), '--set')
+    done = gdmp('arm', 'friction', '-o', str(output), '--set')
     assert done.returncode == 0, done.stderr
     found = yaml.safe_load(output.read_text())['/**/panda_sim']['ros__parameters']
     np.testing.assert_allclose(found['friction_dry'], 1.0, atol=0.15)

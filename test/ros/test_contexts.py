@@ -56,7 +56,7 @@ def wait_tool_at(running, place):
 
 
 def test_the_command_line_shows_and_uses_contexts(folder):
-    assert 'context height' in gdmp('inspect', 'skill.json', cwd=folder).stdout
+    assert 'context height' in gdmp('show', 'skill.json', cwd=folder).stdout
     assert gdmp('rollout', 'skill.json', '--context', 'height=0.05', '-o', 'path.csv',
                 cwd=folder).returncode == 0
     path = np.loadtxt(folder / 'path.csv', delimiter=',', skiprows=1)
@@ -98,10 +98,10 @@ def test_a_context_that_does_not_fit_is_refused(running, context, reason):
 
 
 def test_execute_takes_a_context(running, folder):
-    done = gdmp('execute', '--context', 'height=0.1', **running.environment)
+    done = gdmp('run', '--context', 'height=0.1', **running.environment)
     assert done.returncode == 0, done.stderr
     assert json.loads((folder / 'skill.json').read_text())['version'] == 7
     wait_tool_at(running, _take(0.1).points[-1, :3])
-    refused = gdmp('execute', '--context', 'width=0.1', **running.environment)
+    refused = gdmp('run', '--context', 'width=0.1', **running.environment)
     assert refused.returncode == 1 and 'expected height, got width' in refused.stderr
     assert Skill.load(folder / 'skill.json').variation.contexts.names == ('height',)

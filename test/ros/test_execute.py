@@ -1,4 +1,4 @@
-"""`gdmp execute` executes the skill of a running server from the terminal."""
+"""`gdmp run` executes the skill of a running server from the terminal."""
 import numpy as np
 import pytest
 
@@ -11,26 +11,26 @@ from test.ros.nodes import ACTIVATE, CONFIGURE
 
 @pytest.fixture
 def execute():
-    """`gdmp execute`: exit code and output."""
-    return lambda *words: gdmp('execute', *words)
+    """`gdmp run`: exit code and output."""
+    return lambda *words: gdmp('run', *words)
 
 
 def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file, execute):
-    code, out, err = execute('--speed', '2')
+    code, out, err = execute('--tempo', '2')
     assert code == 0, err
     assert 'the goal was reached; distance: position' in out
     running.wait('this tempo', lambda: running.state.speed == pytest.approx(2.0, 0.05))
     goal = messages.pose_numbers(running.state.goal[0])[:3] + [0.0, 0.05, 0.03]
     numbers = [f'{value:.4f}' for value in goal]
-    code, out, _ = execute('--load', skill_file, '--goal-position', *numbers, '--after', '0.3')
+    code, out, _ = execute(skill_file, '--goal-position', *numbers, '--switch-at', '0.3')
     assert code == 0 and 'the goal is switched to' in out
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
-    code, out, _ = execute('--goal-position', '5', '0', '0.3', '--after', '0.2')
+    code, out, _ = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
     assert code == 0 and 'the new goal was refused: goal_pose: goal x is 5.000 m' in out
-    code, _, err = execute('--speed', '7')
+    code, _, err = execute('--tempo', '7')
     assert code == 1 and 'speed is 7.0' in err
-    code, _, err = execute('--load', 'nowhere.json')
+    code, _, err = execute('nowhere.json')
     assert code == 1 and 'nowhere.json: cannot read the skill' in err
 
 
@@ -76,7 +76,7 @@ def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, exec
     assert running.transition(SERVER, CONFIGURE, ACTIVATE)
     running.client.wait_status('idle', 60.0)
     running.wait('the flag', lambda: 'no_robot' in running.state.flags)
-    code, out, _ = execute('--load', skill_file, '--wait', '5')
+    code, out, _ = execute(skill_file, '--wait', '5')
     assert code == 1 and 'waiting for the pose of the robot' in out
     assert 'no measured pose has arrived on /panda_sim/measured_pose' in out
     begun = running.client.now()
@@ -86,7 +86,7 @@ def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, exec
             arm.participant.executor.call(arm.autostart)
     arm = running.children.node(ARM)
     with running.meanwhile(come):
-        code, out, _ = execute('--load', skill_file)
+        code, out, _ = execute(skill_file)
     assert code == 0 and 'the goal was reached' in out
     running.spend(0.2)
     assert 'no_robot' not in running.state.flags

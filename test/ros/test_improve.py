@@ -60,7 +60,7 @@ def improve(running, folder, answers, *words, during=lambda: None):
     """
     with running.meanwhile(during):
         done = gdmp('improve', 'high.py', '--skill', 'skill.json', '-o', 'better.json', '--robot',
-                    '--updates', '1', '--samples', '2', '--held-out', '0', '--weights', '3',
+                    '--updates', '1', '--samples', '2', '--held-out', '0', '--vary-path', '3',
                     *words, given=answers, cwd=folder)
     return done.returncode, done.stdout + done.stderr
 
@@ -112,12 +112,12 @@ def push(running):
 
 
 def test_a_push_ends_a_rollout_which_is_worst_and_the_arm_goes_back(running, folder, start):
-    code, text = improve(running, folder, '\nq\n', '--force', '20', during=push(running))
+    code, text = improve(running, folder, '\nq\n', '--largest-force', '20', during=push(running))
     (key, terms, _, ended), = outcomes(folder)
     assert key == '0/0/0' and terms is None and 'allowed 20' in ended, text
     check_back(running, start)
     # And another one may begin.
-    code, text = improve(running, folder, '\nq\n', '--force', '20')
+    code, text = improve(running, folder, '\nq\n', '--largest-force', '20')
     assert outcomes(folder)[1][3] == '', text
     check_back(running, start)
 
@@ -173,5 +173,5 @@ def test_a_person_refuses_a_skill_without_trying_it(running, folder):
 
 
 def test_silent_nodes_are_named(running, folder):
-    code, text = improve(running, folder, '\n', '--arm', 'nobody', '--wait', '1')
+    code, text = improve(running, folder, '\n', '--node', 'nobody', '--wait', '1')
     assert code == 1 and 'waited 1 s for nobody and trajectory_server' in text, text

@@ -23,7 +23,7 @@ def test_ten_letters_in_a_row(tmp_path, skill_file, letter, plant):
     parameters = {f'plant_{name}': value for name, value in asdict(PLANTS[plant]).items()}
     with open_testbed(tmp_path, skill_file) as nodes:
         nodes.start_arm(pace='fast', **parameters)
-        done = gdmp('identify-friction', '-o', str(tmp_path / 'friction.yaml'))
+        done = gdmp('arm', 'friction', '-o', str(tmp_path / 'friction.yaml'))
         assert done.returncode == 0, done.stderr
     found = yaml.safe_load((tmp_path / 'friction.yaml').read_text())[f'/**/{ARM}'][
         'ros__parameters']

@@ -105,7 +105,7 @@ def test_a_recorded_run_is_shown_kept_and_undone_at_the_command_line(running, sk
     running.spend(0.5)
     running.recorded(folder / 'run')
     original = skill_file.read_bytes()
-    shown = gdmp('refine', 'skill.json', 'run', '--plot', 'change.png', cwd=folder)
+    shown = gdmp('edit', 'refine', 'skill.json', 'run', '--plot', 'change.png', cwd=folder)
     assert shown.returncode == 0, shown.stderr
     assert len(re.findall(r'position', shown.stdout)) == 3
     assert 'nothing was written' in shown.stdout and (folder / 'change.png').exists()
@@ -114,12 +114,12 @@ def test_a_recorded_run_is_shown_kept_and_undone_at_the_command_line(running, sk
                           (('run', '--undo'), '--undo takes a skill only'),
                           (('run', '--least', '500'), 'no push was found'),
                           (('--undo',), 'no earlier version')):
-        refused = gdmp('refine', 'skill.json', *words, cwd=folder)
+        refused = gdmp('edit', 'refine', 'skill.json', *words, cwd=folder)
         assert refused.returncode == 1 and reason in refused.stderr
-    assert gdmp('refine', 'skill.json', 'run', '--keep', cwd=folder).returncode == 0
+    assert gdmp('edit', 'refine', 'skill.json', 'run', '--keep', cwd=folder).returncode == 0
     better = Skill.load(skill_file)
     moved = np.linalg.norm((better.reproduce(0.02).points - skill.reproduce(0.02).points)[:, :3],
                            axis=1)
     assert moved.max() > 0.02 and moved[[0, -1]].max() < 1e-3
-    assert gdmp('refine', 'skill.json', '--undo', cwd=folder).returncode == 0
+    assert gdmp('edit', 'refine', 'skill.json', '--undo', cwd=folder).returncode == 0
     assert skill_file.read_bytes() == original

@@ -39,7 +39,7 @@ def distance_of(references, path):
 
 def test_a_replay_while_the_server_publishes_is_refused(shared_nodes, recorded):
     put_server(shared_nodes, active=True)
-    done = gdmp('replay', recorded[0])
+    done = gdmp('run', recorded[0])
     assert done.returncode == 1
     assert 'trajectory_server publishes on /trajectory_server/reference' in done.stderr
 
@@ -47,7 +47,7 @@ def test_a_replay_while_the_server_publishes_is_refused(shared_nodes, recorded):
 def test_a_replay_far_from_the_robot_moves_nothing(shared_nodes, recorded):
     put_server(shared_nodes, active=False)
     before = len(shared_nodes.robot)
-    done = gdmp('replay', recorded[0])
+    done = gdmp('run', recorded[0])
     assert done.returncode == 1
     assert 'does not follow: the motion begins' in done.stderr
     assert 'm from the robot' in done.stderr
@@ -64,7 +64,7 @@ def test_a_replay_that_begins_at_the_robot_is_followed_to_its_end(shared_nodes, 
     shared_nodes.spend(0.5)
     # The first pose of the arm is the one at which the motion was begun.
     shared_nodes.robot.clear()
-    done = gdmp('replay', bag)
+    done = gdmp('run', bag)
     assert done.returncode == 0, done.stderr
     assert f'replayed {len(run.references)} references' in done.stdout
     shared_nodes.wait_rest()
@@ -91,5 +91,5 @@ def test_references_of_a_bag_are_read_with_all_that_they_say(recorded):
     assert [int(mode) for mode in read.modes] == run.modes.tolist()
     assert read.steps[0] == 1 and (read.steps > 0).all()
     assert runs.lost(run) == int((read.steps[1:] - 1).sum())
-    done = gdmp('replay', bag, '--topic', '/nothing')
+    done = gdmp('run', bag, '--topic', '/nothing')
     assert done.returncode == 1 and 'expected references on /nothing' in done.stderr

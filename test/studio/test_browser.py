@@ -88,7 +88,7 @@ def asked(address, *headers):
 
 
 def test_elsewhere_a_token_is_asked_for(folder):
-    process = StudioProcess('skill.json', '--host', '0.0.0.0', cwd=folder)
+    process = StudioProcess('skill.json', '--address', '0.0.0.0', cwd=folder)
     try:
         address = re.sub('//[^:]+:', '//127.0.0.1:', process.address)
         plain, token = address.split('?token=')

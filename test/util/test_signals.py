@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from gdmp_ros.cli import describe, main
+from gdmp_ros.cli import arm_urdf, main
 from gdmp_ros.util.processes import held_interrupts, noted_interrupts
 
 
@@ -46,12 +46,12 @@ def test_a_verb_that_fails_because_of_ctrl_c_was_interrupted(monkeypatch, capsys
             press_ctrl_c()
         except KeyboardInterrupt:
             fails(options)
-    monkeypatch.setattr(describe, 'run', fails_by_ctrl_c)
-    assert main.main(['describe']) == 130
+    monkeypatch.setattr(arm_urdf, 'run', fails_by_ctrl_c)
+    assert main.main(['arm', 'urdf']) == 130
     assert 'interrupted' in capsys.readouterr().err
-    monkeypatch.setattr(describe, 'run', fails)
+    monkeypatch.setattr(arm_urdf, 'run', fails)
     with pytest.raises(RuntimeError, match='unable to convert'):
-        main.main(['describe'])
+        main.main(['arm', 'urdf'])
 
 
 def test_ctrl_c_comes_at_the_end_of_what_it_must_not_interrupt():

@@ -99,7 +99,7 @@ class Teacher(Client):
         """
         # The recorder listens too.
         if self._gripper.subscribers() < 2:
-            raise GdmpError('the arm has no gripper: gdmp teach --gripper')
+            raise GdmpError('the arm has no gripper: gdmp record --gripper')
         message = command_message(command)
         message.header.stamp = messages.stamp_of(self.clock.wall())
         self._gripper.publish(message)

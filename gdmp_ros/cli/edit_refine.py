@@ -5,17 +5,17 @@ smooth ways in and out, and stays elsewhere. Nothing is written unless you ask: 
 and the picture first.
 
 examples:
-  gdmp refine skill.json run --plot change.png
-  gdmp refine skill.json run --keep
-  gdmp refine skill.json run -o better.json
-  gdmp refine skill.json --undo
+  gdmp edit refine skill.json run --plot change.png
+  gdmp edit refine skill.json run --keep
+  gdmp edit refine skill.json run -o better.json
+  gdmp edit refine skill.json --undo
 """
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_robot, check_number, check_output
+from gdmp_ros.cli.arguments import add_output, add_robot, check_number, check_output
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
@@ -28,8 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', type=Path, metavar='PNG', help='draw the path before and after')
     parser.add_argument('--keep', action='store_true',
                         help='replace the skill file; the version before is kept for --undo')
-    parser.add_argument('-o', '--output', type=Path, metavar='SKILL',
-                        help='write the corrected skill to another file')
+    add_output(parser, 'SKILL', 'write the corrected skill to another file', required=False)
     parser.add_argument('--undo', action='store_true',
                         help='bring back the version before the last --keep')
     parser.add_argument('--least', type=float, default=10.0, metavar='MM',
@@ -60,7 +59,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.learning.correction import correction
     skill = Skill.load(options.skill)
     with progress('reading', 1):
-        recorded = runs.read(options.run, options.robot)
+        recorded = runs.read(options.run, options.namespace)
     try:
         result = correction(skill, followed_motion(recorded), least=1e-3 * options.least)
     except DataError as error:
@@ -82,6 +81,6 @@ def run(options: argparse.Namespace) -> None:
         print(f'wrote {options.output}')
     elif options.keep:
         skills.replace(options.skill, corrected)
-        print(f'{options.skill}: corrected; gdmp refine {options.skill} --undo goes back')
+        print(f'{options.skill}: corrected; gdmp edit refine {options.skill} --undo goes back')
     else:
         print('nothing was written: --keep replaces the skill, -o writes another file')

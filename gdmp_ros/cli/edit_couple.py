@@ -6,10 +6,10 @@ the first one, as when both hold a tray: the relation is that at the goals of th
 Poses of both skills must be in one frame.
 
 examples:
-  gdmp couple left.json right.json -o both.json
-  gdmp couple left.json right.json -o both.json --leads
-  gdmp couple left.json right.json -o both.json --kind distance
-  gdmp couple left.json right.json -o both.json --relation 0 -0.56 0 1 0 0 0
+  gdmp edit couple left.json right.json -o both.json
+  gdmp edit couple left.json right.json -o both.json --leads
+  gdmp edit couple left.json right.json -o both.json --kind distance
+  gdmp edit couple left.json right.json -o both.json --relation 0 -0.56 0 1 0 0 0
 """
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 
 from gdmp_ros.choices import COUPLINGS
-from gdmp_ros.cli.arguments import check_output
+from gdmp_ros.cli.arguments import add_output, check_output
 from gdmp_ros.errors import DataError
 
 
@@ -25,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('first', type=Path, metavar='FIRST', help='skill file of the first arm')
     parser.add_argument('second', type=Path, metavar='SECOND', help='skill file of the second arm')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='SKILL',
-                        help='skill file of both')
+    add_output(parser, 'SKILL', 'skill file of both')
     parser.add_argument('--kind', choices=COUPLINGS, default='pose',
                         help='pose: of the second tool in the first one; relative: difference of '
                              'the first factors, such as positions; distance: between them '

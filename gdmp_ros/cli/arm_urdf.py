@@ -4,15 +4,14 @@ Frames, inertial parameters, limits and simple shapes are those of the model; a 
 bounding box. A running panda_sim publishes the same on robot_description.
 
 examples:
-  gdmp describe -o panda.urdf
-  gdmp describe menagerie:franka_fr3 --frame fr3_link0 -o fr3.urdf
+  gdmp arm urdf -o panda.urdf
+  gdmp arm urdf menagerie:franka_fr3 --frame fr3_link0 -o fr3.urdf
 """
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from gdmp_ros.cli.arguments import check_output
+from gdmp_ros.cli.arguments import add_output, check_output
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 
@@ -21,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('model', nargs='?', default='', metavar='MODEL',
                         help='MJCF file, menagerie:NAME or robot_descriptions:NAME; the built-in '
                              'Panda by default')
-    parser.add_argument('-o', '--output', type=Path, metavar='URDF', help='default: the terminal')
+    add_output(parser, 'URDF', 'default: the terminal', required=False)
     parser.add_argument('--frame', default='panda_link0', metavar='NAME',
                         help='name of the base link (default %(default)s)')
     parser.add_argument('--tool-site', default='tcp', metavar='NAME',

@@ -4,17 +4,17 @@ The skills are learned from handwriting and from computed motions. Use one as a 
 it, read its file, switch its goals.
 
 examples:
-  gdmp gallery -o gallery
-  gdmp gallery pick-and-place -o gallery
-  gdmp film gallery/pick-and-place.json -o pick.mp4
+  gdmp examples skills -o gallery
+  gdmp examples skills pick-and-place -o gallery
+  gdmp show gallery/pick-and-place.json -o pick.mp4
 """
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gdmp_ros.choices import GALLERY
+from gdmp_ros.cli.arguments import add_output
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import progress
 
@@ -26,8 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help=f'some of {", ".join(GALLERY)}; all by default')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                        help='folder for the skills NAME.json, pictures NAME.png and index.md')
+    add_output(parser, 'DIR', 'folder for the skills NAME.json, pictures NAME.png and index.md')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -59,8 +58,8 @@ def run(options: argparse.Namespace) -> None:
 def page(learned: dict[str, Skill]) -> str:
     """Page that shows skills, with the pictures next to it."""
     from gdmp_ros.data.gallery import EXAMPLES
-    lines = ['# Gallery', '', 'Made by `gdmp gallery`. Each skill is a file, `NAME.json`: play '
-             'it, read it, change it.', '']
+    lines = ['# Gallery', '', 'Made by `gdmp examples skills`. Each skill is a file, '
+             '`NAME.json`: play it, read it, change it.', '']
     for name, skill in learned.items():
         example = EXAMPLES[name]
         lines += [f'## {example.title}: `{name}`', '',

@@ -4,21 +4,22 @@ Each joint of the running arm moves slowly by 0.15 rad to both sides, at three s
 be room for it, and nothing may stream references. It takes about two and a half minutes. Ctrl-C
 ends it; the arm then holds.
 
-With --arm franka and --host the verb starts the node itself, and moves to the home posture first.
+With --arm sim, or --arm franka and --host, it starts the node itself, and moves to the home
+posture first.
 
 examples:
-  gdmp identify-friction -o friction.yaml
+  gdmp arm friction -o friction.yaml
   panda_sim --ros-args --params-file friction.yaml
-  gdmp identify-friction --arm left/panda_sim -o left.yaml
-  gdmp identify-friction --arm franka --host 172.16.0.2 -o friction.yaml
+  gdmp arm friction --node left/panda_sim -o left.yaml
+  gdmp arm friction --arm franka --host 172.16.0.2 -o friction.yaml
 """
 from __future__ import annotations
 
 import argparse
 import os
-from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_franka, arm_choice
+from gdmp_ros.choices import ARMS
+from gdmp_ros.cli.arguments import add_arm_node, add_franka, add_output, arm_choice
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 from gdmp_ros.util.terminal import table
@@ -26,10 +27,9 @@ from gdmp_ros.util.terminal import table
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('-o', '--output', '--out', type=Path, required=True, metavar='YAML',
-                        help='parameters to write')
-    parser.add_argument('--arm', default='panda_sim', metavar='NODE',
-                        help='with its namespace, or franka (default %(default)s)')
+    add_output(parser, 'YAML', 'parameters to write')
+    add_arm_node(parser)
+    parser.add_argument('--arm', choices=ARMS, help='start this arm, instead of using a node')
     add_franka(parser)
     parser.add_argument('--set', action='store_true', help='set them in the running node, too')
 
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
                         'written to')
     with optional_import(ROS):
         from gdmp_ros.ros.clients.arm_client import identify, identify_alone
-    if options.arm == 'franka':
+    if options.arm:
         options.friction = None
         result = identify_alone(arm_choice(options), options.output)
     elif options.host or options.protocol_server:
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
     else:
         from gdmp_ros.util.dds_network import default_environment
         os.environ.update(default_environment())
-        result = identify(options.arm, options.output, options.set)
+        result = identify(options.node, options.output, options.set)
     table('friction', ['joint', 'viscous [Nm s/rad]', 'dry [Nm]'],
           [[number, f'{viscous:.3f}', f'{dry:.3f}']
            for number, (viscous, dry) in enumerate(zip(result['viscous'], result['dry']), 1)])
