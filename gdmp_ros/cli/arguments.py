@@ -18,9 +18,18 @@ if TYPE_CHECKING:
 
 def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, *,
                required: bool = True) -> None:
-    """Declare ``-o``."""
-    parser.add_argument('-o', '--out', '--output', type=Path, required=required, dest='output',
-                        metavar=metavar, help=text)
+    """Declare ``-o``; of a file, unless the name for the help is ``DIR`` or ``TO``."""
+    parser.add_argument('-o', '--out', '--output', required=required, dest='output',
+                        type=Path if metavar in ('DIR', 'TO') else _file_name, metavar=metavar,
+                        help=text)
+
+
+def _file_name(text: str) -> Path:
+    """:raises ArgumentTypeError: for a name with a slash at its end"""
+    if text.endswith('/'):
+        raise argparse.ArgumentTypeError(f'{text} is the name of a folder, expected that of a '
+                                         'file')
+    return Path(text)
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:

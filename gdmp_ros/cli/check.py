@@ -49,6 +49,8 @@ def run(options: argparse.Namespace) -> int:
     problems = result.problems()
     table(f'{options.skill} with {options.model or "the Panda"}', ['', 'least'], [
         [margin.label, f'{margin.values.min():.3f}'] for margin in result.margins])
+    print(f'the tool moves at up to {result.speed.max():.2f} m/s and '
+          f'{result.acceleration.max():.1f} m/s²')
     for problem in problems:
         print(problem)
     print('the arm cannot follow the whole path' if problems

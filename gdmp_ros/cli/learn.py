@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from gdmp_ros.learning.report import Fit
     from gdmp_ros.learning.tuning import BasisError, GoalSwitch, Speeds
 
+#: Samples of a demonstration that may be wrong: most that are listed.
+MOST_SUSPICIONS = 5
 #: Limits are this many times the demonstrated values.
 MARGIN = 1.5
 
@@ -257,8 +259,10 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
         print(f'the motion passes the cut locus of its goal: it is split into '
               f'{len(fit.segments) + 1} segments at s = {at}')
     for bag, d in zip(bags, fit.demonstrations):
-        for result in d.suspicions:
+        for result in d.suspicions[:MOST_SUSPICIONS]:
             print(f'{bag.name}: sample {result.sample} (t = {result.time:.3f} s) {result.reason}')
+        if len(d.suspicions) > MOST_SUSPICIONS:
+            print(f'{bag.name}: and {len(d.suspicions) - MOST_SUSPICIONS} more such samples')
 
 
 def _suggest(options: argparse.Namespace) -> None:

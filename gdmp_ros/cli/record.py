@@ -15,6 +15,7 @@ examples:
 from __future__ import annotations
 
 import argparse
+import os
 
 from gdmp_ros.cli.arguments import add_bag_output, add_output
 from gdmp_ros.errors import DataError
@@ -42,10 +43,14 @@ def run(options: argparse.Namespace) -> None:
     """Start everything, teach, stop everything."""
     if not 1 <= options.count <= 7:
         raise DataError(f'--count is {options.count}, expected 1 to 7: there are seven strokes')
+    window = options.by_hand and not options.no_window
+    if window and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
+        raise DataError('there is no display for the window of the simulation: with --no-window '
+                        'the arm follows ~/hand_pose, as of the marker in RViz')
     from gdmp_ros.data import lasa
     demos = [] if options.by_hand else lasa.robot_demonstrations(options.letter)[:options.count]
     with optional_import(ROS):
         from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
     teach(TeachingSettings(options.output, options.storage, options.frame,
-                           options.by_hand and not options.no_window,
+                           window,
                            options.by_hand and options.gripper), demos)

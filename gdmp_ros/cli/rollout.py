@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
@@ -59,9 +60,11 @@ def run(options: argparse.Namespace) -> None:
     if options.output is None:
         _write(rollout, later, options, sys.stdout)
         return
+    from gdmp_ros.util.files import write_text
+    out = io.StringIO(newline='')
+    _write(rollout, later, options, out)
     options.output.absolute().parent.mkdir(parents=True, exist_ok=True)
-    with options.output.open('w', newline='') as out:
-        _write(rollout, later, options, out)
+    write_text(options.output, out.getvalue())
     print(f'wrote {options.output}')
 
 

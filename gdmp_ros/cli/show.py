@@ -148,8 +148,10 @@ def _film(options: argparse.Namespace, is_bag: bool) -> None:
     frame_times = np.arange(times[0], times[-1], options.playback / options.fps)
     postures = joints[np.clip(np.searchsorted(times, frame_times), 0, len(times) - 1)]
     still = options.output.suffix in PICTURES
-    missing = render_to(options.output, postures[-1] if still else postures,
-                        path[::max(1, len(path) // _SPHERES)], options.model, 1.0 / options.fps)
+    with progress('drawing', 1):
+        missing = render_to(options.output, postures[-1] if still else postures,
+                            path[::max(1, len(path) // _SPHERES)], options.model,
+                            1.0 / options.fps)
     if missing is not None:
         raise GdmpError(missing)
     print(f'wrote {options.output}: {1 if still else len(postures)} pictures')

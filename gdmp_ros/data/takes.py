@@ -7,13 +7,14 @@ import io
 import math
 from pathlib import Path
 from typing import NamedTuple
+import warnings
 
 import numpy as np
 
 from gdmp_ros.data import episodes
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, GdmpWarning
 from gdmp_ros.manifolds.quaternion import rotation_angles, UnitQuaternion
 from gdmp_ros.util.files import read_text
 
@@ -150,6 +151,9 @@ def bags_in(path: Path) -> list[Path]:
     """
     if episodes.is_foreign(path):
         return episodes.sources(path)
+    if path.name == DROPPED and path.is_dir():
+        warnings.warn(f'{path}: takes that were dropped are left out', GdmpWarning, stacklevel=2)
+        return []
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return [path]
     if any(path.glob('*/metadata.yaml')):

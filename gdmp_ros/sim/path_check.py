@@ -1,4 +1,4 @@
-"""Whether an arm can follow a path of its tool: reach, joint limits, singularities, collisions."""
+"""Whether an arm can follow a path: reach, limits of joints and speed, singular, collisions."""
 from __future__ import annotations
 
 from contextlib import suppress
@@ -171,6 +171,8 @@ class PathCheck:
     :ivar joint: number of that joint, from 0 on
     :ivar singular: smallest singular value of the Jacobian (rotations times 0.3 m) [m]
     :ivar clearance: smallest distance between links that are no neighbours, or to the floor [m]
+    :ivar speed: of the tool [m/s]
+    :ivar acceleration: of the tool [m/s²]
     """
 
     times: np.ndarray
@@ -180,6 +182,8 @@ class PathCheck:
     joint: np.ndarray
     singular: np.ndarray
     clearance: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
 
     @property
     def unreached(self) -> np.ndarray:
@@ -189,8 +193,10 @@ class PathCheck:
     @property
     def wrong(self) -> np.ndarray:
         """Whether a pose cannot be followed, for any reason."""
-        return np.asarray(self.unreached | np.any([
-            margin.values < margin.least for margin in self.margins], axis=0))
+        limits = LimitSettings()
+        return np.asarray(self.unreached | (self.speed > limits.speed)
+                          | (self.acceleration > limits.acceleration) | np.any([
+                              margin.values < margin.least for margin in self.margins], axis=0))
 
     @property
     def margins(self) -> tuple[Margin, ...]:
@@ -224,6 +230,14 @@ class PathCheck:
         touching = self.clearance < TOUCHING_M
         if touching.any():
             result.append(f'the arm touches itself or the floor {first(touching)}')
+        limits = LimitSettings()
+        for what, values, limit, unit in (
+                ('speed', self.speed, limits.speed, 'm/s'),
+                ('acceleration', self.acceleration, limits.acceleration, 'm/s²')):
+            if (values > limit).any():
+                result.append(f'too fast {first(values > limit)}: the {what} of the tool is up to '
+                              f'{values.max():.3g} {unit}, the reference is limited to '
+                              f'{limit:g} {unit}')
         return result
 
 
@@ -279,16 +293,21 @@ class PathChecker:
 
     def _at(self, times: np.ndarray, postures: np.ndarray, offset: np.ndarray) -> PathCheck:
         arm, direction = self._arm, np.empty(6)
-        margin, joint, singular, clearance = [], [], [], []
+        margin, joint, singular, clearance, positions = [], [], [], [], []
         for posture in postures:
             arm.reset(posture)
             to_limit = np.minimum(posture - arm.limits.lower, arm.limits.upper - posture)
             joint.append(int(np.argmin(to_limit)))
             margin.append(float(to_limit.min()))
-            singular.append(singular_value(arm.measure().jacobian, direction))
+            measured = arm.measure()
+            positions.append(measured.pose[:3].copy())
+            singular.append(singular_value(measured.jacobian, direction))
             clearance.append(self._clearance())
+        velocities = np.gradient(np.array(positions), times, axis=0)
         return PathCheck(np.asarray(times), postures, offset, np.array(margin), np.array(joint),
-                         np.array(singular), np.array(clearance))
+                         np.array(singular), np.array(clearance),
+                         np.linalg.norm(velocities, axis=1),
+                         np.linalg.norm(np.gradient(velocities, times, axis=0), axis=1))
 
     def _clearance(self) -> float:
         model, data = self._arm.model, self._arm.data

@@ -1,4 +1,6 @@
 """`gdmp run` executes the skill of a running server from the terminal."""
+import re
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,8 @@ def execute():
 def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file, execute):
     code, out, err = execute('--tempo', '2')
     assert code == 0, err
-    assert 'the goal was reached; distance: position' in out
+    assert 'the goal was reached; distance of the reference: position' in out
+    assert re.search(r'of the robot: [0-9.]+ mm, [0-9.]+ rad', out)
     running.wait('this tempo', lambda: running.state.speed == pytest.approx(2.0, 0.05))
     goal = messages.pose_numbers(running.state.goal[0])[:3] + [0.0, 0.05, 0.03]
     numbers = [f'{value:.4f}' for value in goal]
@@ -31,7 +34,7 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     code, _, err = execute('--tempo', '7')
     assert code == 1 and 'speed is 7.0' in err
     code, _, err = execute('nowhere.json')
-    assert code == 1 and 'nowhere.json: cannot read the skill' in err
+    assert code == 1 and 'nowhere.json: no such skill, sequence or bag' in err
 
 
 def test_ctrl_c_stops_the_motion_smoothly(running, execute):

@@ -14,6 +14,9 @@ from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.util.terminal import progress, rising
 
+#: Of the distances by factor.
+_UNITS = {'position': ' m', 'orientation': ' rad / 2', 'joints': ' rad', 'wrench': ' (N, Nm)'}
+
 
 class ExecuteRequest(NamedTuple):
     """
@@ -124,10 +127,14 @@ def _follow(client: ServerClient, request: ExecuteRequest) -> int:
             client.spend(0.1)
             show(100.0 * min(_share(client, request), 1.0))
     result = client.result(10.0)
-    left = ', '.join(f'{name} {value:.2g}'
+    left = ', '.join(f'{name} {value:.2g}{_UNITS.get(name, "")}'
                      for name, value in zip(result.factors, result.distance_to_goal))
     reached = result.error_code == ExecuteSkill.Result.SUCCESSFUL
-    print(f'{"the goal was reached" if reached else result.error_string}; distance: {left}')
+    metres = 'joints' not in result.factors
+    robot = [f'{1e3 * value:.1f} mm' if metres and i % 2 == 0 else f'{value:.3f} rad'
+             for i, value in enumerate(result.robot_distance)]
+    print(f'{"the goal was reached" if reached else result.error_string}; distance of the '
+          f'reference: {left}' + (f'; of the robot: {", ".join(robot)}' if robot else ''))
     return 0 if reached else 1
 
 
