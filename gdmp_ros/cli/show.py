@@ -30,11 +30,13 @@ from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
 from gdmp_ros.cli.arguments import (
+    add_import,
     add_output,
     add_pose_topic,
     add_robot,
     check_number,
     check_output,
+    import_settings,
 )
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -43,6 +45,7 @@ from gdmp_ros.util.terminal import progress, table
 if TYPE_CHECKING:
     import numpy as np
 
+    from gdmp_ros.data.columns import Import
     from gdmp_ros.dmp.skill import Skill
 
 PICTURES, FILMS, PAGES = ('.png', '.pdf', '.svg'), ('.mp4', '.webp', '.gif'), ('.html',)
@@ -61,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                required=False)
     add_pose_topic(parser)
     add_robot(parser)
+    add_import(parser)
     parser.add_argument('--demonstrations', type=Path, nargs='+', default=[], metavar='BAG',
                         help='picture of a skill: draw demonstrations of a tool below it')
     parser.add_argument('--skill', type=Path, metavar='SKILL',
@@ -107,11 +111,11 @@ def _print(options: argparse.Namespace, is_bag: bool) -> int | None:
     from gdmp_ros.data import episodes
     source = options.source
     if episodes.is_foreign(source):
-        return _print_foreign(source)
+        return _print_foreign(source, import_settings(options))
     if not source.exists():
         raise DataError(f'{source}: no such bag or skill file')
     if is_bag:
-        _print_bag(source, options.pose_topic)
+        _print_bag(source, options.pose_topic, import_settings(options))
     elif source.suffix in SEQUENCES:
         _print_sequence(source)
     else:
@@ -124,17 +128,17 @@ def _draw(options: argparse.Namespace) -> None:
     from gdmp_ros.data import episodes, recordings, takes
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.view import plots, skill_plots
-    source = options.source
+    source, reading = options.source, import_settings(options)
     if source.suffix in SEQUENCES:
         from gdmp_ros.data.sequences import read_sequence
         plots.save(skill_plots.sequence_figure(read_sequence(source)), options.output)
     elif source.suffix == '.json' and not episodes.is_foreign(source):
         skill = Skill.load(source)
-        demos = [recordings.read(bag).demonstration for given in options.demonstrations
+        demos = [recordings.read(bag, settings=reading).demonstration for given in options.demonstrations
                  for bag in takes.bags_in(given)]
         plots.save(skill_plots.skill_figure(skill, demos), options.output)
     else:
-        demo = recordings.read(source, options.pose_topic).demonstration
+        demo = recordings.read(source, options.pose_topic, settings=reading).demonstration
         plots.save(skill_plots.draw_motion(demo.manifold, demo.times, demo.points).figure,
                    options.output)
 
@@ -148,6 +152,7 @@ def _film(options: argparse.Namespace, is_bag: bool) -> None:
     frame_times = np.arange(times[0], times[-1], options.playback / options.fps)
     postures = joints[np.clip(np.searchsorted(times, frame_times), 0, len(times) - 1)]
     still = options.output.suffix in PICTURES
+    options.output.absolute().parent.mkdir(parents=True, exist_ok=True)
     with progress('drawing', 1):
         missing = render_to(options.output, postures[-1] if still else postures,
                             path[::max(1, len(path) // _SPHERES)], options.model,
@@ -183,14 +188,14 @@ def _executed(options: argparse.Namespace) -> _Motion:
     return _Motion(arm.period * np.arange(len(done.joints)), done.joints, done.measured[:, :3])
 
 
-def _print_foreign(path: Path) -> int:
+def _print_foreign(path: Path, reading: Import) -> int:
     """Print the episodes of a file; 1 if none can be read."""
     from gdmp_ros.data import episodes
     sources = episodes.sources(path)
     with progress('reading', len(sources)) as step:
         rows: list[Sequence[object]] = []
         for source in sources:
-            rows.append(_episode_row(source))
+            rows.append(_episode_row(source, reading))
             step()
     shown = rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS], [
         f'and {len(rows) - MOST_ROWS} more', '', '', '']]
@@ -201,24 +206,24 @@ def _print_foreign(path: Path) -> int:
     return int(refused == len(rows))
 
 
-def _episode_row(source: Path) -> list[object]:
+def _episode_row(source: Path, reading: Import) -> list[object]:
     from gdmp_ros.data import episodes
     try:
-        result = episodes.read(source)
+        result = episodes.read(source, reading)
     except DataError as error:
         return [source.name, '', '', f'refused: {error}']
     contexts = result.demonstration
     return [source.name, len(contexts.times), f'{contexts.duration:.3f}', '; '.join(result.notes)]
 
 
-def _print_bag(path: Path, pose_topic: str) -> None:
+def _print_bag(path: Path, pose_topic: str, reading: Import) -> None:
     import numpy as np
 
     from gdmp_ros.data import bags, recordings
     table(str(path), ['topic', 'type', 'messages'], bags.topics(path))
     try:
         with progress('reading', 1):
-            recording = recordings.read(path, pose_topic)
+            recording = recordings.read(path, pose_topic, settings=reading)
     except DataError as error:
         print(f'not a demonstration of a tool: {error}')
         return

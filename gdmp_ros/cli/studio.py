@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_arm_node, check_number
+from gdmp_ros.cli.arguments import add_arm_node, add_import, check_number, import_settings
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 from gdmp_ros.util.terminal import progress
 
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--port', type=int, default=0, metavar='N',
                         help='port of the page (default: the first free one from 8080 on)')
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
+    add_import(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.studio.workbench import opened
     free_port(options.address, options.port)
     with progress('opening', len(options.sources)) as step:
-        bench = opened(options.sources, step)
+        bench = opened(options.sources, step, import_settings(options))
     serve(bench, StudioSettings(options.address, options.port, options.model, options.takes,
                                 not options.no_browser), lambda: _robot(options))
 

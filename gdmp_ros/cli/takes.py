@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_pose_topic, check_output
+from gdmp_ros.cli.arguments import add_import, add_pose_topic, check_output, import_settings
 from gdmp_ros.util.terminal import progress, table
 
 
@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='move takes to FOLDER/dropped')
     parser.add_argument('--plot', type=Path, metavar='PNG', help='draw them')
     add_pose_topic(parser)
+    add_import(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -36,7 +37,8 @@ def run(options: argparse.Namespace) -> None:
     with progress('reading', len(bags)) as step:
         loaded = []
         for bag in bags:
-            loaded.append(recordings.read(bag, options.pose_topic))
+            loaded.append(recordings.read(bag, options.pose_topic,
+                                           settings=import_settings(options)))
             step()
     compared = takes.compare(loaded)
     table(str(options.folder), ['take', 'duration [s]', 'path length [m]',

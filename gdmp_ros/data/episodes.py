@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -87,4 +88,15 @@ def _episodes(path: Path, _: int) -> list[dict]:
         return lerobot.episodes(path)
     arrays = tables.read_arrays(path)
     rate = robomimic.control_rate(path) if path.suffix.lower() in tables.HDF5 else None
-    return robomimic.episodes(arrays, rate) or [arrays]
+    return robomimic.episodes(arrays, rate) or _grouped(arrays) or [arrays]
+
+
+def _grouped(arrays: dict[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+    """Episodes of a file with a numbered group for each; empty if it has none."""
+    result: dict[int, dict[str, np.ndarray]] = {}
+    for name, array in arrays.items():
+        group, _, rest = name.partition('/')
+        number = re.search('[0-9]+$', group)
+        if number is not None and rest:
+            result.setdefault(int(number.group()), {})[rest] = array
+    return [result[number] for number in sorted(result)]

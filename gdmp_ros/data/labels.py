@@ -37,7 +37,7 @@ STIFFNESS = {'stiffness', 'k'}
 JOINT = {'joint', 'joints', 'j', 'q', 'qpos', 'motor', 'motors', 'servo', 'axis', 'angle', 'jpos'}
 GRIPPER = {'gripper', 'finger', 'fingers', 'jaw'}
 #: Words of what belongs to the tool.
-TOOL = {'eef', 'ee', 'tcp', 'tool', 'hand', 'effector', 'flange', 'gripper', 'robot0'}
+TOOL = {'eef', 'ee', 'tcp', 'tool', 'hand', 'effector', 'flange', 'gripper'}
 #: Words of what has axes too, but is neither the pose of the tool nor a time of it.
 OTHERS = {'v', 'vel', 'velocity', 'twist', 'linear', 'angular', 'omega', 'f', 'force', 'torque',
           'tau', 'next', 'action', 'actions', 'wrench', 'a', 'acc', 'acceleration', 'accel',

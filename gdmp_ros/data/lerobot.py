@@ -1,4 +1,4 @@
-"""LeRobot data sets, version 3: episodes in Parquet files, described in JSON. No images."""
+"""LeRobot data sets, versions 2 and 3: episodes in Parquet files, described in JSON. No images."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,6 +15,8 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 VERSION = 'v3.0'
+#: Versions that are read: the frames tell their episode themselves.
+READABLE = ('v2.0', 'v2.1', VERSION)
 DATA = 'data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet'
 EPISODES = 'meta/episodes/chunk-000/file-000.parquet'
 STATE, ACTION = 'observation.state', 'action'
@@ -70,9 +72,9 @@ def _info(folder: Path) -> dict[str, Any]:
             raise ValueError('a feature is no table')
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f'{path}: damaged ({type(error).__name__}: {error})') from None
-    if version != VERSION:
-        raise DataError(f'{path}: version {version}, expected {VERSION}: convert it with '
-                        "LeRobot's own script for older versions")
+    if version not in READABLE:
+        raise DataError(f'{path}: version {version}, expected {", ".join(READABLE)}: convert it '
+                        "with LeRobot's own script for older versions")
     return dict(info)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gdmp_ros.data import bags, episodes, recordings, runs, takes
+from gdmp_ros.data.columns import Import
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.data.skills import LearnedSkill, LearningSettings, skill_from_bags
@@ -49,7 +50,9 @@ class Workbench:
     :ivar changes: of that skill
     """
 
-    def __init__(self) -> None:
+    def __init__(self, reading: Import | None = None) -> None:
+        """:param reading: what is said about takes in files of other programs"""
+        self._reading = reading or Import()
         self.takes: list[Take] = []
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
@@ -105,7 +108,7 @@ class Workbench:
 
         :raises DataError: naming bag, topic, sample and reason
         """
-        take = Take(path, recordings.read(path))
+        take = Take(path, recordings.read(path, settings=self._reading))
         self.takes.append(take)
         return take
 
@@ -137,7 +140,7 @@ class Workbench:
             raise DataError('no take is used: record one, or tick one')
 
         def learned() -> LearnedSkill:
-            result = skill_from_bags(used, settings)
+            result = skill_from_bags(used, replace(settings, source=self._reading))
             check_shown(result.skill)
             return result
         return learned
@@ -257,14 +260,16 @@ def _is_run(bag: Path) -> bool:
     return all(runs.streams(result))
 
 
-def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None) -> Workbench:
+def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None,
+           reading: Import | None = None) -> Workbench:
     """
     Open skill files, sequence files, takes, folders of takes, and recorded runs.
 
     :param step: called after each source
+    :param reading: as for `Workbench`
     :raises DataError: naming what cannot be read
     """
-    bench = Workbench()
+    bench = Workbench(reading)
     for source in sources:
         if source.suffix == '.json' and not source.is_dir():
             bench.open_skill(source)

@@ -107,8 +107,8 @@ assert not names, names
 def test_ctrl_c_during_start_up_is_no_traceback(imported, tmp_path):
     python, *words = GDMP
     # Python tells of every module that it has imported (-X importtime).
-    process = subprocess.Popen([python, '-X', 'importtime', *words, 'gallery', '-o',
-                                str(tmp_path / 'gallery')],
+    process = subprocess.Popen([python, '-X', 'importtime', *words, 'examples', 'skills',
+                                '-o', str(tmp_path / 'gallery')],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                # A shell starts background jobs, and so perhaps this test,
                                # without SIGINT.
@@ -238,20 +238,22 @@ def test_a_skill_is_drawn_over_its_demonstrations(folder, letters):
     assert shares[1] > 1.02 * shares[0]
     # A skill of several takes is drawn with what is likely.
     Skill.learn(letters[:3], 40).save(folder / 'several.json')
+    done = gdmp('show', 'demos/GShape_1', '-o', 'demo.png', cwd=folder)
+    assert done.returncode == 0 and drawn(folder / 'demo.png') > 0.01, done.stderr
     done = gdmp('show', 'several.json', '-o', 'band.png', cwd=folder)
     assert done.returncode == 0 and drawn(folder / 'band.png') > 1.02 * shares[0], done.stderr
 
 
 @pytest.mark.parametrize('words, reason', [
-    (('plot', 'skill.json', '-o', 'demos'), 'is a folder'),
-    (('plot', 'skill.json', '-o', 'skill.txt'), 'a name that ends in .png'),
+    (('show', 'skill.json', '-o', 'demos'), 'is a folder'),
+    (('show', 'skill.json', '-o', 'skill.txt'), 'a name that ends in .png'),
     (('rollout', 'skill.json', '-o', 'demos'), 'is a folder'),
-    (('tune', 'demos', '--plot', 'skill.json/x.png'), 'skill.json is no folder'),
+    (('learn', 'demos', '--suggest', '--plot', 'skill.json/x.png'), 'skill.json is no folder'),
     (('takes', 'demos', '--plot', 'demos'), 'is a folder'),
-    (('report', 'demos/GShape_1', '-o', 'page.txt'), 'a name that ends in .html'),
+    (('show', 'demos/GShape_1', '-o', 'page.txt'), 'or .html'),
     (('learn', 'demos', '-o', 'demos'), 'is a folder'),
-    (('describe', '-o', 'demos'), 'is a folder'),
-    (('inspect', 'demos'), 'no rosbag2 recording')])
+    (('arm', 'urdf', '-o', 'demos'), 'is a folder'),
+    (('show', 'demos'), 'no rosbag2 recording')])
 def test_what_cannot_be_written_is_refused_before_the_work(folder, words, reason):
     before = {path: path.stat().st_mtime_ns for path in folder.rglob('*')}
     done = gdmp(*words, cwd=folder)

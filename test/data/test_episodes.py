@@ -156,7 +156,7 @@ def test_the_command_converts_and_says_how_it_was_read(shown, tmp_path):
 @pytest.mark.parametrize('damage, reason', [
     (lambda folder: (folder / 'meta/info.json').write_text('{'), 'info.json: damaged'),
     (lambda folder: (folder / 'meta/info.json').write_text(
-        (folder / 'meta/info.json').read_text().replace('v3.0', 'v2.1')), 'version v2.1'),
+        (folder / 'meta/info.json').read_text().replace('v3.0', 'v1.6')), 'version v1.6'),
     (lambda folder: next((folder / 'data').rglob('*.parquet')).write_bytes(b'PAR1'), 'damaged'),
     (lambda folder: next((folder / 'data').rglob('*.parquet')).unlink(), 'no files in data')])
 def test_a_damaged_data_set_is_named(shown, tmp_path, damage, reason):
@@ -164,6 +164,35 @@ def test_a_damaged_data_set_is_named(shown, tmp_path, damage, reason):
     damage(tmp_path / 'set')
     with pytest.raises(DataError, match=reason):
         episodes.sources(tmp_path / 'set')
+
+
+def test_version_2_of_lerobot_is_read(shown, tmp_path):
+    """It has a file for each episode; the frames tell their episode themselves."""
+    lerobot.write(tmp_path / 'set', shown, RATE_HZ, 'write')
+    folder, info = tmp_path / 'set' / 'data' / 'chunk-000', tmp_path / 'set' / 'meta' / 'info.json'
+    table = pq.read_table(folder / 'file-000.parquet')
+    for number in range(len(shown)):
+        rows = np.flatnonzero(np.asarray(table['episode_index']) == number)
+        pq.write_table(table.take(rows), folder / f'episode_{number:06d}.parquet')
+    (folder / 'file-000.parquet').unlink()
+    info.write_text(info.read_text().replace('v3.0', 'v2.1'))
+    for source, one in zip(episodes.sources(tmp_path / 'set'), shown):
+        check_equal(episodes.read(source).demonstration, one)
+
+
+def test_a_group_for_each_episode(shown, tmp_path):
+    with h5py.File(tmp_path / 'set.h5', 'w') as file:
+        for number, one in enumerate(shown):
+            times, points = frames(one)
+            group = file.create_group(f'episode_{number}')
+            group['timestamp'], group['ee_pos'] = times, points[:, :3]
+            group['ee_quat_wxyz'] = points[:, 3:7]
+            group['depth'] = np.zeros((len(times), 8, 8))
+    found = episodes.sources(tmp_path / 'set.h5')
+    assert len(found) == 3
+    for source, one in zip(found, shown):
+        points = episodes.read(source).demonstration.points
+        np.testing.assert_allclose(points, frames(one)[1][:, :7], atol=1e-12)
 
 
 def test_nothing_half_written_is_left(shown, tmp_path):
@@ -287,9 +316,9 @@ def test_a_skill_of_seven_joints_is_no_pose(shown, tmp_path):
 def test_a_stiffness_in_matrices_is_read(shown, tmp_path):
     times, points = frames(shown[0])
     savemat(tmp_path / 'a.mat', {'time': times, 'position': points[:, :3].T,
-                                 'quat': points[:, 3:7].T,
+                                 'quat_wxyz': points[:, 3:7].T,
                                  'stiffness': points[:, 7:].reshape(-1, 3, 3).transpose(1, 2, 0)})
-    found = episodes.read(tmp_path / 'a.mat', Import(quaternion='wxyz'))
+    found = episodes.read(tmp_path / 'a.mat')
     np.testing.assert_allclose(found.demonstration.points, points, atol=1e-9)
     done = gdmp('show', tmp_path / 'a.mat')
     assert done.returncode == 0 and 'stiffness' in done.stdout

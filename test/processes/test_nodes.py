@@ -231,7 +231,7 @@ def test_two_clients_are_served_at_once(nodes):
 def test_a_teaching_session_at_the_terminal(nodes, tmp_path):
     """Start and stop a take, discard it, ask for help, discard again, end."""
     folder = tmp_path / 'takes'
-    done = gdmp_process('teach', '-o', folder, '--by-hand', '--no-window',
+    done = gdmp_process('record', '-o', folder, '--by-hand', '--no-window',
                         given='\n\nd\nx\nd\nq\n')
     assert done.returncode == 0, done.stderr
     assert 'recording take_001' in done.stdout and 'dropped/take_001' in done.stdout
