@@ -75,6 +75,8 @@ def add_import(parser: argparse.ArgumentParser) -> None:
                         help='samples per second of the source; its times are not used then')
     parser.add_argument('--time-unit', choices=('s', 'ms', 'us', 'ns'), default='',
                         help='unit of the times of the source')
+    parser.add_argument('--angle-unit', choices=('rad', 'deg'), default='',
+                        help='unit of angles in the source')
     parser.add_argument('--tf-frame', nargs=2, metavar=('TOOL', 'BASE'),
                         help='frames of a bag with transforms: the poses of TOOL in BASE')
     parser.add_argument('--drop-bad', action='store_true',
@@ -101,7 +103,7 @@ def import_settings(options: argparse.Namespace) -> Import:
     if options.scale is not None:
         check_number('--scale', options.scale, above=0.0)
     return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset),
-                  options.rotation, options.time_unit, options.drop_bad,
+                  options.rotation, options.time_unit, options.angle_unit, options.drop_bad,
                   options.tf_frame and tuple(options.tf_frame))
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
+    from gdmp_ros.manifolds import Manifold
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,12 +88,25 @@ def _goal(skill: Skill, options: argparse.Namespace) -> np.ndarray | None:
     return manifold.join(np.array(options.goal_position), *manifold.split(skill.goal)[1:])
 
 
+def _columns(name: str, factor: Manifold) -> list[str]:
+    """Names of the numbers of a factor, as tables are read."""
+    from gdmp_ros.manifolds.euclidean import Euclidean
+    from gdmp_ros.manifolds.quaternion import UnitQuaternion
+    from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+    if isinstance(factor, SymmetricPositiveDefinite):
+        size = range(1, factor.size + 1)
+        return [f'{"" if name == "stiffness" else f"{name}_"}k{i}{j}' for i in size for j in size]
+    axes = ('wxyz' if isinstance(factor, UnitQuaternion) else
+            'xyz' if factor == Euclidean(3) else range(factor.point_size))
+    return [f'{name}_{axis}' for axis in axes]
+
+
 def _write(rollout: Rollout, goal: np.ndarray | None, options: argparse.Namespace,
            out: TextIO) -> None:
     writer = csv.writer(out)
-    names = [f'{name}_{i}' for name, factor in zip(rollout.skill.manifold.names,
-                                                   rollout.skill.manifold.factors)
-             for i in range(factor.point_size)]
+    manifold = rollout.skill.manifold
+    names = [column for name, factor in zip(manifold.names, manifold.factors)
+             for column in _columns(name, factor)]
     writer.writerow(['time', 'phase', *names])
     state = rollout.state
     while True:

@@ -134,8 +134,8 @@ def _draw(options: argparse.Namespace) -> None:
         plots.save(skill_plots.sequence_figure(read_sequence(source)), options.output)
     elif source.suffix == '.json' and not episodes.is_foreign(source):
         skill = Skill.load(source)
-        demos = [recordings.read(bag, settings=reading).demonstration for given in options.demonstrations
-                 for bag in takes.bags_in(given)]
+        demos = [recordings.read(bag, settings=reading).demonstration
+                 for given in options.demonstrations for bag in takes.bags_in(given)]
         plots.save(skill_plots.skill_figure(skill, demos), options.output)
     else:
         demo = recordings.read(source, options.pose_topic, settings=reading).demonstration

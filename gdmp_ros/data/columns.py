@@ -26,8 +26,8 @@ STEPS_S, DURATIONS_S = (4e-5, 2.6), (0.1, 7200.0)
 USUAL, POSSIBLE, RADIAN_M = (0.01, 2.0), (1e-3, 5.0), 0.2
 #: Positions are in metres up to here, in millimetres from there on, if no name tells [m, mm].
 METRES, MILLIMETRES = 5.0, 250.0
-#: Angles larger than this are in degrees, if no name tells.
-LARGEST_RAD = 6.6
+#: Angles are in radians up to the first, in degrees from the second on, if no name tells.
+RADIANS, DEGREES = 3.3, 6.6
 #: Norms of quaternions that are this near 1 are exact.
 EXACT = 1e-9
 #: A quaternion that changes its sign from one sample to the next: its real part is near zero.
@@ -49,6 +49,7 @@ class Import:
     :ivar offset: added to the scaled positions [m]
     :ivar rotation: of three numbers, one of `gdmp_ros.choices.ROTATIONS`
     :ivar time_unit: of the times: s, ms, us or ns
+    :ivar angle_unit: of angles: rad or deg
     :ivar drop_bad: leave out samples that are not numbers, or whose times do not increase
     :ivar tf_frames: of a bag with transforms: frame of the tool, and of its base
     """
@@ -60,6 +61,7 @@ class Import:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rotation: str = ''
     time_unit: str = ''
+    angle_unit: str = ''
     drop_bad: bool = False
     tf_frames: tuple[str, str] | None = None
 
@@ -165,16 +167,14 @@ class Columns:
         names, rows = found
         times = self._time_columns(len(rows))
         kept = self._kept(times, rows)
-        given = labels.radians_of(self._labels[names[0]]) if names[0] in self._labels else None
-        largest = float(np.abs(rows[kept]).max())
-        factor = given or (labels.ANGLES['deg'] if largest > LARGEST_RAD else 1.0)
-        unit = 'rad' if factor == 1.0 else 'deg'
-        reason = '' if given else f' (the largest is {largest:.3g}, no unit is given)'
+        listed = ', '.join(names)
+        # An arm with all joints within a few degrees of 0 is unusual.
+        factor = self._radians(listed, self._labels.get(names[0], label('')), rows[kept], DEGREES)
         positions = factor * rows[kept]
         unwrapped = np.unwrap(positions, axis=0)
         wrapped = [name for name, a, b in zip(names, positions.T, unwrapped.T)
                    if not np.allclose(a, b)]
-        self.notes.append(f'joints [{unit}]: {", ".join(names)}{reason}')
+        self.notes.append(f'joints: {listed}')
         if wrapped:
             self.notes.append(f'{", ".join(wrapped)} pass from pi to -pi: read as continuous')
         moved = float(np.abs(np.diff(unwrapped, axis=0)).max(axis=1).sum()) * RADIAN_M
@@ -277,6 +277,10 @@ class Columns:
         if not kind:
             return []
         names = group.in_order(order)
+        units = sorted({self._labels[name].unit for name in names})
+        if len(units) > 1:
+            raise DataError(f'{self._where}: {", ".join(names)} have the units '
+                            f'{", ".join(map(repr, units))}, expected one')
         return [_Found(', '.join(names), self._stacked(names), part, kind)]
 
     def _of_array(self, role: str, name: str, part: Label, array: np.ndarray) -> _Found | None:
@@ -376,12 +380,12 @@ class Columns:
         largest = float(np.linalg.norm(position.rows[kept], axis=1).max())
         if largest <= METRES:
             return 1.0
-        if largest >= MILLIMETRES:
+        if MILLIMETRES <= largest <= 1e3 * METRES:
             self.notes.append(f'positions in mm: they reach {largest:.4g}')
             return 1e-3
         raise DataError(f'{self._where}: the positions ({position.names}) reach {largest:.4g}: in '
-                        'metres this is too far, in millimetres or centimetres it may be: give '
-                        '--scale 0.001, 0.01 or 1')
+                        'metres this is too far, in which unit are they? Give --scale 0.001 for '
+                        'millimetres, 0.01 for centimetres, or 1')
 
     def _quaternions(self, found: _Found, kept: np.ndarray) -> np.ndarray:
         """
@@ -397,12 +401,7 @@ class Columns:
                 raise DataError(f'{self._where}: {found.names} may be a rotation vector or angles '
                                 'about axes: give --rotation rotvec, xyz (fixed axes, as roll, '
                                 'pitch, yaw) or XYZ (moving axes)')
-            largest = float(np.abs(rows).max())
-            factor = labels.radians_of(part) or (
-                labels.ANGLES['deg'] if largest > LARGEST_RAD else 1.0)
-            if labels.radians_of(part) is None:
-                self.notes.append(f'{found.names} in {"rad" if factor == 1.0 else "deg"}: they '
-                                  f'reach {largest:.3g}')
+            factor = self._radians(found.names, part, rows, RADIANS)
             rotation = (Rotation.from_rotvec(factor * rows) if found.kind == 'rotvec' else
                         Rotation.from_euler(found.kind, factor * rows))
             return np.asarray(np.roll(rotation.as_quat(), 1, axis=1))
@@ -418,6 +417,24 @@ class Columns:
         norms[off < EXACT] = 1.0
         ordered = rows if order == 'wxyz' else rows[:, [3, 0, 1, 2]]
         return np.asarray(ordered / norms[:, None])
+
+    def _radians(self, names: str, part: Label, angles: np.ndarray, most: float) -> float:
+        """
+        Radians of the unit of angles.
+
+        :param most: up to which they are in radians, if nothing tells the unit
+        :raises DataError: if it cannot be told
+        """
+        given = labels.ANGLES.get(self._settings.angle_unit) or labels.radians_of(part)
+        if given is not None:
+            return given
+        largest = float(np.abs(angles).max())
+        if most < largest <= DEGREES:
+            raise DataError(f'{self._where}: {names} reach {largest:.3g}, which may be rad or '
+                            'deg: give --angle-unit')
+        unit = 'rad' if largest <= most else 'deg'
+        self.notes.append(f'{names} in {unit}: they reach {largest:.3g}')
+        return labels.ANGLES[unit]
 
     def _of_matrices(self, found: _Found, matrices: np.ndarray) -> np.ndarray:
         """:raises DataError: if a matrix is no rotation"""

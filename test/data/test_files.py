@@ -169,6 +169,12 @@ READ = {
                            stacked(T.times, T.position, np.degrees(T.rpy))), {}),
     'euler.csv': (text(['t', 'tx', 'ty', 'tz', 'euler_x', 'euler_y', 'euler_z'],
                        stacked(T.times, T.position, T.rpy)), {'rotation': 'xyz'}),
+    'rpy_angle_unit.csv': (text(['t', 'x', 'y', 'z', 'roll', 'pitch', 'yaw'],
+                                stacked(T.times, T.position, T.rpy)), {'angle_unit': 'rad'}),
+    'ox.csv': (text(['t', 'px', 'py', 'pz', 'ox', 'oy', 'oz', 'ow'],
+                    stacked(T.times, T.position, T.xyzw)), {}),
+    'setpoint.csv': (text([*NAMES, 'setpoint_x', 'setpoint_y', 'setpoint_z'],
+                          stacked(ROWS, T.position + 0.1)), {}),
     'rotvec.csv': (text(['t', 'x', 'y', 'z', 'rotvec_x', 'rotvec_y', 'rotvec_z'],
                         stacked(T.times, T.position, T.rotvec)), {}),
     'ur.csv': (text(['t', 'x', 'y', 'z', 'rx', 'ry', 'rz'],
@@ -209,6 +215,10 @@ REFUSED = {
     'numbered.csv': (READ['numbered.csv'][0], {}, '--quaternion'),
     'euler.csv': (READ['euler.csv'][0], {}, '--rotation'),
     'ur.csv': (READ['ur.csv'][0], {}, '--rotation'),
+    'small_angles.csv': (text(['t', 'x', 'y', 'z', 'roll', 'pitch', 'yaw'],
+                              stacked(T.times, T.position, 1.5 * T.rpy)), {}, '--angle-unit'),
+    'mixed_units.csv': (text(['t', 'x_mm', 'y', 'z', *NAMES[4:]], ROWS), {}, 'expected one'),
+    'far.csv': (text(NAMES, scaled(1.0, 1e6)), {}, '--scale'),
     'no_times.csv': (text(NAMES[1:], ROWS[:, 1:]), {}, '--rate-hz'),
     # 101 samples that are 1 apart: 0.4 m in 100 s, or in 0.1 s.
     'two_units.csv': (text(NAMES, [[float(i), *row[1:]] for i, row in enumerate(
@@ -571,3 +581,36 @@ def test_conversion_keeps_every_sample(tmp_path):
     check(recordings.read(tmp_path / 'again', keep_rest=True).demonstration, 1e-9)
     assert main(['convert', str(bag), '-o', str(tmp_path / 'a.xyz')]) == 1
     assert not (tmp_path / 'a.xyz').exists()
+
+
+def test_a_channel_with_json_beside_does_not_matter(tmp_path):
+    """A recorder of another program may write it into the same MCAP."""
+    bag = written(tmp_path / 'bag', {'/pose': (bags.POSE, stamped)})
+    data = next(bag.glob('*.mcap')).read_bytes()
+
+    def record(kind, *parts):
+        content = b''.join(parts)
+        return bytes([kind]) + len(content).to_bytes(8, 'little') + content
+
+    def string(value):
+        return len(value).to_bytes(4, 'little') + value
+
+    def number(value, size=2):
+        return value.to_bytes(size, 'little')
+    at = 8
+    while data[at] != 0x0F:  # end of the data
+        at += 9 + int.from_bytes(data[at + 1:at + 9], 'little')
+    (tmp_path / 'mixed.mcap').write_bytes(
+        data[:at] + record(0x03, number(77), string(b'note'), string(b'jsonschema'), string(b'{}'))
+        + record(0x04, number(77), number(77), string(b'/note'), string(b'json'), number(0, 4))
+        + record(0x05, number(77), number(0, 4), number(START, 8), number(START, 8), b'{}'))
+    check_trimmed(recordings.read(tmp_path / 'mixed.mcap').demonstration)
+
+
+def test_what_a_roll_out_writes_is_read(tmp_path):
+    (tmp_path / 'a.csv').write_text(text(NAMES, ROWS))
+    for words in (['learn', 'a.csv', '-o', 'a.json'], ['rollout', 'a.json', '-o', 'b.csv'],
+                  ['learn', 'b.csv', '-o', 'b.json']):
+        assert main([str(tmp_path / word) if '.' in word else word for word in words]) == 0
+    first, again = (Skill.load(tmp_path / name) for name in ('a.json', 'b.json'))
+    np.testing.assert_allclose(again.goal, first.goal, atol=2e-3)
