@@ -322,7 +322,7 @@ def check_tolerance(tolerance: float) -> None:
 
 
 def warn_tolerance(count: int, error: float, tolerance: float) -> None:
-    """Warn that ``n_basis='auto'`` could not meet the tolerance."""
-    warnings.warn(f"n_basis='auto': the tolerance of {tolerance:.2g} of the span cannot be met: "
-                  f'the best, {count} basis functions, leaves {error:.2g}, noise of the '
-                  'demonstrations included', GdmpWarning, stacklevel=5)
+    """Warn that ``n_basis='auto'`` did not meet the tolerance: more functions describe noise."""
+    warnings.warn(f"n_basis='auto': {count} basis functions are enough; the {error:.2g} of the "
+                  f'span that they leave (tolerance {tolerance:.2g}) are noise, or differ between '
+                  'the demonstrations', GdmpWarning, stacklevel=5)
