@@ -102,6 +102,9 @@ def _convert(options: argparse.Namespace, target: str) -> None:
         return
     result = [demo for source in options.sources for demo in _demonstrations(options, source)]
     demos = [demonstration for demonstration, _ in result]
+    if target in ('lerobot', 'robomimic') and demos and demos[0].manifold.point_size > 7:
+        print(f'state and action have the pose and the stiffness: {demos[0].manifold.point_size} '
+              'numbers')
     if target == 'skill':
         names = [str(source) for source in options.sources]
         Skill.learn(demos, provenance={'converted from': names}).save(output)

@@ -65,7 +65,9 @@ def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> S
     if kind == 'hold':
         # Without a number it waits for its signal, however long.
         seconds = np.inf if given['hold'] is None else _number('hold', given['hold'])
-        return HoldStep(_text(given, 'name') or f'hold {number}', seconds, _text(given, 'until'))
+        until = _text(given, 'until')
+        usual = f'wait for {until}' if until else f'hold {number}'
+        return HoldStep(_text(given, 'name') or usual, seconds, until)
     if kind == 'gripper':
         return GripperStep(_text(given, 'name') or f'gripper {number}', _command(given['gripper']))
     return _motion(number, given, folder, skills)

@@ -225,7 +225,9 @@ class SequenceRollout:
         for step in motions:
             if step.skill.manifold != self.manifold:
                 raise DataError(f'{sequence.name}: step {step.name} is on '
-                                f'{step.skill.manifold!r}, the first one on {self.manifold!r}')
+                                f'{step.skill.manifold!r}, the first one on {self.manifold!r}: '
+                                'learn both with, or without, a stiffness (gdmp learn '
+                                '--stiffness none)')
         self.course = Course(sequence, first)
         later = [step for step in sequence.steps[first:] if isinstance(step, MotionStep)]
         begin = (later or motions[-1:])[0]

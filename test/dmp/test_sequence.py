@@ -196,7 +196,7 @@ def test_a_file_has_the_steps_and_the_skills_beside_it(library, tmp_path):
     path.write_text(FILE)
     steps = read_sequence(path).steps
     assert [step.name for step in steps] == ['there', 'gripper 2', 'hold 3', 'wipe', 'first',
-                                             'hold 6']
+                                             'wait for done']
     assert steps[0].goal.tolist() == [0.1, 0.2, 0.3] and steps[0].duration == 2.5
     assert (steps[1].command.width, steps[1].command.force) == (0.02, 20.0)
     assert steps[3].duration == 2.0 and steps[3].cycles == 3.0 and steps[3].blend == 0.1
