@@ -313,7 +313,9 @@ class Columns:
                             f'{len(position.rows)}, {len(orientation.rows)} samples: '
                             f'{position.names}; {orientation.names}')
         for better in (lambda p, o: _body(p.label) == _body(o.label),
-                       lambda p, o: p.label.says(labels.TOOL) or o.label.says(labels.TOOL)):
+                       lambda p, o: p.label.says(labels.TOOL) or o.label.says(labels.TOOL),
+                       # Angles beside a quaternion are the same rotation.
+                       lambda p, o: o.rows.shape[1] == 4):
             if len(pairs) > 1:
                 pairs = [pair for pair in pairs if better(*pair)] or pairs
         for at, role in enumerate(('position', 'orientation')):

@@ -169,6 +169,8 @@ READ = {
                            stacked(T.times, T.position, np.degrees(T.rpy))), {}),
     'euler.csv': (text(['t', 'tx', 'ty', 'tz', 'euler_x', 'euler_y', 'euler_z'],
                        stacked(T.times, T.position, T.rpy)), {'rotation': 'xyz'}),
+    'quaternion_and_rpy.csv': (text(['t', 'x', 'y', 'z', *QUATERNION, 'roll', 'pitch', 'yaw'],
+                                    stacked(T.times, T.position, T.xyzw, T.rpy)), {}),
     'rpy_angle_unit.csv': (text(['t', 'x', 'y', 'z', 'roll', 'pitch', 'yaw'],
                                 stacked(T.times, T.position, T.rpy)), {'angle_unit': 'rad'}),
     'ox.csv': (text(['t', 'px', 'py', 'pz', 'ox', 'oy', 'oz', 'ow'],
