@@ -19,7 +19,7 @@ ONLY_IN = {'rclpy': {'ros'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
            'numba': {'kernels'}, 'plotly': {'view'}, 'viser': {'studio'}}
 #: Files that import by a string: from a list of the package, or outside of it.
 LISTS = {
-    'gdmp_ros.cli.program': [f'gdmp_ros.cli.{name.replace("-", "_")}' for name in PROGRAM.verbs],
+    'gdmp_ros.cli.program': [f'gdmp_ros.cli.{name.replace(" ", "_")}' for name in PROGRAM.verbs],
     'gdmp_ros.ros.recorder.record': [], 'gdmp_ros.sim.model_sources': [],
 }
 
@@ -132,5 +132,5 @@ assert set(gdmp_ros.__all__) <= set(dir(gdmp_ros))
 
 def test_every_verb_has_a_module_that_can_be_parsed_and_run():
     for name in PROGRAM.verbs:
-        module = importlib.import_module(f'gdmp_ros.cli.{name.replace("-", "_")}')
+        module = importlib.import_module(f'gdmp_ros.cli.{name.replace(" ", "_")}')
         assert module.__doc__ and callable(module.add_arguments) and callable(module.run)

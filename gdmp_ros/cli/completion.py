@@ -18,7 +18,7 @@ def complete() -> None:
     for name, text in PROGRAM.verbs.items():
         first, _, second = name.partition(' ')
         if second and first not in nested:
-            nested[first] = verbs.add_parser(first).add_subparsers()
+            nested[first] = verbs.add_parser(first, add_help=False).add_subparsers()
         verb = nested[first].add_parser(second) if second else verbs.add_parser(first, help=text)
         if name == ' '.join(words[1:3 if second else 2]):  # only this module is imported
             PROGRAM.module_of(name).add_arguments(verb)

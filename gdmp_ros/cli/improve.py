@@ -235,11 +235,12 @@ def _variables(options: argparse.Namespace, task: Task) -> list[Variable]:
     """What varies: what is asked for, or what the task says, or the path."""
     from gdmp_ros.improvement.task import ProvidesSkill
     from gdmp_ros.improvement.variables import Stiffness, Tempo, ViaPoints, Weights
-    for name, value in (('--weights', options.vary_path), ('--stiffness', options.vary_stiffness)):
+    for name, value in (('--vary-path', options.vary_path),
+                        ('--vary-stiffness', options.vary_stiffness)):
         if value is not None:
             check_number(name, value, 1)
     for place in options.vary_via or ():
-        check_number('--via', place, above=0.0, high=1.0)
+        check_number('--vary-via', place, above=0.0, high=1.0)
     millimetres, turn = options.by
     # Tangents on S³ are half the rotation vector.
     pose = {'position': 1e-3 * millimetres, 'orientation': 0.5 * turn}

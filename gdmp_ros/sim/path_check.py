@@ -303,16 +303,23 @@ class PathChecker:
             positions.append(measured.pose[:3].copy())
             singular.append(singular_value(measured.jacobian, direction))
             clearance.append(self._clearance())
-        velocities = np.gradient(np.array(positions), times, axis=0)
+        velocities, accelerations = _derivatives(np.asarray(times), np.array(positions))
         return PathCheck(np.asarray(times), postures, offset, np.array(margin), np.array(joint),
                          np.array(singular), np.array(clearance),
-                         np.linalg.norm(velocities, axis=1),
-                         np.linalg.norm(np.gradient(velocities, times, axis=0), axis=1))
+                         np.linalg.norm(velocities, axis=1), np.linalg.norm(accelerations, axis=1))
 
     def _clearance(self) -> float:
         model, data = self._arm.model, self._arm.data
         return min((mujoco.mj_geomDistance(model, data, first, second, _FAR_M, None)
                     for first, second in self._pairs), default=_FAR_M)
+
+
+def _derivatives(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities and accelerations along a path; 0 of a single pose."""
+    if len(times) < 2:
+        return np.zeros_like(positions), np.zeros_like(positions)
+    velocities = np.gradient(positions, times, axis=0)
+    return velocities, np.gradient(velocities, times, axis=0)
 
 
 def _pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:

@@ -172,7 +172,7 @@ def test_rollout_writes_the_path_to_the_new_goal(folder):
     with out.open() as lines:
         rows = list(csv.DictReader(lines))
     assert float(rows[0]['time']) == 0.0 and float(rows[0]['phase']) == 1.0
-    last = [float(rows[-1][f'position_{i}']) for i in range(3)]
+    last = [float(rows[-1][f'position_{axis}']) for axis in 'xyz']
     assert last == pytest.approx([0.5, 0.1, 0.4], abs=1e-3)
     bad = gdmp('rollout', folder / 'skill.json', '--goal', 1.0, 2.0)
     assert bad.returncode == 1 and '--goal has 2 numbers, expected 16' in bad.stderr

@@ -42,7 +42,7 @@ def test_the_covariances_of_a_class_are_one_profile():
 
 
 def test_the_riemannian_data_set_is_written_as_archives(tmp_path, capsys):
-    words = ['record', 'lasa', 'Line', '--manifold', 'SO3', '-o', str(tmp_path)]
+    words = ['examples', 'lasa', 'Line', '--manifold', 'SO3', '-o', str(tmp_path)]
     assert main(words) == 0
     with np.load(tmp_path / 'Line_SO3.npz', allow_pickle=False) as found:
         assert len(found.files) == 14
