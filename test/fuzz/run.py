@@ -63,10 +63,10 @@ def fuzz_live(runs: int, folder: Path) -> dict[str, object]:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64MultiArray
 
-    from experiments.reliability.trial import short_skill, Trial
+    from experiments.reliability.trial import FaultTrial, short_skill
     from gdmp_ros.ros.clients.testbed import ARM, process_bed, SERVER
     folder.mkdir(parents=True, exist_ok=True)
-    with process_bed(Trial, folder, skill=short_skill(folder)) as trial:
+    with process_bed(FaultTrial, folder, skill=short_skill(folder)) as trial:
         trial.start(record=False)
         choose = random.Random(0)
         topics = {f'{SERVER}/goal_pose': PoseStamped(), f'{SERVER}/moving_goal': MovingGoal(),
