@@ -1,6 +1,9 @@
 """Inputs found by fuzzing that were handled wrongly once."""
+import ast
 import copy
+import importlib
 import json
+from pathlib import Path
 
 from gdmp_msgs.srv import LearnSkill
 import numpy as np
@@ -160,3 +163,14 @@ def test_a_skill_file_that_is_not_a_file(path):
 
 def test_products_with_names_as_a_tuple_still_work():
     assert Product(Sphere(2), Sphere(1), names=('a', 'b')).names == ('a', 'b')
+
+
+def test_what_the_fuzzers_import_when_they_run_exists():
+    for path in Path(__file__).parent.glob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith(
+                    ('gdmp_ros', 'experiments')):
+                module = importlib.import_module(node.module)
+                for name in node.names:
+                    if not hasattr(module, name.name):
+                        importlib.import_module(f'{node.module}.{name.name}')
