@@ -45,3 +45,5 @@ ROLES = ('times', 'points', 'position', 'orientation', 'stiffness', 'joints')
 #: Other ways to write a rotation than a quaternion: a rotation vector, or angles about axes; axes
 #: in capitals turn with the body, others do not.
 ROTATIONS = ('rotvec', 'xyz', 'XYZ', 'zyx', 'ZYX')
+#: Suffixes of sequence files.
+SEQUENCES = ('.yaml', '.yml')

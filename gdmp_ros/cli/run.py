@@ -23,12 +23,10 @@ import argparse
 import os
 from pathlib import Path
 
+from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.cli.arguments import add_arm_node, add_context, check_number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import optional_import, ROS
-
-#: Suffixes of sequence files.
-SEQUENCES = ('.yaml', '.yml')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

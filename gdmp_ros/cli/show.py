@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
+from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.cli.arguments import (
     add_import,
     add_output,
@@ -49,8 +50,6 @@ if TYPE_CHECKING:
     from gdmp_ros.dmp.skill import Skill
 
 PICTURES, FILMS, PAGES = ('.png', '.pdf', '.svg'), ('.mp4', '.webp', '.gif'), ('.html',)
-#: Suffixes of sequence files.
-SEQUENCES = ('.yaml', '.yml')
 #: Episodes that are listed.
 MOST_ROWS = 20
 #: Largest number of spheres along the path of a film.
@@ -89,22 +88,18 @@ def run(options: argparse.Namespace) -> int | None:
     is_bag = source.is_dir() or source.suffix in bags.FILES
     if output is None:
         return _print(options, is_bag)
+    from gdmp_ros.data import runs
     if output.suffix in PAGES:
         with optional_import(extra('report')):
             from gdmp_ros.view import pages
         what = pages.write_report(source, output, options.namespace, options.skill)
         print(f'wrote {output}, about {what}')
-    elif output.suffix in FILMS or (is_bag and _is_run(options)):
+    elif output.suffix in FILMS or (is_bag and runs.is_run(source, options.namespace)):
         _film(options, is_bag)
     else:
         _draw(options)
         print(f'wrote {output}')
     return None
-
-
-def _is_run(options: argparse.Namespace) -> bool:
-    from gdmp_ros.data import bags, runs
-    return all(runs.streams(bags.topics(options.source), options.namespace))
 
 
 def _print(options: argparse.Namespace, is_bag: bool) -> int | None:

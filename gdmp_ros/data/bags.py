@@ -5,7 +5,8 @@ ROS 1 bags, single storage files and those of a recorder that was killed are rea
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
@@ -25,7 +26,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from gdmp_ros import choices
 from gdmp_ros.control import target as layout
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
-from gdmp_ros.data.columns import increasing
+from gdmp_ros.data.columns import usable
 from gdmp_ros.data.tables import SUFFIXES
 from gdmp_ros.errors import DataError, GdmpError, GdmpWarning
 from gdmp_ros.manifolds.poses import compose, IDENTITY
@@ -194,9 +195,12 @@ def _complete(path: Path, folder: Path) -> Path:
     """The file, or a copy without the incomplete end of an MCAP whose recorder was killed."""
     if path.suffix != '.mcap':
         return path
+    with path.open('rb') as file:
+        begin = file.read(len(_MCAP))
+        file.seek(-min(len(_MCAP), path.stat().st_size), os.SEEK_END)
+        if begin != _MCAP or file.read() == _MCAP:
+            return path
     data = path.read_bytes()
-    if not data.startswith(_MCAP) or data.endswith(_MCAP):
-        return path
     at = ends = len(_MCAP)
     while at + 9 <= len(data):
         at += 9 + int.from_bytes(data[at + 1:at + 9], 'little')
@@ -283,7 +287,10 @@ class _Sample(NamedTuple):
 
 
 def _samples(reader: AnyReader, connections: list[Connection]) -> Iterator[_Sample]:
-    for connection, bag_time, raw in reader.messages(connections):
+    messages: Iterable[tuple[Connection, int, bytes]] = reader.messages(connections)
+    if connections[0].msgtype == PATH:
+        messages = deque(messages, maxlen=1)
+    for connection, bag_time, raw in messages:
         message = message_of(reader, connection, raw)
         kind = POSE if connection.msgtype == PATH else connection.msgtype
         for item in message.poses if connection.msgtype == PATH else (message,):
@@ -298,8 +305,6 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
     samples = list(_samples(reader, connections))
     if not samples:
         raise DataError(f'{bag}: topic {topic} has no messages')
-    if connections[0].msgtype == PATH:
-        samples = [sample for sample in samples if sample.bag_time == samples[-1].bag_time]
     frames = sorted({sample.frame for sample in samples if sample.frame}) or ['']
     if len(frames) > 1:
         raise DataError(f'{bag}, topic {topic}: the frames are {", ".join(map(repr, frames))}, '
@@ -329,11 +334,10 @@ def _checked(series: Series, drop_bad: bool) -> Series:
 
     :raises DataError: naming the first bad one otherwise
     """
-    good = finite = np.isfinite(series.values).all(axis=1)
-    seconds = (series.stamps - series.stamps[0]) / NS
+    finite = np.isfinite(series.values).all(axis=1)
     if drop_bad:
-        good = finite.copy()
-        good[np.flatnonzero(finite)] = increasing(seconds[finite])
+        seconds = (series.stamps - series.stamps[0]) / NS
+        _, good = usable(seconds, series.values)
         if not good.all():
             warnings.warn(f'{series.bag}, topic {series.topic}: {int((~good).sum())} of '
                           f'{len(good)} samples are left out, the first at t = '

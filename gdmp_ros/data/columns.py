@@ -18,6 +18,7 @@ from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.data import labels
 from gdmp_ros.data.labels import Group, groups, Label, label, ORDERS
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.quaternion import rotation_angles
 
 #: Time between two samples of a recording [s], and its duration [s].
 STEPS_S, DURATIONS_S = (4e-5, 2.6), (0.1, 7200.0)
@@ -146,7 +147,8 @@ class Columns:
         scale = self._scale(position, kept)
         positions = scale * position.rows[kept] + np.asarray(self._settings.offset)
         quaternions = self._quaternions(orientation, kept)
-        moved = _length(positions) + RADIAN_M * _turned(quaternions)
+        turned = rotation_angles(quaternions[1:], quaternions[:-1]).sum()
+        moved = _length(positions) + RADIAN_M * float(turned)
         points = np.hstack([positions, quaternions,
                             *([] if stiffness is None else [stiffness[kept]])])
         seconds = self._seconds(times, kept, moved)
@@ -376,7 +378,7 @@ class Columns:
         """
         if self._settings.scale is not None:
             return self._settings.scale
-        given = labels.length_of(position.label)
+        given = labels.LENGTHS.get(position.label.unit)
         if given is not None:
             return given
         largest = float(np.linalg.norm(position.rows[kept], axis=1).max())
@@ -427,7 +429,7 @@ class Columns:
         :param most: up to which they are in radians, if nothing tells the unit
         :raises DataError: if it cannot be told
         """
-        given = labels.ANGLES.get(self._settings.angle_unit) or labels.radians_of(part)
+        given = labels.ANGLES.get(self._settings.angle_unit) or labels.ANGLES.get(part.unit)
         if given is not None:
             return given
         largest = float(np.abs(angles).max())
@@ -529,8 +531,8 @@ class Columns:
         if given is None:
             for name, part in parts.items():
                 for other, fine in parts.items():
-                    if (fine.words == part.words and (labels.seconds_of(part),
-                                                      labels.seconds_of(fine)) == (1.0, 1e-9)):
+                    if fine.words == part.words and (labels.TIMES.get(part.unit),
+                                                     labels.TIMES.get(fine.unit)) == (1.0, 1e-9):
                         whole, small = (self._arrays[item].reshape(-1) for item in (name, other))
                         return f'{name} and {other}', (whole - whole[0]) + 1e-9 * small, 1.0
         names = given or list(parts) or [name for name in self._arrays if name in (
@@ -546,7 +548,7 @@ class Columns:
         # Integers are subtracted exactly.
         since = (values - (first[0] if len(first) else 0)).astype(float)
         return names[0], since, (labels.TIMES.get(self._settings.time_unit)
-                                 or labels.seconds_of(self._labels[names[0]]))
+                                 or labels.TIMES.get(self._labels[names[0]].unit))
 
     def _kept(self, times: tuple[str, np.ndarray, float | None], rows: np.ndarray) -> np.ndarray:
         """
@@ -554,9 +556,7 @@ class Columns:
 
         :raises DataError: naming the first bad one, unless bad ones are to be dropped
         """
-        finite = np.asarray(np.isfinite(times[1]) & np.isfinite(rows).all(axis=1))
-        good = finite.copy()
-        good[np.flatnonzero(finite)] = increasing(times[1][finite])
+        finite, good = usable(times[1], rows)
         if good.all():
             return good
         at = int(np.argmin(finite))
@@ -628,6 +628,18 @@ class Columns:
         listed = [f'{name} {array.shape}' for name, array in self._arrays.items()]
         more = f' and {len(listed) - 12} more' if len(listed) > 12 else ''
         return (', '.join(listed[:12]) + more) or 'no arrays of numbers'
+
+
+def usable(times: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Which samples are numbers, and which of these have times that increase; shape ``(T,)`` each.
+
+    :param rows: shape ``(T, k)``
+    """
+    finite = np.asarray(np.isfinite(times) & np.isfinite(rows).all(axis=1))
+    good = finite.copy()
+    good[np.flatnonzero(finite)] = increasing(times[finite])
+    return finite, good
 
 
 def increasing(times: np.ndarray) -> np.ndarray:
@@ -727,9 +739,3 @@ def _real_part(rows: np.ndarray) -> tuple[int | None, str]:
 
 def _length(positions: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
-
-
-def _turned(quaternions: np.ndarray) -> float:
-    """Sum of the angles between samples [rad]."""
-    cosines = np.abs((quaternions[1:] * quaternions[:-1]).sum(axis=1))
-    return float(2.0 * np.arccos(np.clip(cosines, -1.0, 1.0)).sum())

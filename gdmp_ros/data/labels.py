@@ -136,21 +136,6 @@ def groups(names: Iterable[str]) -> list[Group]:
     return list(result.values())
 
 
-def length_of(part: Label) -> float | None:
-    """Length in metres of the unit of a name; None without one."""
-    return LENGTHS.get(part.unit)
-
-
-def seconds_of(part: Label) -> float | None:
-    """Seconds of the unit of a name; None without one."""
-    return TIMES.get(part.unit)
-
-
-def radians_of(part: Label) -> float | None:
-    """Radians of the unit of a name; None without one."""
-    return ANGLES.get(part.unit)
-
-
 def matching(names: Mapping[str, object], given: str) -> str:
     """The name that a user means: it may be given without its unit in brackets."""
     if given in names:

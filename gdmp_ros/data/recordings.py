@@ -58,6 +58,12 @@ def without_rest(demonstration: Demonstration, where: str) -> slice:
     return slice(first, last + 1)
 
 
+def _part(full: Demonstration, kept: slice) -> Demonstration:
+    """These samples, with times from 0 on."""
+    times = full.times[kept]
+    return Demonstration(times - times[0], full.points[kept], full.manifold)
+
+
 def _resting(manifold: Manifold, times: np.ndarray, points: np.ndarray) -> int:
     """Index of the last sample of the rest at the beginning; 0 without rest."""
     tolerances = [factor.goal_tolerance for factor in manifold.factors]
@@ -251,8 +257,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
         commands = commands_in(reader, str(bag))
     full = _joined(poses, matrices)
     kept = slice(None) if keep_rest else without_rest(full, f'{poses.bag}, topic {poses.topic}')
-    times = full.times[kept]
-    demonstration = Demonstration(times - times[0], full.points[kept], full.manifold)
+    demonstration = _part(full, kept)
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
     stamps = poses.stamps[kept]
     return Recording(demonstration, str(bag), poses.frame, block, wrench,
@@ -291,8 +296,7 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
         warnings.warn(f'{where}: {wrapped} pass from pi to -pi: read as continuous', GdmpWarning,
                       stacklevel=2)
     kept = without_rest(full, where)
-    times = full.times[kept]
-    return Recording(Demonstration(times - times[0], full.points[kept], manifold), str(bag),
+    return Recording(_part(full, kept), str(bag),
                      series.frame, None, joints=series.names,
                      events=during(commands, series.stamps[kept][0], series.stamps[kept][-1]))
 
@@ -417,10 +421,7 @@ def _noted(source: str | Path, result: Imported) -> Demonstration:
 
 def _trimmed(source: str, full: Demonstration, joints: tuple[str, ...] = ()) -> Recording:
     """The demonstration of another program without rest."""
-    kept = without_rest(full, source)
-    times = full.times[kept]
-    return Recording(Demonstration(times - times[0], full.points[kept], full.manifold), source,
-                     FRAME, None, joints=joints)
+    return Recording(_part(full, without_rest(full, source)), source, FRAME, None, joints=joints)
 
 
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:

@@ -20,6 +20,7 @@ from gdmp_ros.data.bags import (
     pose_numbers,
     REFERENCE,
     reference_target,
+    topics,
     topics_in,
     vector_numbers,
 )
@@ -115,6 +116,11 @@ def streams(topics: Sequence[tuple[str, str, int]], robot: str = ''
                                   if kind == message and topic.startswith(within)})
                           for message in (REFERENCE, STATE))
     return references, states
+
+
+def is_run(bag: Path, robot: str = '') -> bool:
+    """Whether a bag has references and states of an arm; see `streams`."""
+    return all(streams(topics(bag), robot))
 
 
 def read(bag: Path, robot: str = '') -> Run:

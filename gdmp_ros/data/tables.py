@@ -1,6 +1,7 @@
 """Arrays by name from files of other programs: text, NumPy, MATLAB, HDF5, Parquet."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 import csv
 import gzip
 from pathlib import Path
@@ -56,7 +57,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _numbers(given: Any) -> np.ndarray | None:
-    """Numbers as an array, and dates in seconds; None if they are neither."""
+    """Numbers as an array, and dates in ns; None if they are neither."""
     array = np.asarray(given)
     if array.dtype.kind in 'mM':
         return (array.astype('datetime64[ns]').astype(np.int64) if array.dtype.kind == 'M'
@@ -156,30 +157,28 @@ def _columns(path: Path, names: list[str], rows: list[tuple[int, str]], delimite
         table = np.loadtxt(text, delimiter=delimiter, ndmin=2, comments=None)
         if table.shape[1] != len(names):
             raise ValueError
-        large = np.flatnonzero(np.nanmax(np.abs(table), axis=0) > _EXACT)
-        result = dict(zip(names, table.T))
-        cells = {i: [_split(line, delimiter)[i] for line in text] for i in large.tolist()}
     except ValueError:
-        parts = []
-        for (number, _), line in zip(rows, text):
-            parts.append(_split(line, delimiter))
-            if len(parts[-1]) != len(names):
-                raise DataError(f'{path}, line {number}: {len(parts[-1])} numbers, expected '
-                                f'{len(names)}') from None
-        cells = {i: [row[i] for row in parts] for i in range(len(names))}
-        result = {}
-    for i, column in cells.items():
-        named, array = _column(names[i], column)
-        result.pop(names[i], None)
-        # A column without any number is a label.
-        if np.isfinite(array).any():
-            result[named] = array
-    return {name: result[name] for name in sorted(
-        result, key=lambda name: names.index(name.removesuffix(' [ns]')
-                                             if name not in names else name))}
+        return _mixed(path, names, [(number, _split(line, delimiter))
+                                    for (number, _), line in zip(rows, text)])
+    large = set(np.flatnonzero(np.nanmax(np.abs(table), axis=0) > _EXACT).tolist())
+    cells = list(zip(*(_split(line, delimiter) for line in text))) if large else []
+    return dict(_column(name, cells[i]) if i in large else (name, table[:, i])
+                for i, name in enumerate(names))
 
 
-def _column(name: str, cells: list[str]) -> tuple[str, np.ndarray]:
+def _mixed(path: Path, names: list[str], rows: list[tuple[int, list[str]]]
+           ) -> dict[str, np.ndarray]:
+    """Numbers of each column, where some cells are no numbers."""
+    for number, cells in rows:
+        if len(cells) != len(names):
+            raise DataError(f'{path}, line {number}: {len(cells)} numbers, expected '
+                            f'{len(names)}')
+    result = dict(map(_column, names, zip(*(cells for _, cells in rows))))
+    # A column without any number is a label.
+    return {name: array for name, array in result.items() if np.isfinite(array).any()}
+
+
+def _column(name: str, cells: Sequence[str]) -> tuple[str, np.ndarray]:
     """A column as numbers; of dates, the name tells the unit."""
     if all(re.fullmatch(r'[-+]?[0-9]{16,18}|[-+]?[0-9]{19}', cell) for cell in cells):
         return name, np.array([int(cell) for cell in cells], dtype=np.int64)

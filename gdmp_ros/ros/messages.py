@@ -205,8 +205,7 @@ def transform_numbers(transform: Transform) -> np.ndarray:
 
     :raises ManifoldError: if a number is not finite, or the quaternion not unit
     """
-    p, q = transform.translation, transform.rotation
-    return _normalized(np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z]))
+    return _normalized(np.array(bags.transform_numbers(transform)))
 
 
 def set_transform(transform: Transform, numbers: np.ndarray) -> None:

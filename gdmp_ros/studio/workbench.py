@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.data import bags, episodes, recordings, runs, takes
 from gdmp_ros.data.columns import Import
 from gdmp_ros.data.recordings import Recording
@@ -273,7 +274,7 @@ def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None,
     for source in sources:
         if source.suffix == '.json' and not source.is_dir():
             bench.open_skill(source)
-        elif source.suffix in ('.yaml', '.yml') and not source.is_dir():
+        elif source.suffix in SEQUENCES and not source.is_dir():
             bench.open_sequence(source)
         else:
             for bag in takes.bags_in(source):

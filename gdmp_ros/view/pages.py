@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from gdmp_ros import __version__
-from gdmp_ros.data import bags, recordings, runs
+from gdmp_ros.data import recordings, runs
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError
@@ -60,7 +60,7 @@ def write_report(bag: Path, path: Path, robot: str = '', skill: Path | None = No
         the skill does not know how takes vary
     """
     learned = None if skill is None else Skill.load(skill)
-    is_run = all(runs.streams(bags.topics(bag), robot))
+    is_run = runs.is_run(bag, robot)
     parts = _run(bag, robot, learned) if is_run else _demonstration(bag, learned)
     write_page('report.html', path, 'report', source=str(bag), **parts)
     return 'a run' if is_run else 'a demonstration'

@@ -2,6 +2,7 @@
 import ast
 import copy
 import importlib
+import importlib.util
 import json
 from pathlib import Path
 
@@ -172,5 +173,5 @@ def test_what_the_fuzzers_import_when_they_run_exists():
                     ('gdmp_ros', 'experiments')):
                 module = importlib.import_module(node.module)
                 for name in node.names:
-                    if not hasattr(module, name.name):
-                        importlib.import_module(f'{node.module}.{name.name}')
+                    assert hasattr(module, name.name) or importlib.util.find_spec(
+                        f'{node.module}.{name.name}'), f'{path.name}: {name.name}'

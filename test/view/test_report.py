@@ -80,7 +80,7 @@ def test_the_page_of_a_run_tells_what_happened_and_which_limits_were_active():
 def test_a_browser_opens_it_without_an_error(taken, tmp_path, monkeypatch, what):
     path, picture = tmp_path / 'page.html', tmp_path / 'page.png'
     if what == 'run':
-        monkeypatch.setattr(pages.bags, 'topics', lambda _: [
+        monkeypatch.setattr(runs, 'topics', lambda _: [
             (runs.REFERENCE_TOPIC, '', 1), (runs.STATE_TOPIC, '', 1)])
         monkeypatch.setattr(pages.runs, 'read', lambda _: recorded_run())
     pages.write_report(taken, path)
