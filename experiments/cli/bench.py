@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gdmp_ros.choices import check_lasa_class, LASA_CLASSES
-from gdmp_ros.cli.arguments import add_parallel, check_number
+from gdmp_ros.cli.arguments import add_parallel, integer, number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import table
 
@@ -49,11 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     parser.add_argument('--out', type=Path, default=Path('out/bench'), metavar='DIR',
                         help='for all: folder for figures and pictures (default %(default)s)')
-    parser.add_argument('--repetitions', type=int, default=9, metavar='N',
+    parser.add_argument('--repetitions', type=integer(7), default=9, metavar='N',
                         help='of every timing, at least 7; the median is reported (default '
                              '%(default)s)')
-    parser.add_argument('--seconds', type=float, default=60.0, metavar='S',
-                        help='duration of stream [s] (default %(default)s)')
+    parser.add_argument('--seconds', type=number(above=0.0, high=86400.0), default=60.0,
+                        metavar='S', help='duration of stream [s] (default %(default)s)')
     parser.add_argument('--class', dest='classes', action='append', metavar='CLASS',
                         help='LASA class for accuracy, may be repeated (default: all 30)')
     parser.add_argument('--n-basis', type=int, default=60, metavar='N',
@@ -68,8 +68,6 @@ def run(options: argparse.Namespace) -> None:
     classes = tuple(options.classes or LASA_CLASSES)
     for name in classes:
         check_lasa_class(name)
-    check_number('--repetitions', options.repetitions, 7)
-    check_number('--seconds', options.seconds, above=0.0, high=86400.0)
     from experiments.timing import environment, TimingSettings
     from gdmp_ros.util.parallel import scheduler_address
     given = options.robottasks or os.environ.get('GDMP_ROBOTTASKS')

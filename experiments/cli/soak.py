@@ -13,13 +13,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('--minutes', type=float, default=30.0, metavar='M',
+    parser.add_argument('--minutes', type=number(0.2, 10_000.0), default=30.0, metavar='M',
                         help='duration [min] (default %(default)g)')
     parser.add_argument('--out', type=Path, default=Path('out/soak'), metavar='DIR',
                         help='folder for report and picture (default %(default)s)')
@@ -28,7 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the soak; 0 if everything holds."""
-    check_number('--minutes', options.minutes, 0.2, 10_000.0)
     with optional_import(ROS):
         from experiments.reliability import soak
     return 0 if soak.run(options.minutes, options.out, options.seed) else 1

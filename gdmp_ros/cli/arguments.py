@@ -2,11 +2,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from gdmp_ros.choices import ARMS, ROLES, ROTATIONS, STORAGES
 from gdmp_ros.errors import DataError, ParameterError
@@ -14,6 +15,8 @@ from gdmp_ros.errors import DataError, ParameterError
 if TYPE_CHECKING:
     from gdmp_ros.data.columns import Import
     from gdmp_ros.ros.arm_choice import ArmChoice
+
+T = TypeVar('T', int, float)
 
 
 def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, *,
@@ -67,11 +70,11 @@ def add_import(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rotation', choices=ROTATIONS, default='',
                         help='what three numbers of a rotation are: a rotation vector, or angles '
                              'about fixed axes (xyz is roll, pitch, yaw) or moving ones (XYZ)')
-    parser.add_argument('--scale', type=float, metavar='X',
+    parser.add_argument('--scale', type=number(above=0.0), metavar='X',
                         help='factor of the positions, 0.001 for millimetres')
     parser.add_argument('--offset', type=float, nargs=3, default=(0.0, 0.0, 0.0),
                         metavar=('X', 'Y', 'Z'), help='added to the scaled positions [m]')
-    parser.add_argument('--rate-hz', type=float, metavar='HZ',
+    parser.add_argument('--rate-hz', type=number(1e-2, 100_000.0), metavar='HZ',
                         help='samples per second of the source; its times are not used then')
     parser.add_argument('--time-unit', choices=('s', 'ms', 'us', 'ns'), default='',
                         help='unit of the times of the source')
@@ -98,10 +101,6 @@ def import_settings(options: argparse.Namespace) -> Import:
             raise ParameterError(f'--key {pair}: expected ROLE=NAME with a role of '
                                  f'{", ".join(ROLES)}')
         keys[role] = name
-    if options.rate_hz is not None:
-        check_number('--rate-hz', options.rate_hz, 1e-2, 100_000.0)
-    if options.scale is not None:
-        check_number('--scale', options.scale, above=0.0)
     return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset),
                   options.rotation, options.time_unit, options.angle_unit, options.drop_bad,
                   options.tf_frame and tuple(options.tf_frame))
@@ -123,9 +122,9 @@ def add_bag_output(parser: argparse.ArgumentParser) -> None:
 
 def add_stiffness_range(parser: argparse.ArgumentParser) -> None:
     """Declare the range of a stiffness that is computed from the variance of takes."""
-    parser.add_argument('--k-min', type=float, default=200.0, metavar='N/M',
+    parser.add_argument('--k-min', type=number(above=0.0), default=200.0, metavar='N/M',
                         help='smallest stiffness from variance [N/m] (default %(default)g)')
-    parser.add_argument('--k-max', type=float, default=800.0, metavar='N/M',
+    parser.add_argument('--k-max', type=number(above=0.0), default=800.0, metavar='N/M',
                         help='largest stiffness from variance [N/m] (default %(default)g)')
 
 
@@ -160,7 +159,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 def add_parallel(parser: argparse.ArgumentParser) -> None:
     """Declare where many tasks are done."""
-    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+    parser.add_argument('--jobs', type=integer(-1), default=1, metavar='N',
                         help='processes; -1: one per core (default %(default)s)')
     parser.add_argument('--backend', nargs=2, default=(), metavar=('dask', 'ADDRESS'),
                         help='work on a Dask cluster instead')
@@ -221,20 +220,32 @@ def check_output(path: Path | None, *suffixes: str) -> None:
         raise DataError(f'{path}: {folder} cannot be written')
 
 
-def check_number(name: str, value: float, low: float = -math.inf, high: float = math.inf,
-                 above: float = -math.inf) -> None:
+def number(low: float = -math.inf, high: float = math.inf,
+           above: float = -math.inf) -> Callable[[str], float]:
     """
-    Check an argument before any work is done.
+    Type of an argument that is a finite number within limits.
 
     :param low: smallest value
     :param high: largest value
     :param above: value that must be exceeded
-    :raises ParameterError: if it is not a finite number within the limits
     """
-    if math.isfinite(value) and low <= value <= high and value > above:
-        return
-    limits = [text for text, exists in ((f'more than {above:g}', above > -math.inf),
-                                        (f'at least {low:g}', low > -math.inf),
-                                        (f'at most {high:g}', high < math.inf)) if exists]
-    raise ParameterError(f'{name} is {value:g}, expected '
-                         f'{" and ".join(limits) or "a finite number"}')
+    return lambda text: _within(text, float, low, high, above)
+
+
+def integer(low: float = -math.inf, high: float = math.inf) -> Callable[[str], int]:
+    """Type of an argument that is an integer within limits; see `number`."""
+    return lambda text: _within(text, int, low, high, -math.inf)
+
+
+def _within(text: str, kind: type[T], low: float, high: float, above: float) -> T:
+    """:raises ArgumentTypeError: if the number is not within the limits"""
+    with suppress(ValueError):
+        value = kind(text)
+        if math.isfinite(value) and low <= value <= high and value > above:
+            return value
+    limits = [words for words, exists in ((f'more than {above:g}', above > -math.inf),
+                                          (f'at least {low:g}', low > -math.inf),
+                                          (f'at most {high:g}', high < math.inf)) if exists]
+    name = 'a finite number' if kind is float else 'an integer'
+    raise argparse.ArgumentTypeError(
+        f'is {text}, expected {name}' + (f', {" and ".join(limits)}' if limits else ''))

@@ -37,8 +37,8 @@ from gdmp_ros.cli.arguments import (
     add_overwrite,
     add_pose_topic,
     check_free,
-    check_number,
     import_settings,
+    integer,
 )
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -62,12 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
     add_pose_topic(parser)
     add_import(parser)
-    parser.add_argument('--fps', type=int, default=FPS, metavar='N',
+    parser.add_argument('--fps', type=integer(1, 1000), default=FPS, metavar='N',
                         help='frames per second of LeRobot and robomimic data sets '
                              '(default %(default)s)')
     parser.add_argument('--task', default='a demonstrated motion', metavar='TEXT',
                         help='what is done, in words, for LeRobot')
-    parser.add_argument('--rollouts', type=int, default=1, metavar='N',
+    parser.add_argument('--rollouts', type=integer(1, 100_000), default=1, metavar='N',
                         help='motions of a skill of several takes that vary as the takes did')
     add_bag_output(parser)
     add_overwrite(parser)
@@ -75,12 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Convert; nothing is written unless the sources are valid."""
-    check_number('--fps', options.fps, 1, 1000)
     if options.format is None and options.output.suffix not in _BY_SUFFIX:
         raise DataError(f'{options.output}: {options.output.suffix} files are not written; use a '
                         f'name that ends in {", ".join(filter(None, _BY_SUFFIX))}, a folder for '
                         'a bag, or --as')
-    check_number('--rollouts', options.rollouts, 1, 100_000)
     import_settings(options)
     check_free([options.output], options.overwrite)
     try:

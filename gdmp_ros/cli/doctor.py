@@ -21,7 +21,7 @@ from collections.abc import Callable
 import json
 import subprocess
 
-from gdmp_ros.cli.arguments import check_number
+from gdmp_ros.cli.arguments import number
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.util import child_process
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -33,7 +33,7 @@ LEAST_FRANKA_S = 10.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('--seconds', type=float, default=2.0, metavar='S',
+    parser.add_argument('--seconds', type=number(0.1, 3600.0), default=2.0, metavar='S',
                         help='duration of the measurement with a sleeping loop [s] '
                              '(default %(default)g)')
     parser.add_argument('--franka', metavar='HOST', help='check the connection to a Franka too')
@@ -46,7 +46,6 @@ def run(options: argparse.Namespace) -> int:
     """Run all checks and print the findings; 1 if one is bad."""
     if options.compile:
         return _compile(options.compile)
-    check_number('--seconds', options.seconds, 0.1, 3600.0)
     from gdmp_ros.realtime import doctor
     findings = doctor.examine(options.seconds)
     if options.franka:

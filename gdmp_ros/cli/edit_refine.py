@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_output, add_robot, check_number, check_output
+from gdmp_ros.cli.arguments import add_output, add_robot, check_output, number
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.terminal import progress, table
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser, 'SKILL', 'write the corrected skill to another file', required=False)
     parser.add_argument('--undo', action='store_true',
                         help='bring back the version before the last --keep')
-    parser.add_argument('--least', type=float, default=10.0, metavar='MM',
+    parser.add_argument('--least', type=number(above=0.0), default=10.0, metavar='MM',
                         help='smallest deviation from the reference that counts as a push [mm] '
                              '(default %(default)g)')
     add_robot(parser)
@@ -50,7 +50,6 @@ def run(options: argparse.Namespace) -> None:
         raise ParameterError('expected a recorded run, or --undo')
     if options.keep and options.output:
         raise ParameterError('--keep replaces the skill file, -o writes another one: choose one')
-    check_number('--least', options.least, above=0.0)
     check_output(options.plot, '.png', '.pdf', '.svg')
     check_output(options.output, '.json')
     from gdmp_ros.data import runs

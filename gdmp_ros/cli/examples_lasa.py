@@ -24,7 +24,7 @@ from gdmp_ros.cli.arguments import (
     add_overwrite,
     add_stiffness_range,
     check_free,
-    check_number,
+    number,
 )
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.terminal import progress
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='write the Riemannian data set as NumPy archives instead of bags')
     add_output(parser, 'DIR', 'folder for the bags CLASS_1, CLASS_2, …, or for the archives')
     add_bag_output(parser)
-    parser.add_argument('--extent', type=float, default=0.25, metavar='M',
+    parser.add_argument('--extent', type=number(above=0.0, high=2.0), default=0.25, metavar='M',
                         help='size of the letter [m] (default %(default)s)')
     add_stiffness_range(parser)
     add_overwrite(parser)
@@ -51,7 +51,6 @@ def run(options: argparse.Namespace) -> None:
     """Write; nothing is written unless all names are free."""
     if not (options.manifold and options.name == 'all'):
         check_lasa_class(options.name)
-    check_number('--extent', options.extent, above=0.0, high=2.0)
     if not options.manifold:
         _write_bags(options)
         return

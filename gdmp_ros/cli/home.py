@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.arguments import add_arm_node, check_number
+from gdmp_ros.cli.arguments import add_arm_node, number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -22,13 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('position', type=float, nargs='*', metavar='RAD',
                         help='posture, one number for each joint (default: home)')
     add_arm_node(parser)
-    parser.add_argument('--joint-speed', type=float, default=0.5, metavar='RAD/S',
+    parser.add_argument('--joint-speed', type=number(above=0.0), default=0.5, metavar='RAD/S',
                         help='largest speed of a joint [rad/s] (default %(default)g)')
 
 
 def run(options: argparse.Namespace) -> None:
     """Move."""
-    check_number('--joint-speed', options.joint_speed, above=0.0)
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):

@@ -35,8 +35,9 @@ from gdmp_ros.cli.arguments import (
     add_arm_node,
     add_output,
     add_parallel,
-    check_number,
     check_output,
+    integer,
+    number,
 )
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
@@ -69,25 +70,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='page about the improvement (default: beside the improved skill)')
     effort = parser.add_argument_group('how much is tried')
     for field, (text, usual, robot) in EFFORTS.items():
-        effort.add_argument(f'--{field.replace("_", "-")}', type=int, metavar='N',
+        effort.add_argument(f'--{field.replace("_", "-")}', type=integer(0), metavar='N',
                             help=f'{text} (default {usual}; {robot} with --robot)')
     effort.add_argument('--search', choices=SEARCHES, default=SEARCHES[0],
                         help='pibb: reward-weighted averaging with covariance adaptation; cma: '
                              'CMA-ES (default %(default)s)')
-    effort.add_argument('--seed', type=int, default=0, metavar='N',
+    effort.add_argument('--seed', type=integer(0), default=0, metavar='N',
                         help='the same one gives the same skill (default %(default)s)')
-    effort.add_argument('--largest-force', type=float, default=100.0, metavar='N',
+    effort.add_argument('--largest-force', type=number(above=0.0), default=100.0, metavar='N',
                         help='external force at which a roll-out is ended [N] '
                              '(default %(default)g)')
     vary = parser.add_argument_group('what varies (by default what the task says)')
-    vary.add_argument('--vary-path', type=int, metavar='N',
+    vary.add_argument('--vary-path', type=integer(1), metavar='N',
                       help='the path, by N bumps for each coordinate of the pose')
-    vary.add_argument('--vary-via', type=float, nargs='+', metavar='S',
+    vary.add_argument('--vary-via', type=number(above=0.0, high=1.0), nargs='+', metavar='S',
                       help='the pose at this progress, 0 to 1')
-    vary.add_argument('--vary-stiffness', type=int, metavar='N',
+    vary.add_argument('--vary-stiffness', type=integer(1), metavar='N',
                       help='the stiffness at N places; 1: the same factors everywhere')
     vary.add_argument('--vary-duration', action='store_true', help='the duration')
-    vary.add_argument('--by', type=float, nargs=2, default=(5.0, 0.05), metavar=('MM', 'RAD'),
+    vary.add_argument('--by', type=number(above=0.0), nargs=2, default=(5.0, 0.05),
+                      metavar=('MM', 'RAD'),
                       help='first standard deviation of positions and rotations (default 5 0.05)')
     add_parallel(parser)
     nodes = parser.add_argument_group('on a robot')
@@ -98,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        help='with its namespace (default %(default)s)')
     nodes.add_argument('--model', default='', metavar='MODEL',
                        help='of the arm: panda, fr3, or as for gdmp check (default: panda)')
-    nodes.add_argument('--wait', type=float, default=120.0, metavar='S',
+    nodes.add_argument('--wait', type=number(0.0), default=120.0, metavar='S',
                        help='timeout for the nodes [s] (default %(default)g)')
 
 
@@ -107,9 +109,6 @@ def run(options: argparse.Namespace) -> None:
     check_output(options.output, '.json')
     page = options.page or options.output.with_suffix('.html')
     check_output(page, '.html')
-    check_number('--largest-force', options.largest_force, above=0.0)
-    for value in options.by:
-        check_number('--by', value, above=0.0)
     insertion = options.task == TASKS_TO_IMPROVE[0]
     if options.robot:
         _check_robot(options, insertion)
@@ -179,7 +178,6 @@ def _check_robot(options: argparse.Namespace, insertion: bool) -> None:
     if options.jobs != 1 or options.backend:
         raise ParameterError('--robot makes one roll-out after the other: neither --jobs nor '
                              '--backend can be used')
-    check_number('--wait', options.wait, 0.0)
 
 
 def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variables: Variables,
@@ -235,12 +233,6 @@ def _variables(options: argparse.Namespace, task: Task) -> list[Variable]:
     """What varies: what is asked for, or what the task says, or the path."""
     from gdmp_ros.improvement.task import ProvidesSkill
     from gdmp_ros.improvement.variables import Stiffness, Tempo, ViaPoints, Weights
-    for name, value in (('--vary-path', options.vary_path),
-                        ('--vary-stiffness', options.vary_stiffness)):
-        if value is not None:
-            check_number(name, value, 1)
-    for place in options.vary_via or ():
-        check_number('--vary-via', place, above=0.0, high=1.0)
     millimetres, turn = options.by
     # Tangents on S³ are half the rotation vector.
     pose = {'position': 1e-3 * millimetres, 'orientation': 0.5 * turn}

@@ -44,9 +44,9 @@ from gdmp_ros.cli.arguments import (
     add_output,
     add_parallel,
     add_stiffness_range,
-    check_number,
     check_output,
     import_settings,
+    number,
 )
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.util.terminal import progress, table
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--each', action='store_true', help='learn one skill from each bag')
     parser.add_argument('--rhythmic', action='store_true',
                         help='learn a motion that repeats the cycle that the bags show')
-    parser.add_argument('--period', type=float, metavar='S',
+    parser.add_argument('--period', type=number(above=0.0), metavar='S',
                         help='with --rhythmic: period of the cycle (default: it is measured)')
     parser.add_argument('--stiffness-topic', default='', metavar='TOPIC',
                         help='topic of the stiffness, if a bag has several')
@@ -96,12 +96,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--n-basis', type=_count, default='auto', metavar='N',
                         help='number of basis functions, or auto (default): as few as describe '
                              'the data as well as any number')
-    parser.add_argument('--tolerance', type=float, default=1e-4, metavar='E',
+    parser.add_argument('--tolerance', type=number(above=0.0), default=1e-4, metavar='E',
                         help='for auto: mean error / span that is good enough '
                              '(default %(default)s)')
-    parser.add_argument('--smooth', type=float, metavar='HZ',
+    parser.add_argument('--smooth', type=number(above=0.0), metavar='HZ',
                         help='cut-off frequency of smoothing: gain 1/2 at this frequency')
-    parser.add_argument('--regularization', type=float, default=0.0, metavar='R',
+    parser.add_argument('--regularization', type=number(0.0), default=0.0, metavar='R',
                         help='with --fit forcing: ridge of the regression, 1e-3 to 1e-1 for '
                              'noisy data')
     parser.add_argument('--weights', type=float, nargs='+', metavar='W',
@@ -126,7 +126,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     suggest = parser.add_argument_group('suggestions')
     suggest.add_argument('--suggest', action='store_true',
                          help='suggest basis functions, gains, stiffness and limits')
-    suggest.add_argument('--force', type=float, default=10.0, metavar='N',
+    suggest.add_argument('--force', type=number(above=0.0), default=10.0, metavar='N',
                          help='of the robot at a deviation of two standard deviations [N] '
                               '(default %(default)g)')
     suggest.add_argument('--plot', type=Path, metavar='PNG', help='draw the results')
@@ -268,7 +268,6 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
 def _suggest(options: argparse.Namespace) -> None:
     """Try, print, write."""
     check_output(options.plot, '.png', '.pdf', '.svg')
-    check_number('--force', options.force, above=0.0)
     import numpy as np
 
     from gdmp_ros.data import recordings

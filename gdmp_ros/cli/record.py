@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.arguments import add_bag_output, add_output
+from gdmp_ros.cli.arguments import add_bag_output, add_output, integer
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
@@ -34,15 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--letter', default='GShape', metavar='CLASS',
                         help='class of the LASA data set that the scripted hand writes '
                              '(default %(default)s)')
-    parser.add_argument('--count', type=int, default=4, metavar='N',
+    parser.add_argument('--count', type=integer(1, 7), default=4, metavar='N',
                         help='number of takes of the scripted hand, 1 to 7 (default %(default)s)')
     add_bag_output(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Start everything, teach, stop everything."""
-    if not 1 <= options.count <= 7:
-        raise DataError(f'--count is {options.count}, expected 1 to 7: there are seven strokes')
     window = options.by_hand and not options.no_window
     if window and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
         raise DataError('there is no display for the window of the simulation: with --no-window '

@@ -17,7 +17,7 @@ from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_context, add_output, check_number, check_output
+from gdmp_ros.cli.arguments import add_context, add_output, check_output, number
 from gdmp_ros.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -32,25 +32,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('skill', type=Path, metavar='SKILL')
     add_output(parser, 'CSV', 'default: the terminal', required=False)
-    parser.add_argument('--dt', type=float, default=0.01,
+    parser.add_argument('--dt', type=number(above=0.0), default=0.01,
                         help='time step [s] (default %(default)s)')
-    parser.add_argument('--duration', type=float, help='duration [s]; default: as demonstrated')
-    parser.add_argument('--cycles', type=float, default=3.0, metavar='N',
+    parser.add_argument('--duration', type=number(above=0.0), metavar='S',
+                        help='duration [s]; default: as demonstrated')
+    parser.add_argument('--cycles', type=number(above=0.0), default=3.0, metavar='N',
                         help='of a rhythmic skill (default %(default)g)')
     add_context(parser)
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                         help='goal of the position factor [m]')
-    parser.add_argument('--switch-at', type=float, default=0.0, metavar='S',
+    parser.add_argument('--switch-at', type=number(0.0), default=0.0, metavar='S',
                         help='time of the goal switch [s]; 0: from the start')
 
 
 def run(options: argparse.Namespace) -> None:
     """Roll out until the motion is finished; a rhythmic one for some cycles."""
     check_output(options.output)
-    check_number('dt', options.dt, above=0.0)
-    check_number('cycles', options.cycles, above=0.0)
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
     skill = Skill.load(options.skill).in_context(options.context)

@@ -24,7 +24,7 @@ import os
 from pathlib import Path
 
 from gdmp_ros.choices import SEQUENCES
-from gdmp_ros.cli.arguments import add_arm_node, add_context, check_number
+from gdmp_ros.cli.arguments import add_arm_node, add_context, integer, number
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
@@ -35,19 +35,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='default: the skill that the server has loaded')
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',
                         help='with its namespace (default %(default)s)')
-    parser.add_argument('--wait', type=float, default=120.0, metavar='S',
+    parser.add_argument('--wait', type=number(0.0), default=120.0, metavar='S',
                         help='timeout for the nodes [s] (default %(default)g)')
     skill = parser.add_argument_group('skills and sequences')
     skill.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                        help='switch the goal of the position to this [m]')
-    skill.add_argument('--switch-at', type=float, default=1.0, metavar='S',
+    skill.add_argument('--switch-at', type=number(0.0), default=1.0, metavar='S',
                        help='time of the goal switch after the start [s] (default %(default)g)')
-    skill.add_argument('--tempo', type=float, metavar='X',
+    skill.add_argument('--tempo', type=number(0.0, 2.0), metavar='X',
                        help='0 to 2; 1 is as demonstrated. It is kept for later motions')
-    skill.add_argument('--cycles', type=float, default=0.0, metavar='N',
+    skill.add_argument('--cycles', type=number(0.0), default=0.0, metavar='N',
                        help='of a rhythmic skill, which then ends at the centre of its cycle '
                             '(default: until its amplitude is set to 0, or Ctrl-C)')
-    skill.add_argument('--first-step', type=int, default=1, metavar='N',
+    skill.add_argument('--first-step', type=integer(1), default=1, metavar='N',
                        help='begin with this step of the sequence (default %(default)s)')
     add_context(parser)
     recorded = parser.add_argument_group('recorded runs')
@@ -60,9 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run; 0 if the goal was reached."""
-    for name, value in (('--switch-at', options.switch_at), ('--wait', options.wait),
-                        ('--cycles', options.cycles), ('--first-step', options.first_step - 1)):
-        check_number(name, value, 0.0)
     source = options.source
     if source is not None and not source.exists():
         raise DataError(f'{source}: no such skill, sequence or bag')

@@ -35,9 +35,9 @@ from gdmp_ros.cli.arguments import (
     add_output,
     add_pose_topic,
     add_robot,
-    check_number,
     check_output,
     import_settings,
+    number,
 )
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -69,9 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--skill', type=Path, metavar='SKILL',
                         help='page: a skill of several takes; show where 95 %% of takes with this '
                              'start and goal would be')
-    parser.add_argument('--playback', type=float, default=1.0, metavar='X',
+    parser.add_argument('--playback', type=number(above=0.0, high=100.0), default=1.0, metavar='X',
                         help='film: factor of its speed (default %(default)g)')
-    parser.add_argument('--fps', type=float, default=25.0, metavar='N',
+    parser.add_argument('--fps', type=number(above=0.0, high=120.0), default=25.0, metavar='N',
                         help='film: pictures per second (default %(default)g)')
     parser.add_argument('--model', default='', metavar='MODEL',
                         help='film: another arm: MJCF file, menagerie:NAME, '
@@ -83,8 +83,6 @@ def run(options: argparse.Namespace) -> int | None:
     from gdmp_ros.data import bags
     source, output = options.source, options.output
     check_output(output, *PICTURES, *FILMS, *PAGES)
-    check_number('--playback', options.playback, above=0.0, high=100.0)
-    check_number('--fps', options.fps, above=0.0, high=120.0)
     is_bag = source.is_dir() or source.suffix in bags.FILES
     if output is None:
         return _print(options, is_bag)

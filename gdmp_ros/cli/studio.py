@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_arm_node, add_import, check_number, import_settings
+from gdmp_ros.cli.arguments import add_arm_node, add_import, import_settings, integer
 from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 from gdmp_ros.util.terminal import progress
 
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--address', default='127.0.0.1',
                         help='of the page (default %(default)s: this machine only); with '
                              'another one a token is asked for')
-    parser.add_argument('--port', type=int, default=0, metavar='N',
+    parser.add_argument('--port', type=integer(0, 65535), default=0, metavar='N',
                         help='port of the page (default: the first free one from 8080 on)')
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
     add_import(parser)
@@ -54,7 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Open everything, then show the page until Ctrl-C."""
-    check_number('--port', options.port, 0, 65535)
     with optional_import(extra('studio')):
         from gdmp_ros.studio.serve import free_port, serve, StudioSettings
         from gdmp_ros.studio.workbench import opened

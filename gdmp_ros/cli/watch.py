@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from gdmp_ros.cli.arguments import add_arm_node, check_number
+from gdmp_ros.cli.arguments import add_arm_node, number
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -21,14 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',
                         help='trajectory server (default %(default)s)')
     add_arm_node(parser)
-    parser.add_argument('--seconds', type=float, metavar='S',
+    parser.add_argument('--seconds', type=number(above=0.0), metavar='S',
                         help='duration [s]; default: until Ctrl-C')
 
 
 def run(options: argparse.Namespace) -> None:
     """Watch."""
-    if options.seconds is not None:
-        check_number('--seconds', options.seconds, above=0.0)
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):

@@ -227,7 +227,7 @@ def test_a_cycle_is_learned_shown_and_used_in_a_sequence(folder):
              'not for rhythmic skills'),
             (('rollout', 'wipe.json', '--cycles', 0), 'cycles')):
         refused = gdmp(*words, cwd=folder)
-        assert refused.returncode == 1 and reason in refused.stderr, refused.stderr
+        assert refused.returncode in (1, 2) and reason in refused.stderr, refused.stderr
 
 
 def test_a_skill_is_drawn_over_its_demonstrations(folder, letters):
