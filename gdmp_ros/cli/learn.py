@@ -60,6 +60,8 @@ if TYPE_CHECKING:
 
 #: Samples of a demonstration that may be wrong: most that are listed.
 MOST_SUSPICIONS = 5
+#: Most demonstrations that are listed.
+MOST_DEMONSTRATIONS = 20
 #: Limits are this many times the demonstrated values.
 MARGIN = 1.5
 
@@ -166,8 +168,9 @@ def run(options: argparse.Namespace) -> None:
     if options.each:
         _learn_each(bags, settings, options)
         return
-    with progress('reading', len(bags)) as step:
+    with progress('reading and learning', len(bags) + 1) as step:
         fit, duration = learn(bags, settings, options.output, step)
+        step()
     mean_error = sum(d.relative_error for d in fit.demonstrations) / len(bags)
     if options.json:
         print(json.dumps({'skill': str(options.output), 'demonstrations': len(bags),
@@ -240,17 +243,22 @@ def _as_document(fit: Fit) -> dict[str, Any]:
 
 def _print_details(bags: list[Path], fit: Fit) -> None:
     """Print errors by factor, segments, and samples that may be wrong."""
+    worst = sorted(range(len(bags)), key=lambda i: -fit.demonstrations[i].relative_error)
+    most = sorted(worst[:MOST_DEMONSTRATIONS])
+    shown = [(bags[i], fit.demonstrations[i]) for i in most]
     if len(bags) > 1 or len(fit.factors) > 1:
         rhythmic = any(d.cycles for d in fit.demonstrations)
         heads = ['demonstration', 'period [s]' if rhythmic else 'duration [s]', 'samples',
                  *(f'{name}{_UNITS.get(name, "")}: mean, largest, noise'
                    for name in fit.factors)]
-        table('errors by factor', heads, [
+        title = 'errors by factor' if len(shown) == len(bags) else (
+            f'errors by factor: the {len(shown)} demonstrations of {len(bags)} with the largest')
+        table(title, heads, [
             [bag.name, f'{d.duration:.3f}', d.samples,
-             *(f'{mean:.1e}, {most:.1e}, {noise:.1e}'
-               for mean, most, noise in zip(d.mean_error, d.largest_error, d.noise))]
-            for bag, d in zip(bags, fit.demonstrations)])
-    for bag, d in zip(bags, fit.demonstrations):
+             *(f'{mean:.1e}, {largest:.1e}, {noise:.1e}'
+               for mean, largest, noise in zip(d.mean_error, d.largest_error, d.noise))]
+            for bag, d in shown])
+    for bag, d in shown:
         if d.cycles:
             print(f'{bag.name}: {d.cycles:.1f} cycles of {d.duration:.3f} s, from '
                   f'{d.used[0]:.2f} to {d.used[1]:.2f} s')
@@ -258,7 +266,7 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
         at = ', '.join(f'{s:.3f}' for s in fit.segments)
         print(f'the motion passes the cut locus of its goal: it is split into '
               f'{len(fit.segments) + 1} segments at s = {at}')
-    for bag, d in zip(bags, fit.demonstrations):
+    for bag, d in shown:
         for result in d.suspicions[:MOST_SUSPICIONS]:
             print(f'{bag.name}: sample {result.sample} (t = {result.time:.3f} s) {result.reason}')
         if len(d.suspicions) > MOST_SUSPICIONS:

@@ -119,6 +119,10 @@ def settings_from(parameters: Any, settings_class: Callable[..., Settings],
         for field, value in values.items()})
 
 
+#: Parameters that rclpy declares with a publisher or subscription.
+LATER = 'qos_overrides.'
+
+
 class Parameters:
     """
     A node's parameters as attributes; changes are checked before they take effect.
@@ -133,7 +137,8 @@ class Parameters:
         """
         Declare all of them.
 
-        :raises ParameterError: if a value at start-up is out of range
+        :raises ParameterError: if a value at start-up is out of range, or of no parameter: a limit
+            with a wrong name would not be kept
         """
         self.check: Callable[[Any], object] = lambda _: None
         self.changed: Callable[[], None] = lambda: None
@@ -144,6 +149,10 @@ class Parameters:
             problem = spec.problem(self._declared(spec))
             if problem:
                 raise ParameterError(problem)
+        # rclpy gives them in no other way.
+        for name in node._parameter_overrides:  # noqa: SLF001
+            if not (node.has_parameter(name) or name.startswith(LATER)):
+                raise ParameterError(self._no_parameter(name))
         node.add_pre_set_parameters_callback(self._known)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._after)
@@ -160,6 +169,11 @@ class Parameters:
         except ParameterException as error:  # rclpy checks types and ranges of scalars
             raise ParameterError(str(error)) from None
 
+    def _no_parameter(self, name: str) -> str:
+        near = difflib.get_close_matches(name, self._specs)
+        hint = f'; similar: {", ".join(near)}' if near else ''
+        return f'{name} is no parameter of this node{hint}'
+
     def _known(self, changes: list[Parameter]) -> list[Parameter]:
         """The changes; the present value of some parameter instead, if a name is unknown."""
         unknown = [change.name for change in changes if not self._node.has_parameter(change.name)]
@@ -169,10 +183,7 @@ class Parameters:
 
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
         if self._unknown:
-            near = difflib.get_close_matches(self._unknown, self._specs)
-            hint = f'; similar: {", ".join(near)}' if near else ''
-            return SetParametersResult(successful=False, reason=(
-                f'{self._unknown} is no parameter of this node{hint}'))
+            return SetParametersResult(successful=False, reason=self._no_parameter(self._unknown))
         for change in changes:
             problem = self._problem(change)
             if problem:

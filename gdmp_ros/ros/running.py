@@ -2,11 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import os
+from pathlib import Path
 import signal
 import sys
 import threading
 
+from ament_index_python.packages import get_package_share_directory
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
@@ -108,6 +111,30 @@ def own_arguments(arguments: Sequence[str] | None = None) -> list[str]:
     return words[:words.index('--ros-args')] if '--ros-args' in words else words
 
 
+def with_parameter_files(words: Sequence[str]) -> list[str]:
+    """
+    Arguments in which each parameter file is a path that exists.
+
+    ``config/…`` that is not in the present folder is that of the package.
+
+    :raises GdmpError: if there is no such file
+    """
+    result = list(words)
+    for i, word in enumerate(words[:-1]):
+        if word != '--params-file' or os.path.isfile(words[i + 1]):
+            continue
+        folders = [Path(__file__).parents[2]]
+        with suppress(LookupError, OSError):
+            folders.append(Path(get_package_share_directory('gdmp_ros')))
+        paths = [folder / words[i + 1] for folder in folders]
+        existing = [path for path in paths if path.is_file()]
+        if not existing:
+            raise GdmpError(f'{words[i + 1]}: no such parameter file, neither here nor in '
+                            f'{" or ".join(map(str, folders))}')
+        result[i + 1] = str(existing[0])
+    return result
+
+
 def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | None = None) -> int:
     """
     Run nodes until Ctrl-C or SIGTERM, then deactivate them.
@@ -117,7 +144,13 @@ def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | N
     :returns: exit code
     """
     os.environ.update(default_environment())
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    words = list(sys.argv if arguments is None else arguments)
+    try:
+        rclpy.init(args=with_parameter_files(words),
+                   signal_handler_options=SignalHandlerOptions.NO)
+    except (GdmpError, RuntimeError) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
     stop = stop_event()
     try:
         nodes = [make() for make in makes]

@@ -32,7 +32,7 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     code, out, _ = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
     assert code == 0 and 'the new goal was refused: goal_pose: goal x is 5.000 m' in out
     code, _, err = execute('--tempo', '7')
-    assert code == 1 and 'speed is 7.0' in err
+    assert code == 2 and '--tempo: is 7, expected' in err
     code, _, err = execute('nowhere.json')
     assert code == 1 and 'nowhere.json: no such skill, sequence or bag' in err
 
@@ -100,6 +100,7 @@ def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, exec
 
 
 def test_without_a_server_it_says_so(nodes, execute):
-    code, _, err = execute('--wait', '1')
+    code, _, err = execute('--wait', '5')
     assert code == 1
-    assert 'waited 1 s for the state of trajectory_server, without success' in err
+    assert 'waiting for the state of trajectory_server, 4 s' in err
+    assert 'waited 5 s for the state of trajectory_server, without success' in err

@@ -1,4 +1,5 @@
 """Parameters: descriptions, ranges, changes while the nodes run, and former names."""
+from pathlib import Path
 import re
 
 import numpy as np
@@ -8,6 +9,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.parameter_tables import NODES
+from gdmp_ros.ros.running import with_parameter_files
 
 
 def values_of(nodes, node, *names):
@@ -73,7 +75,19 @@ def test_parameters_change_live_and_are_checked_first(running):
 
 @pytest.mark.parametrize('name, value, reason', [
     ('workspace_min', [0.0, 0.0], 'workspace_min has 2 entries, expected 3'),
+    ('joint_sped', 1.0, 'joint_sped is no parameter of this node; similar: joint_speed'),
     ('speed', 99.0, 'speed out of range'), ('speed', 'high', "'speed' to 'high'")])
 def test_an_invalid_value_at_start_up_is_refused(nodes, name, value, reason):
     with pytest.raises(GdmpError, match=re.escape(reason)):
         nodes.start_arm(**{name: value})
+
+
+def test_a_parameter_file_is_found_in_the_package(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ['x', '--ros-args', '--params-file', 'config/presets/crisp.yaml']
+    found = Path(with_parameter_files(words)[-1])
+    assert found.is_absolute() and found.is_file()
+    (tmp_path / 'mine.yaml').write_text('')
+    assert with_parameter_files([*words[:-1], 'mine.yaml'])[-1] == 'mine.yaml'
+    with pytest.raises(GdmpError, match='other.yaml: no such parameter file, neither here nor in'):
+        with_parameter_files([*words[:-1], 'other.yaml'])

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+import sys
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -26,6 +27,8 @@ DISCOVERY_S = 0.5
 START_UP_S = 120.0
 #: Longest time between two looks at what is waited for [s].
 LOOK_S = 0.02
+#: Interval at which a wait is reported [s].
+REPORT_S = 2.0
 
 
 class Client:
@@ -65,16 +68,22 @@ class Client:
         """Steady time [s]."""
         return self.clock.now() / NS
 
-    def wait(self, what: str, until: Callable[[], bool], timeout: float) -> None:
+    def wait(self, what: str, until: Callable[[], bool], timeout: float,
+             silent: bool = False) -> None:
         """
-        Wait until a condition holds.
+        Wait until a condition holds; say so on standard error every two seconds.
 
+        :param silent: say nothing
         :raises GdmpError: after ``timeout`` seconds
         """
-        ends = self.now() + timeout
+        began, said = self.now(), 0.0
         while not until():
-            if self.now() > ends:
+            waited = self.now() - began
+            if waited > timeout:
                 raise GdmpError(f'waited {timeout:g} s for {what}, without success')
+            if waited - said >= REPORT_S and not silent:
+                said = waited
+                print(f'waiting for {what}, {waited:.0f} s', file=sys.stderr, flush=True)
             self._check()
             self.participant.spin(LOOK_S)
 

@@ -251,6 +251,7 @@ def _carry_out(teacher: Teacher, word: str | None) -> str:
 
 def _line(teacher: Teacher) -> str | None:
     """Next line from the terminal, while messages are received; None at the end of input."""
-    teacher.wait('a key', lambda: bool(select.select([sys.stdin], [], [], 0.0)[0]), 86400.0)
+    teacher.wait('a key', lambda: bool(select.select([sys.stdin], [], [], 0.0)[0]), 86400.0,
+                 silent=True)
     line = sys.stdin.readline()
     return line.strip() if line else None

@@ -73,15 +73,13 @@ def up(settings: Bringup) -> None:
         children = stack.enter_context(ChildProcesses(environment, logs))
         print('starting the simulated arm, the server and the recorder', flush=True)
         _start(children, settings)
-        waited = 0.0
-        while not ends.is_set() and not _is_ready(client):
+
+        def is_ready() -> bool:
             children.check()
-            client.spend(LOOK_S)
             _refuse_others(client, own=1)  # on a busy machine they are found later
-            waited += LOOK_S
-            if waited > START_UP_S:
-                raise GdmpError(f'waited {START_UP_S:g} s for {SERVER} and the pose of the arm, '
-                                'without success (--logs keeps what the nodes say)')
+            return ends.is_set() or _is_ready(client)
+        client.wait(f'{SERVER} and the pose of the arm (--logs keeps what the nodes say)',
+                    is_ready, START_UP_S)
         if not ends.is_set():
             print(f'running: {ARM}, {SERVER}, {TAKE_RECORDER}; logs: {logs} (Ctrl-C ends them)',
                   flush=True)

@@ -78,7 +78,7 @@ def test_memory_that_grows_is_seen_in_a_run_long_enough():
 def test_minutes_are_checked(capsys, tmp_path):
     with pytest.raises(SystemExit):
         PROGRAM.main(['soak', '--minutes', '0', '--out', str(tmp_path)])
-    assert '--minutes: is 0, expected a finite number, at least 0.2 and at most' in capsys.readouterr().err
+    assert '--minutes: is 0, expected a finite number, at least 0.2' in capsys.readouterr().err
 
 
 @pytest.mark.long
