@@ -18,7 +18,9 @@ UNIFORM = 1e-4
 MIN_SAMPLES = 3
 #: Quaternions whose norm differs from 1 by at most this are normalised.
 ROUNDED = 1e-3
-#: Demonstrations with fewer samples are interpolated to this many before learning.
+#: Stamps that are nearer than this part of the usual spacing are nearly equal.
+NEAR = 0.2
+#: Demonstrations with fewer samples are interpolated to this many by `uniform`.
 MIN_RESAMPLED = 300
 
 
@@ -94,15 +96,49 @@ class Demonstration:
         """The samples as flat points, shape ``(T, point_size)``."""
         return self.points.reshape(len(self.times), -1)
 
+    @cached_property
+    def unrolled(self) -> np.ndarray:
+        """The development: the samples as a curve in Rⁿ, shape ``(T, n)``."""
+        return self.development().unrolled
+
     def at(self, times: np.ndarray) -> np.ndarray:
         """
         Points of a smooth curve through the samples, shape ``(len(times), *point_shape)``.
 
+        Of samples with nearly equal stamps the curve goes through the mean: a curve through both
+        would follow their noise far beyond them.
+
         :param times: within the first and last stamp [s]
         """
         clipped = np.clip(times, self.times[0], self.times[-1])
-        flat = self._development().interpolate(self.times, clipped)
+        distinct = self._distinct
+        flat = distinct.development().interpolate(distinct.times, clipped)
         return flat.reshape(len(clipped), *self.manifold.point_shape)
+
+    @cached_property
+    def _distinct(self) -> Demonstration:
+        """The same with the means of samples whose stamps are nearly equal."""
+        steps = np.diff(self.times)
+        near = NEAR * float(np.quantile(steps, 0.75))
+        if steps.min() >= near:
+            return self
+        first, begins = [0], self.times[0]
+        for i, time in enumerate(self.times):
+            if time - begins >= near:
+                first.append(i)
+                begins = time
+        groups = np.searchsorted(first, np.arange(len(self.times)), side='right') - 1
+        if len(first) < MIN_SAMPLES:
+            return self
+        middle = self.points[first]
+        tangents, _ = self.manifold.log_anyway(middle[groups], self.points)
+        counts = np.bincount(groups)
+        means = np.add.reduceat(tangents, first, axis=0) / counts.reshape(
+            -1, *[1] * (tangents.ndim - 1))
+        times = np.add.reduceat(self.times, first) / counts
+        # The curve begins and ends where the samples do.
+        times[0], times[-1] = self.times[0], self.times[-1]
+        return Demonstration(times, self.manifold.exp(middle, means), self.manifold)
 
     def uniform(self) -> Demonstration:
         """
@@ -129,7 +165,7 @@ class Demonstration:
             raise DataError(f'cutoff is {cutoff!r} Hz, expected a number > 0')
         if len(self.times) < 5:
             raise DataError(f'smoothing needs at least 5 samples, got {len(self.times)}')
-        flat = self._development().smooth(self.times, cutoff)
+        flat = self.development().smooth(self.times, cutoff)
         return Demonstration(self.times, flat.reshape(self.points.shape), self.manifold)
 
     def aligned(self, reference: np.ndarray) -> Demonstration:
@@ -146,7 +182,8 @@ class Demonstration:
         distances = self.manifold.factor_distances(first, self.flat_points)
         return float(np.linalg.norm(distances, axis=1).max())
 
-    def _development(self) -> Development:
+    def development(self) -> Development:
+        """The samples unrolled into Rⁿ."""
         return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))
 
 

@@ -146,11 +146,12 @@ def _costs(manifold: Manifold, mean: np.ndarray, path: np.ndarray, scales: np.nd
            ) -> np.ndarray:
     """Cost of pairing each sample of the mean with each one of the path; too far is infinite."""
     count = len(mean)
-    first, second = np.repeat(mean, count, axis=0), np.tile(path, (count, 1))
-    offset = manifold.factor_distances(first, second) / scales
     shift = np.subtract.outer(np.arange(count), np.arange(count)) / (count - 1.0)
-    costs = (offset ** 2).sum(axis=1).reshape(count, count) + (TIME_COST * shift) ** 2
-    return np.where(np.abs(shift) <= LARGEST_SHIFT, costs, np.inf)
+    first, second = np.nonzero(np.abs(shift) <= LARGEST_SHIFT)
+    offset = manifold.factor_distances(mean[first], path[second]) / scales
+    costs = np.full((count, count), np.inf)
+    costs[first, second] = (offset ** 2).sum(axis=1) + (TIME_COST * shift[first, second]) ** 2
+    return costs
 
 
 def _warp(costs: np.ndarray) -> np.ndarray:

@@ -38,6 +38,7 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
     settings.contexts_of(len(demos))
     if settings.fit == 'output':
         return _fit_output(demos, n_basis, settings, tolerance)
+    demos = [item.uniform() for item in demos]
     with_basis = fit_forcing(demos, settings)
     if n_basis == 'auto':
         return _smallest(with_basis, demos, tolerance, sum(len(d.times) for d in demos))

@@ -15,7 +15,7 @@ import warnings
 import numpy as np
 
 from gdmp_ros.errors import GdmpWarning
-from gdmp_ros.learning.preparation import noise_level
+from gdmp_ros.learning.cleaning import noise_level
 from gdmp_ros.manifolds import Manifold
 
 #: Number of bins in which samples are averaged, and the least number for each basis function.

@@ -83,7 +83,7 @@ class OutputFit:
     """A prepared fit: makes primitives with any number of basis functions."""
 
     def __init__(self, demos: list[Demonstration], settings: FitSettings):
-        """:param demos: uniform (`gdmp_ros.learning.preparation.prepared`)"""
+        """:param demos: see `gdmp_ros.learning.preparation.prepared`"""
         self._starts, self._goals = [start_of(d) for d in demos], [goal_of(d) for d in demos]
         starts, goals = self._starts, self._goals
         samples = [averaged(d) for d in demos]
@@ -94,8 +94,8 @@ class OutputFit:
             demos, [start.point for start in starts], [goal.point for goal in goals], segments,
             settings), connection='parallel')
         self._weights = settings.weights(len(demos))
-        self._rows = Rows(tuple(sample.progress for sample in samples), tuple(self._weights),
-                          settings.rests)
+        self._rows = Rows(tuple(tuple(sample.progress.tolist()) for sample in samples),
+                          tuple(self._weights), settings.rests)
         self._moving = self._which_move(starts)
         self._shapes = [self._shape(k, samples[k], starts[k].point, goals[k].point)
                         for k in range(len(samples))]
@@ -163,7 +163,7 @@ class OutputFit:
             return
         demo, row = [], 0
         for number, shape in enumerate(self._shapes):
-            scale, samples = self._rows.scale(number), self._rows.progress[number][2]
+            scale, samples = self._rows.scale(number), len(self._rows.progress[number])
             own = residuals[row:row + samples] / scale[:samples, None]
             demo.append(Reproduced(shape.curve[:samples], own, self._noise(number, samples)))
             row += len(scale)
@@ -226,7 +226,7 @@ class OutputFit:
     # Regression
 
     def _scores(self, count: int) -> np.ndarray:
-        demo = np.concatenate([np.arange(len(self._rows.of(k))) < self._rows.progress[k][2]
+        demo = np.concatenate([np.arange(len(self._rows.of(k))) < len(self._rows.progress[k])
                                for k in range(len(self._shapes))])
         rows = replace(self._rows, rests=False)
         return np.array([item.score for item in self._solve(count, self._wanted[demo], rows)])

@@ -16,13 +16,17 @@ from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
+from gdmp_ros.learning.cleaning import cleaned, FEW, noise_level, noise_of_few
 from gdmp_ros.learning.variation_fit import Contexts, GivenContexts
 from gdmp_ros.manifolds import Manifold
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
-#: Largest part of a demonstration that an end is estimated from, and fewest samples.
-SHARE, LEAST = 0.05, 5
+#: Largest part of a demonstration that an end is estimated from, fewest samples that are tried,
+#: and the smallest window.
+SHARE, LEAST, SMALLEST = 0.05, 5, 3
+#: Samples from which their noise can be told.
+ENOUGH = 10
 #: Ratio of one window to the next smaller one.
 _GROWTH = 1.4
 #: Estimates from two windows are consistent within this many standard errors.
@@ -35,28 +39,33 @@ class Samples(NamedTuple):
     """
     A demonstration with few samples.
 
-    :ivar progress: of the first and the last sample, and their number
+    :ivar progress: of the samples in the whole demonstration, shape ``(samples,)``
     """
 
     demonstration: Demonstration
-    progress: tuple[float, float, int]
+    progress: np.ndarray
 
 
 def averaged(demonstration: Demonstration) -> Samples:
     """Average neighbouring samples, so that many samples cost no more time than few."""
-    count = len(demonstration.times)
+    count, begins = len(demonstration.times), demonstration.times[0]
     size = count // SAMPLES
     if size < 2:
-        return Samples(demonstration, (0.0, 1.0, count))
-    manifold, groups = demonstration.manifold, count // size
-    points = demonstration.points[:groups * size].reshape(groups, size, *manifold.point_shape)
-    middles = points[:, size // 2]
-    tangents, _ = manifold.log_anyway(middles[:, None], points)
-    averages = manifold.exp(middles, tangents.mean(axis=1))
-    times = demonstration.times[:groups * size].reshape(groups, size).mean(axis=1)
-    progress = (times - demonstration.times[0]) / demonstration.duration
+        return Samples(demonstration, (demonstration.times - begins) / demonstration.duration)
+    manifold = demonstration.manifold
+    steps = np.diff(demonstration.times)
+    # The samples before and after a gap are not averaged.
+    runs = np.split(np.arange(count), np.flatnonzero(steps > size * np.median(steps)) + 1)
+    first = np.concatenate([run[:max(len(run) // size, 1) * size:size] for run in runs])
+    groups = np.searchsorted(first, np.arange(count), side='right') - 1
+    counts = np.bincount(groups)
+    middles = demonstration.points[first + counts // 2]
+    tangents, _ = manifold.log_anyway(middles[groups], demonstration.points)
+    sums = np.add.reduceat(tangents, first, axis=0)
+    averages = manifold.exp(middles, sums / counts.reshape(-1, *[1] * (sums.ndim - 1)))
+    times = np.add.reduceat(demonstration.times, first) / counts
     return Samples(Demonstration(times, averages, manifold),
-                   (float(progress[0]), float(progress[-1]), groups))
+                   (times - begins) / demonstration.duration)
 
 
 class Endpoint(NamedTuple):
@@ -77,54 +86,52 @@ class Endpoint(NamedTuple):
 
 
 def start_of(demonstration: Demonstration) -> Endpoint:
-    """Estimate the start of a uniform demonstration."""
-    return _endpoint(demonstration, demonstration.points, 1.0)
+    """Estimate the start of a demonstration."""
+    return _endpoint(demonstration, slice(None), 1.0)
 
 
 def goal_of(demonstration: Demonstration) -> Endpoint:
-    """Estimate the goal of a uniform demonstration."""
-    return _endpoint(demonstration, demonstration.points[::-1], -1.0)
+    """Estimate the goal of a demonstration."""
+    return _endpoint(demonstration, slice(None, None, -1), -1.0)
 
 
-def _endpoint(demonstration: Demonstration, points: np.ndarray, direction: float) -> Endpoint:
-    """:param points: samples, beginning at the end that is wanted"""
-    manifold, count = demonstration.manifold, len(points)
-    used = points[:max(LEAST, math.ceil(SHARE * count))]
-    frame = manifold.frame(used[0])
-    local = np.array([manifold.log_in_frame(frame, point)[0] for point in used])
+def _endpoint(demonstration: Demonstration, order: slice, direction: float) -> Endpoint:
+    """:param order: of the samples, beginning at the end that is wanted"""
+    manifold = demonstration.manifold
+    times, points = demonstration.times[order], demonstration.points[order]
+    progress = np.abs(times - times[0]) / demonstration.duration
+    used = slice(max(LEAST, int((progress <= SHARE).sum())))
+    frame = manifold.frame(points[0])
+    local = np.array([manifold.log_in_frame(frame, point)[0] for point in points[used]])
     value, velocity, error = (np.zeros(manifold.tangent_size) for _ in range(3))
+    few = len(local) < ENOUGH
+    curve = demonstration.unrolled[order][:FEW] if few else local
     noise = []
     for columns in manifold.tangent_slices:
-        sd = noise_level(local[:, columns])
+        sd = (noise_of_few(curve[:, columns], progress[:FEW]) if few
+              else noise_level(local[:, columns], progress[used]))
         noise.append(sd)
-        value[columns], slope, slope_error = _local_fit(local[:, columns], sd)
-        velocity[columns] = direction * slope * (count - 1)
-        error[columns] = slope_error * (count - 1)
-    point = manifold.exp(used[0], manifold.from_frame(frame, value))
+        value[columns], slope, error[columns] = _local_fit(local[:, columns], progress[used], sd)
+        if few:
+            # Few samples are far apart: a parabola through them has no exact slope either.
+            cubic = np.polyfit(progress[:LEAST], local[:LEAST, columns], 3)[-2]
+            error[columns] += float(np.linalg.norm(cubic - slope)) / math.sqrt(len(slope))
+        velocity[columns] = direction * slope
+    point = manifold.exp(points[0], manifold.from_frame(frame, value))
     return Endpoint(point, velocity, error, tuple(noise))
 
 
-def noise_level(samples: np.ndarray) -> float:
-    """
-    Standard deviation of the noise of a coordinate, from third differences.
-
-    :param samples: equally spaced in time, shape ``(samples, n)``
-    """
-    differences = np.diff(samples, n=3, axis=0)
-    # The variance of a third difference is 1 + 9 + 9 + 1 times that of a sample.
-    return math.sqrt(float((differences ** 2).mean()) / 20.0)
-
-
-def _local_fit(samples: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _local_fit(samples: np.ndarray, progress: np.ndarray, noise: float
+               ) -> tuple[np.ndarray, np.ndarray, float]:
     """
     Quadratic fit to the largest window that is consistent with all smaller ones (Lepski's method).
 
-    :returns: value, slope per sample, and standard error of a coordinate of the slope
+    :returns: value, slope by progress, and standard error of a coordinate of the slope
     """
     fits: list[tuple[np.ndarray, float]] = []
     best: tuple[np.ndarray, np.ndarray, float] | None = None
     for size in _windows(len(samples)):
-        powers = np.vander(np.arange(size) / (size - 1.0), 3, increasing=True)
+        powers = np.vander(progress[:size] / progress[size - 1], 3, increasing=True)
         covariance = np.linalg.inv(powers.T @ powers)
         value, slope, _ = covariance @ (powers.T @ samples[:size])
         error = noise * math.sqrt(covariance[0, 0] * samples.shape[1])
@@ -133,14 +140,15 @@ def _local_fit(samples: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
                 for other, their_error in fits):
             return best
         fits.append((value, error))
-        best = value, slope / (size - 1.0), noise * math.sqrt(covariance[1, 1]) / (size - 1.0)
+        best = (value, slope / progress[size - 1],
+                noise * math.sqrt(covariance[1, 1]) / progress[size - 1])
     if best is None:
         raise ValueError(f'{len(samples)} samples, expected at least {LEAST}')
     return best
 
 
 def _windows(most: int) -> list[int]:
-    sizes, size = [], LEAST
+    sizes, size = [], SMALLEST
     while size < most:
         sizes.append(size)
         size = math.ceil(_GROWTH * size)
@@ -214,10 +222,13 @@ class FitSettings:
 
 
 def prepared(demonstrations: Demonstration | Sequence[Demonstration],
-             smoothing: float | None) -> list[Demonstration]:
+             smoothing: float | None, tell: bool = True) -> list[Demonstration]:
     """
-    Demonstrations ready for regression: smoothed, uniform in time, with consistent signs.
+    Demonstrations ready for regression: cleaned, smoothed, with consistent signs.
 
+    The samples are those that were recorded, at their stamps.
+
+    :param tell: warn of what was cleaned
     :raises DataError: without demonstrations, if their manifolds differ, or if one is too short
     """
     demos = as_list(demonstrations)
@@ -231,9 +242,11 @@ def prepared(demonstrations: Demonstration | Sequence[Demonstration],
             raise DataError(f'demonstration {number} lasts {demonstration.duration:.4g} s, '
                             f'expected at least {SHORTEST_DURATION:g} s: no arm follows a '
                             'shorter motion')
+    demos = [cleaned(d, f'demonstration {number}' if tell else '')
+             for number, d in enumerate(demos)]
     if smoothing is not None:
         demos = [d.smoothed(smoothing) for d in demos]
-    return [d.uniform().aligned(demos[0].points[0]) for d in demos]
+    return [d.aligned(demos[0].points[0]) for d in demos]
 
 
 def blank_primitive(demos: list[Demonstration], starts: list[np.ndarray], goals: list[np.ndarray],

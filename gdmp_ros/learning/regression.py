@@ -85,31 +85,30 @@ class Rows:
     """
     Which rows the regression has.
 
-    :ivar progress: of the samples of each demonstration: first, last, how many
+    :ivar progress: of the samples of each demonstration
     :ivar weights: of the demonstrations, 1 on average
     :ivar rests: whether samples at the goal follow
     """
 
-    progress: tuple[tuple[float, float, int], ...]
+    progress: tuple[tuple[float, ...], ...]
     weights: tuple[float, ...]
     rests: bool
 
     def of(self, number: int) -> np.ndarray:
         """Progress of the rows of one demonstration."""
-        first, last, count = self.progress[number]
-        demo = np.linspace(first, last, count)
+        demo = np.array(self.progress[number])
         if not self.rests:
             return demo
         return np.concatenate([demo, np.linspace(1.0, LAST, self.holds(number) + 1)[1:]])
 
     def holds(self, number: int) -> int:
         """Number of samples at the goal after the end."""
-        return math.ceil((LAST - 1.0) * self.progress[number][2]) if self.rests else 0
+        return math.ceil((LAST - 1.0) * len(self.progress[number])) if self.rests else 0
 
     def scale(self, number: int) -> np.ndarray:
         """Square root of the weight of each row: the number of samples does not count."""
-        mean = sum(count for _, _, count in self.progress) / len(self.progress)
-        own = self.progress[number][2]
+        mean = sum(map(len, self.progress)) / len(self.progress)
+        own = len(self.progress[number])
         weights = np.ones(own + self.holds(number))
         weights[own:] = HOLD_WEIGHT
         return np.sqrt(self.weights[number] * mean / own * weights)

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from gdmp_ros.dmp.demonstration import as_list, Demonstration, MIN_RESAMPLED
-from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.forcing import basis, periodic_basis, periodic_design
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.learning.cleaning import noise_level
 from gdmp_ros.learning.cycles import CycleFit, thinned
-from gdmp_ros.learning.preparation import noise_level, prepared
+from gdmp_ros.learning.preparation import prepared
 from gdmp_ros.learning.regression import scaled_design_matrix
 from gdmp_ros.learning.rhythmic_fit import PHASES
 from gdmp_ros.manifolds import Manifold
@@ -88,11 +88,12 @@ def fit_report(skill: Skill, demonstrations: Demonstration | Sequence[Demonstrat
     demos, alpha_x = as_list(demonstrations), skill.gains.alpha_x
     if skill.rhythmic:
         return _cycle_report(skill, demos)
-    # As many samples as learning uses: `Demonstration.uniform`.
     s = np.concatenate([np.linspace(0.0, 1.0, max(len(d.times), MIN_RESAMPLED)) for d in demos])
     matrix, _ = scaled_design_matrix(basis(skill.n_basis, alpha_x), alpha_x, s)
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2),
-               tuple(skill.segments.ends.tolist()), tuple(_fit(skill, d) for d in demos))
+               tuple(skill.segments.ends.tolist()),
+               tuple(_fit(skill, recorded, used) for recorded, used in zip(
+                   demos, prepared(demos, None, tell=False))))
 
 
 def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
@@ -109,26 +110,19 @@ def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
                tuple(result))
 
 
-def _fit(skill: Skill, demonstration: Demonstration) -> DemonstrationFit:
-    times = demonstration.times - demonstration.times[0]
-    distances = deviation(skill, demonstration, times)
-    error = relative(mean_distance(distances), demonstration.span())
-    return DemonstrationFit(demonstration.duration, len(times),
+def _fit(skill: Skill, recorded: Demonstration, used: Demonstration) -> DemonstrationFit:
+    distances = deviation(skill, used, used.times - used.times[0])
+    error = relative(mean_distance(distances), used.span())
+    return DemonstrationFit(used.duration, len(recorded.times),
                             tuple(distances.mean(axis=0).tolist()),
                             tuple(distances.max(axis=0).tolist()), error,
-                            tuple(suspect_samples(demonstration)), _noise(demonstration))
+                            tuple(suspect_samples(recorded)), _noise(used))
 
 
 def _noise(demonstration: Demonstration) -> tuple[float, ...]:
-    curve = _unrolled(demonstration.uniform())
-    return tuple(noise_level(curve[:, columns])
+    curve, times = demonstration.unrolled, demonstration.times
+    return tuple(noise_level(curve[:, columns], times)
                  for columns in demonstration.manifold.tangent_slices)
-
-
-def _unrolled(demonstration: Demonstration) -> np.ndarray:
-    manifold = demonstration.manifold
-    return Development(manifold, demonstration.flat_points,
-                       manifold.frame(demonstration.points[0])).unrolled
 
 
 def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
@@ -139,7 +133,7 @@ def suspect_samples(demonstration: Demonstration) -> list[Suspicion]:
     result = [Suspicion(int(i), float(times[i]), f'a gap of {spacing[i]:.3g} s follows, '
                         f'{spacing[i] / usual:.0f} times the usual spacing')
               for i in np.flatnonzero(spacing > _GAP * usual)]
-    curve = _unrolled(demonstration)
+    curve = demonstration.unrolled
     scale = float(np.linalg.norm(curve - curve[0], axis=1).max())
     result += _repeats(times, curve, scale) + _jumps(times, curve, scale, _GAP * usual)
     first = {item.sample: item for item in reversed(result)}
@@ -196,7 +190,8 @@ def cycle_takes(skill: Skill, demos: list[Demonstration]) -> list[CycleTake]:
 
     :raises GdmpError: if a recording does not repeat a cycle
     """
-    manifold, uniform = skill.manifold, [thinned(item) for item in prepared(demos, None)]
+    manifold, uniform = skill.manifold, [
+        thinned(item.uniform()) for item in prepared(demos, None, tell=False)]
     try:
         fitted = CycleFit(uniform, np.ones(len(demos)), None).fitted()
     except DataError:  # one cycle, learned with its period

@@ -47,7 +47,7 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
                              "'auto'")
     check_tolerance(tolerance)
-    demos = [thinned(item) for item in prepared(demonstrations, settings.smoothing)]
+    demos = [thinned(item.uniform()) for item in prepared(demonstrations, settings.smoothing)]
     weights = settings.weights(len(demos))
     fitted = CycleFit(demos, weights, period).fitted()
     manifold, gains = demos[0].manifold, settings.gains

@@ -16,7 +16,7 @@ from scipy.special import softmax
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.learning.alignment import align, Aligned, SAMPLES
-from gdmp_ros.learning.preparation import noise_level
+from gdmp_ros.learning.cleaning import noise_level
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 

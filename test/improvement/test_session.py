@@ -25,7 +25,7 @@ class Noisy(ViaPoint):
 
 
 def task_and_variables():
-    task = Noisy()
+    task = Noisy(via=5.0)
     return task, Variables(task.skill(), task.variables())
 
 

@@ -105,7 +105,8 @@ def test_the_suggested_command_learns_and_the_parameters_fit_the_nodes(tmp_path)
 def test_a_missing_folder_and_a_force_of_zero_are_refused(tmp_path, capsys):
     assert main(['learn', str(tmp_path / 'nowhere'), '--suggest']) == 1
     assert 'nowhere' in capsys.readouterr().err
-    assert main(['learn', str(tmp_path), '--suggest', '--force', '0']) == 1
+    with pytest.raises(SystemExit):
+        main(['learn', str(tmp_path), '--suggest', '--force', '0'])
     assert 'force' in capsys.readouterr().err
 
 
