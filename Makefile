@@ -8,7 +8,7 @@ PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || ec
 # Tests start many processes: without compiled files each of them would compile the package.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help setup demo test test-long lint bench paper faults soak fuzz docs clean
+.PHONY: help setup demo test test-long lint bench paper faults soak fuzz interop docs clean
 
 help:
 	@echo 'make setup      set up the environment (make setup PYTHON=python3.12 for another interpreter)'
@@ -20,6 +20,7 @@ help:
 	@echo 'make faults     faults on the nodes, one after another, in out/faults'
 	@echo 'make soak       half an hour of operation, watched, in out/soak'
 	@echo 'make fuzz       a coverage-guided fuzzer on every entrance (hours), in out/fuzz'
+	@echo 'make interop    files of other programs, written and read by their real libraries (gigabytes)'
 	@echo 'make docs       the documentation as a site, in out/site'
 	@echo 'make clean      remove the environment and all results'
 
@@ -56,6 +57,9 @@ soak: setup
 fuzz: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check 'atheris>=3'
 	@$(PY) -m test.fuzz.run --out out/fuzz
+
+interop: setup
+	@$(PY) -m test.interop.run --out out/interop
 
 docs: setup
 	@$(PY) -m sphinx -q -W docs out/site

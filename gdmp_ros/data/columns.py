@@ -535,7 +535,7 @@ class Columns:
                                                      labels.TIMES.get(fine.unit)) == (1.0, 1e-9):
                         whole, small = (self._arrays[item].reshape(-1) for item in (name, other))
                         return f'{name} and {other}', (whole - whole[0]) + 1e-9 * small, 1.0
-        names = given or list(parts) or [name for name in self._arrays if name in (
+        names = given or list(parts) or [name for name in self._arrays if name.split(' [')[0] in (
             'index', '__index_level_0__') and self._arrays[name].size == count]
         if not names:
             raise DataError(f'{self._where}: no times were found; give --rate-hz, or --key '

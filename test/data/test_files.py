@@ -158,6 +158,9 @@ READ = {
     'datetime.csv': (text(['timestamp', *NAMES[1:]], [
         [str(np.datetime64('2026-03-01T12:00:00.000000') + round(1e6 * row[0])), *row[1:]]
         for row in ROWS]), {}),
+    'datetime_index.csv': (text(['', *NAMES[1:]], [
+        [str(np.datetime64('2026-03-01T12:00:00.000000') + round(1e6 * row[0])), *row[1:]]
+        for row in ROWS]), {}),
     'datetime_zone.csv': (text(['date', *NAMES[1:]], [
         [str(np.datetime64('2026-03-01T12:00:00.000') + round(1e3 * row[0])) + 'Z', *row[1:]]
         for row in ROWS]), {'keys': {'times': 'date'}}),
