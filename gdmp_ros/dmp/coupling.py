@@ -7,10 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from gdmp_ros.choices import COUPLINGS
-from gdmp_ros.dmp.relations import DISTANCE, MATRIX, OFFSET, QUATERNION, Term
+from gdmp_ros.dmp.relations import (
+    DISTANCE,
+    MATRIX,
+    OFFSET,
+    QUATERNION,
+    relative_element,
+    Term,
+    turned_back,
+)
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Euclidean, Manifold, SpecialOrthogonal, UnitQuaternion
-from gdmp_ros.manifolds.quaternion import conjugate_multiply, rotate
 
 #: A deviation vanishes with ``(1 + w s) e^(-w s)``, w this many per duration.
 RATE = 2000.0
@@ -91,11 +98,11 @@ class Coupling:
         if kind == 'distance':
             relation = [_distance(manifold, here, *(_numbers_of(manifold, s)[0] for s in names))]
         elif kind == 'pose':
-            relation = [*_turned_back(sides[0][3:], sides[1][:3] - sides[0][:3]),
-                        *_relative(sides[0][3:], sides[1][3:], UnitQuaternion())]
+            relation = [*turned_back(sides[0][3:], sides[1][:3] - sides[0][:3]),
+                        *relative_element(UnitQuaternion(), sides[0][3:], sides[1][3:])]
         else:
             factor = manifold.factors[_numbers_of(manifold, names[0])[0]]
-            relation = list(_relative(sides[0], sides[1], factor))
+            relation = list(relative_element(factor, sides[0], sides[1]))
         return cls(kind, *names, tuple(relation), leads, rate)
 
     def check(self, manifold: Manifold, steps: int) -> None:
@@ -215,22 +222,3 @@ def _distance(manifold: Manifold, point: np.ndarray, first: int, second: int) ->
     factor = manifold.factors[first]
     return float(factor.distance(*(factor.unflat(point[manifold.point_slices[i]])
                                    for i in (first, second))))
-
-
-def _relative(first: np.ndarray, second: np.ndarray, factor: Manifold) -> np.ndarray:
-    """``Y₁⁻¹ Y₂``, flat."""
-    result, m = np.empty_like(first), factor.size
-    if isinstance(factor, UnitQuaternion):
-        conjugate_multiply(first, second, result)
-    elif isinstance(factor, Euclidean):
-        result[:] = second - first
-    else:
-        result[:] = (first.reshape(m, m).T @ second.reshape(m, m)).reshape(-1)
-    return result
-
-
-def _turned_back(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """A vector in the frame of an orientation."""
-    result = np.empty(3)
-    rotate(quaternion * [1.0, -1.0, -1.0, -1.0], vector, result)
-    return result

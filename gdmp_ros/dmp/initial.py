@@ -13,7 +13,7 @@ from gdmp_ros.dmp.goal import STILL_TOLERANCES, switch_goal
 from gdmp_ros.dmp.layout import blank, Motion, parts, RELATION, SCALARS
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.primitive import carry_frame, Primitive
-from gdmp_ros.dmp.relations import DISTANCE
+from gdmp_ros.dmp.relations import Term
 from gdmp_ros.dmp.segments import targets
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
@@ -102,7 +102,7 @@ def initialise(motion: Motion, skill: Primitive, options: Options, goal: np.ndar
     target = target.reshape(manifold.point_shape)
     motion.tangents.to_goal[:] = (manifold.log_in_frame(frame, target) if parallel
                                   else manifold.log_anyway(first, target))[0]
-    write_deviations(motion, skill.couplings, manifold, frame, first)
+    write_deviations(motion, skill.couplings, manifold, first)
     if start.velocity is not None:
         _correct_start(motion, skill, frame, start)
     elif start.acceleration is not None:
@@ -221,35 +221,28 @@ def relation_count(couplings: Sequence[Coupling], manifold: Manifold) -> int:
 
 def write_relations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold) -> None:
     """Write couplings to the memory of a motion (`relation_count`)."""
-    row = 0
-    for coupling in couplings:
-        for term in coupling.terms(manifold):
-            # How fast the relative motion answers to a force: the inverse masses add.
-            mobility = 1.0 if coupling.leads else 2.0
-            if term.carrier >= 0 and not coupling.leads:
-                mobility += 4.0 * float(term.element @ term.element)
-            values = (term.kind, term.first, term.second, term.carrier, int(coupling.leads),
-                      term.distance, coupling.rate ** 2 / mobility, 2.0 * coupling.rate / mobility)
-            for name, value in zip(RELATION.names or (), values):
-                setattr(motion.relations[row], name, value)
-            motion.related[row, manifold.point_slices[term.second]] = term.element
-            row += 1
+    for row, (coupling, term) in enumerate(_terms(couplings, manifold)):
+        values = (term.kind, term.first, term.second, term.carrier, int(coupling.leads),
+                  term.distance, 0.0, 0.0)
+        for name, value in zip(RELATION.names or (), values):
+            setattr(motion.relations[row], name, value)
+        motion.related[row, manifold.point_slices[term.second]] = term.element
 
 
 def write_deviations(motion: Motion, couplings: Sequence[Coupling], manifold: Manifold,
-                     frame: np.ndarray, start: np.ndarray) -> None:
-    """
-    Write the deviations at a start, which fade out.
+                     start: np.ndarray) -> None:
+    """Write the deviations at a start, which fade out, and gains that are stable with them."""
+    for row, (coupling, term) in enumerate(_terms(couplings, manifold)):
+        deviation = term.deviation(manifold, manifold.flat(start))
+        motion.deviations[row] = deviation
+        # How fast the relative motion answers to a force: the inverse masses add.
+        mobility = 1.0 if coupling.leads else 2.0
+        if term.carrier >= 0 and not coupling.leads:
+            begins = term.element + deviation[manifold.tangent_slices[term.second]]
+            mobility += 4.0 * max(float(lever @ lever) for lever in (term.element, begins))
+        motion.relations[row].stiffness = coupling.rate ** 2 / mobility
+        motion.relations[row].damping = 2.0 * coupling.rate / mobility
 
-    :param frame: at the start
-    """
-    row = 0
-    for coupling in couplings:
-        for term in coupling.terms(manifold):
-            there = term.partners(manifold, manifold.flat(start))
-            tangent, _ = manifold.log_in_frame(frame, there)
-            if term.kind == DISTANCE:
-                length = np.linalg.norm(tangent[manifold.tangent_slices[term.second]])
-                tangent *= 1.0 - term.distance / length if length > 0.0 else 0.0
-            motion.deviations[row] = tangent
-            row += 1
+
+def _terms(couplings: Sequence[Coupling], manifold: Manifold) -> list[tuple[Coupling, Term]]:
+    return [(coupling, term) for coupling in couplings for term in coupling.terms(manifold)]

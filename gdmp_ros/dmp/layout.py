@@ -91,7 +91,8 @@ class Points(NamedTuple):
 
     ``anchor`` is the goal that was asked for last; ``goal`` moves there, and on with it if it has
     a velocity. ``target`` is what attracts the motion now, ``first_target`` what attracted it
-    first; both are the goal unless the skill is split (`gdmp_ros.dmp.segments`).
+    first; both are the goal unless the skill is split (`gdmp_ros.dmp.segments`). ``element`` is
+    the relation that two factors keep at the moment.
     """
 
     start: Any
@@ -102,6 +103,7 @@ class Points(NamedTuple):
     anchor: Any
     target: Any
     first_target: Any
+    element: Any
 
 
 class Tangents(NamedTuple):
@@ -145,7 +147,8 @@ class Motion(NamedTuple):
     :ivar peaks: largest norm of Z of each factor up to the nominal end
     :ivar segment_ends: s at which each segment but the last ends
     :ivar related: for each relation, its element of a group, where the second factor has its point
-    :ivar deviations: for each relation, coordinates of its deviation at the start
+    :ivar deviations: for each relation, the way from its element to that at the start, a tangent
+        where the second factor has it; the difference of the distances, where it is one
     """
 
     sizes: Any
@@ -219,7 +222,7 @@ def motion_view(memory):
     at += _FRAMES * f
     points = Points(_row(memory, at, p, 0), _row(memory, at, p, 1), _row(memory, at, p, 2),
                     _row(memory, at, p, 3), _row(memory, at, p, 4), _row(memory, at, p, 5),
-                    _row(memory, at, p, 6), _row(memory, at, p, 7))
+                    _row(memory, at, p, 6), _row(memory, at, p, 7), _row(memory, at, p, 8))
     at += _POINTS * p
     tangents = Tangents(_row(memory, at, n, 0), _row(memory, at, n, 1), _row(memory, at, n, 2),
                         _row(memory, at, n, 3), _row(memory, at, n, 4), _row(memory, at, n, 5),

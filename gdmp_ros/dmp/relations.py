@@ -6,7 +6,8 @@ of the factors form a group, ``|p₂ - p₁ - R₁ t|`` where an orientation car
 ``d(Y₁, Y₂) - δ`` on any manifold. ``-grad U`` and a damping of the relative velocity are added to
 the accelerations of both factors, or only to that of the second one if the first one leads. Both
 are computed from the middle of the interval before either velocity changes. With fixed goals,
-``V + U`` decreases, where V is the Lyapunov function of [GDMP] Theorem 1.
+``V + U`` decreases, where V is the Lyapunov function of [GDMP] Theorem 1. A start that does not
+keep the relation begins with the relation that it has, which then becomes the wanted one.
 """
 from __future__ import annotations
 
@@ -16,16 +17,17 @@ import numpy as np
 
 from gdmp_ros.dmp.layout import RELATION
 from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
-from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds import Euclidean, Manifold, UnitQuaternion
 from gdmp_ros.manifolds.factors import (
+    factor_exp,
     factor_from_frame,
     factor_log_in_frame,
     factor_to_frame,
     frame_point,
 )
 from gdmp_ros.manifolds.linalg import copy_numbers, norm
+from gdmp_ros.manifolds.quaternion import conjugate_multiply, multiply_conjugate, rotate
 from gdmp_ros.manifolds.quaternion import multiply as multiply_quaternions
-from gdmp_ros.manifolds.quaternion import multiply_conjugate, rotate
 from gdmp_ros.util.profiles import smoothstep
 
 #: Kinds: a geodesic distance; a constant offset; a relative quaternion; a relative matrix.
@@ -45,7 +47,7 @@ def partner_points(relations, k, related, factors, point, target, work):
 
     :param relations: records `gdmp_ros.dmp.layout.RELATION`
     :param k: number of the relation
-    :param related: row of `gdmp_ros.dmp.layout.Motion.related`
+    :param related: its element of a group, where the second factor has its point
     """
     noinline()
     relation = relations[k]
@@ -90,8 +92,9 @@ def _cross(a, b, scale, out):
 
 
 @always_inline
-def _keep_distance(relation, n, to_first, to_second, first_velocity, second_velocity, forces):
+def _keep_distance(damping, distance, n, ways, velocities, forces):
     """Force along the geodesic between two points; it replaces the way to the other point."""
+    (to_first, to_second), (first_velocity, second_velocity) = ways, velocities
     length = norm(n, to_second)
     if length < _SAME:
         for i in range(n):
@@ -100,8 +103,8 @@ def _keep_distance(relation, n, to_first, to_second, first_velocity, second_velo
     approach = 0.0
     for i in range(n):
         approach += (to_first[i] * first_velocity[i] + to_second[i] * second_velocity[i]) / length
-    share = 1.0 - relation.distance / length
-    damping = relation.damping * approach / length
+    share = 1.0 - distance / length
+    damping *= approach / length
     for i in range(n):
         forces[0][i] = -damping * to_first[i]
         forces[1][i] = -damping * to_second[i]
@@ -161,8 +164,15 @@ def _keep(motion, k, fade):
     n, p = first.tangent_end - first.tangent, motion.sizes.point
     related = numbers_at(motion.related, k * p, p)
     deviation = numbers_at(motion.deviations, k * motion.sizes.tangent, motion.sizes.tangent)
-    partner_points(motion.relations, k, related, motion.factors, points.mid, points.before,
+    # One element for both sides: two targets that fade by themselves would contradict each other
+    # as soon as their frames have turned.
+    for i in range(second.tangent, second.tangent_end):
+        tangents.offset[i] = fade * deviation[i]
+    if relation.kind != DISTANCE:
+        factor_exp(second, related, tangents.offset, points.element, motion.work)
+    partner_points(motion.relations, k, points.element, motion.factors, points.mid, points.before,
                    motion.work)
+    distance = relation.distance + fade * deviation[second.tangent]
     factor_log_in_frame(first, motion.frames.mid, points.before, tangents.offset, motion.work)
     factor_log_in_frame(second, motion.frames.mid, points.before, tangents.offset, motion.work)
     way_a = numbers_at(tangents.offset, first.tangent, n)
@@ -173,9 +183,9 @@ def _keep(motion, k, fade):
     if relation.kind == DISTANCE:
         for i in range(n):
             force_a[i], force_b[i] = 0.0, 0.0
-        _keep_distance(relation, n, way_a, way_b,
-                       numbers_at(tangents.velocity_before, first.tangent, n),
-                       numbers_at(tangents.velocity_before, second.tangent, n),
+        _keep_distance(relation.damping, distance, n, (way_a, way_b),
+                       (numbers_at(tangents.velocity_before, first.tangent, n),
+                        numbers_at(tangents.velocity_before, second.tangent, n)),
                        (force_a, force_b))
     else:
         if relation.carrier >= 0:
@@ -183,8 +193,8 @@ def _keep(motion, k, fade):
                 lever[i] -= points.mid[first.point + i]
         _damp(motion, k, lever)
     for i in range(n):
-        force_a[i] += relation.stiffness * (way_a[i] - fade * deviation[first.tangent + i])
-        force_b[i] += relation.stiffness * (way_b[i] - fade * deviation[second.tangent + i])
+        force_a[i] += relation.stiffness * way_a[i]
+        force_b[i] += relation.stiffness * way_b[i]
         tangents.spare[second.tangent + i] += force_b[i]
     if relation.leads == 1:
         return
@@ -237,5 +247,46 @@ class Term(NamedTuple):
         partner_points(record, 0, related, manifold.factor_table, point, target,
                        manifold.scratch())
         return target
+
+    def deviation(self, manifold: Manifold, point: np.ndarray) -> np.ndarray:
+        """
+        Way from the relation to the one that a point has, where the second factor has its tangent.
+
+        With `DISTANCE` the first number is the difference of the distances.
+
+        :param point: flat
+        """
+        result, factor = np.zeros(manifold.tangent_size), manifold.factors[self.second]
+        a, b = (point[manifold.point_slices[side]] for side in (self.first, self.second))
+        columns = manifold.tangent_slices[self.second]
+        if self.kind == DISTANCE:
+            result[columns.start] = factor.distance(factor.unflat(a),
+                                                    factor.unflat(b)) - self.distance
+            return result
+        here = relative_element(factor, a, b)
+        if self.carrier >= 0:
+            here = turned_back(point[manifold.point_slices[self.carrier]], here)
+        wanted = factor.unflat(self.element)
+        result[columns] = factor.log_anyway(wanted, factor.align(factor.unflat(here), wanted))[0]
+        return result
+
+
+def relative_element(factor: Manifold, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """``Y₁⁻¹ Y₂`` of points of a group, flat."""
+    if isinstance(factor, Euclidean):
+        return second - first
+    if isinstance(factor, UnitQuaternion):
+        result = np.empty(4)
+        conjugate_multiply(first, second, result)
+        return result
+    m = factor.size
+    return np.asarray(first.reshape(m, m).T @ second.reshape(m, m)).reshape(-1)
+
+
+def turned_back(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector in the frame of an orientation."""
+    result = np.empty(3)
+    rotate(quaternion * [1.0, -1.0, -1.0, -1.0], vector, result)
+    return result
 
 

@@ -251,3 +251,43 @@ def test_the_path_does_not_depend_on_the_time_step(pair):
     for _ in range(1000):
         ends.append(second.advance(0.004).point)
     assert np.abs(ends[0] - ends[-1]).max() < 1e-12
+
+
+@pytest.mark.parametrize('size', [0.3, 1.0, 2.5])
+@pytest.mark.parametrize('dt', [0.0005, 0.02])
+def test_a_start_whose_orientation_is_far_from_the_relation_does_not_jump(pair, size, dt, rng):
+    """Both sides follow one relation, which becomes the wanted one."""
+    for _ in range(3):
+        start, axis = pair.related(pair.start), rng.standard_normal(3)
+        rotate_by_vector(start[10:].copy(), size * axis / np.linalg.norm(axis), start[10:])
+        start[7:10] += 0.2 * rng.standard_normal(3)
+        times = np.arange(0.0, 5.0, dt)
+        points = pair.rollout(start=start).sample(times).points
+        plain = pair.rollout(start=pair.related(pair.start)).sample(times).points
+        step, usual = (np.linalg.norm(np.diff(path[:, 7:10], axis=0), axis=1).max()
+                       for path in (points, plain))
+        # The offset fades with smoothstep, at most 1.875 times its mean speed, in a quarter.
+        away = np.linalg.norm(start[7:10] - plain[0, 7:10])
+        assert step < 1.2 * usual + 2.0 * away * dt / (0.25 * pair.duration)
+        later = points[times > 0.27 * pair.duration][::max(1, round(0.02 / dt))]
+        assert max(pair.couplings[0].deviation(pair.manifold, one).max() for one in later) < 1e-3
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_a_relation_fades_from_far(name, rng):
+    for seed in range(4):
+        skill = relative_case(name, seed)
+        manifold, coupling = skill.manifold, replace(skill.couplings[0], rate=1000.0)
+        skill = replace(skill, gains=Gains(), velocity=0.0 * skill.velocity, duration=3.0,
+                        goal=coupling.related(manifold, skill.goal), steps=3000,
+                        couplings=(coupling,))
+        away = manifold.random_tangent(skill.goal, rng)
+        start = manifold.exp(skill.goal, 1.5 / manifold.norm(skill.goal, away) * away)
+        times = np.arange(0.0, 4.0, 2e-3)
+        points = skill.rollout(start=start).sample(times).points
+        flat = points.reshape(len(times), -1)
+        steps = np.linalg.norm(manifold.factor_distances(flat[:-1].copy(), flat[1:].copy()),
+                               axis=1)
+        # The relation fades in 0.75 s, the motion ends in about one.
+        assert steps.max() < 3.0 * 2e-3 / 0.75 * 1.5
+        assert max(coupling.deviation(manifold, one).max() for one in points[times > 0.9]) < 5e-3
