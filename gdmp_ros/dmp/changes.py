@@ -14,6 +14,7 @@ from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, P, Pr
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Product
+from gdmp_ros.util.numeric import numbers
 
 #: Largest deviation of a turn from an orthogonal matrix.
 _TOLERANCE = 1e-6
@@ -146,7 +147,7 @@ def turned(primitive: P, turn: np.ndarray) -> P:
     manifold, size = primitive.manifold, primitive.manifold.tangent_size
     origin = primitive.goal if primitive.rhythmic else primitive.start
     frame = manifold.frame(primitive.goal) if primitive.rhythmic else primitive.frame
-    matrix = np.asarray(turn, dtype=np.float64)
+    matrix = numbers('frame', turn)
     if (matrix.shape != (size, size) or not np.isfinite(matrix).all()
             or np.abs(matrix @ matrix.T - np.eye(size)).max() > _TOLERANCE):
         raise ParameterError(f'frame: expected an orthogonal matrix of shape {(size, size)}')

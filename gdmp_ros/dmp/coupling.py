@@ -18,6 +18,7 @@ from gdmp_ros.dmp.relations import (
 )
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Euclidean, Manifold, SpecialOrthogonal, UnitQuaternion
+from gdmp_ros.util.numeric import numbers
 
 #: A deviation vanishes with ``(1 + w s) e^(-w s)``, w this many per duration.
 RATE = 2000.0
@@ -69,13 +70,13 @@ class Coupling:
         if self.kind not in COUPLINGS:
             raise ParameterError(f'coupling: kind is {self.kind!r}, expected one of '
                                  f'{", ".join(COUPLINGS)}')
-        numbers = np.asarray(self.relation, dtype=np.float64).reshape(-1)
-        if not np.isfinite(numbers).all():
+        relation = numbers('coupling: relation', self.relation).reshape(-1)
+        if not np.isfinite(relation).all():
             raise ParameterError('coupling: a number of the relation is not finite')
         if not (isinstance(self.rate, (int, float)) and 1.0 <= self.rate <= 1e6):
             raise ParameterError(f'coupling: rate is {self.rate!r}, expected a number from 1 to '
                                  '1e6')
-        for name, value in (('relation', tuple(numbers.tolist())), ('rate', float(self.rate)),
+        for name, value in (('relation', tuple(relation.tolist())), ('rate', float(self.rate)),
                             ('first', _names(self.first)), ('second', _names(self.second)),
                             ('leads', bool(self.leads))):
             object.__setattr__(self, name, value)

@@ -11,9 +11,12 @@ import numpy as np
 from gdmp_ros.dmp.development import Development
 from gdmp_ros.errors import DataError, GdmpWarning, InvalidPointError
 from gdmp_ros.manifolds import Manifold, UnitQuaternion
+from gdmp_ros.util.numeric import numbers
 
 #: Stamps whose spacing varies by less than this fraction are uniform and used as they are.
 UNIFORM = 1e-4
+#: Range of the cut-off of smoothing [Hz].
+MIN_CUTOFF, MAX_CUTOFF = 1e-6, 1e6
 #: Fewest samples from which a second derivative can be computed.
 MIN_SAMPLES = 3
 #: Quaternions whose norm differs from 1 by at most this are normalised.
@@ -49,8 +52,8 @@ class Demonstration:
     manifold: Manifold
 
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
-        points = np.array(self.points, dtype=np.float64)
+        times = np.array(numbers('times', self.times, DataError))
+        points = np.array(numbers('points', self.points, DataError))
         if times.ndim != 1 or len(times) < MIN_SAMPLES:
             raise DataError(f'demonstration: {times.size} samples, '
                             f'expected at least {MIN_SAMPLES}')
@@ -161,8 +164,10 @@ class Demonstration:
 
         :raises DataError: with fewer than 5 samples
         """
-        if not 0.0 < cutoff < np.inf:
-            raise DataError(f'cutoff is {cutoff!r} Hz, expected a number > 0')
+        if not (isinstance(cutoff, (int, float, np.number))
+                and MIN_CUTOFF <= cutoff <= MAX_CUTOFF):
+            raise DataError(f'cutoff is {cutoff!r} Hz, expected a number from {MIN_CUTOFF:g} to '
+                            f'{MAX_CUTOFF:g}')
         if len(self.times) < 5:
             raise DataError(f'smoothing needs at least 5 samples, got {len(self.times)}')
         flat = self.development().smooth(self.times, cutoff)

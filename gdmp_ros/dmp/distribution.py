@@ -23,14 +23,17 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.variation import Context, Variation
 from gdmp_ros.errors import GdmpWarning, ParameterError
 from gdmp_ros.manifolds import Manifold
+from gdmp_ros.util.numeric import numbers
 
 if TYPE_CHECKING:
     from gdmp_ros.dmp.skill import Skill
 
 #: Repetitions of conditioning on a curved space; on a flat one the first is exact.
-REPETITIONS = 20
-#: A point counts as met when it is this near.
-MET = 1e-10
+REPETITIONS = 100
+#: A point counts as met when it is this near; one that stays further away cannot be met.
+MET, CANNOT = 1e-10, 1e-6
+#: Shares of a step that are tried, until one is an improvement.
+SHARES = tuple(0.5 ** k for k in range(8))
 #: A hard condition is met up to this part of the prior's variance: it keeps the system regular.
 _REGULAR = 1e-14
 
@@ -96,8 +99,8 @@ class Distribution:
         :param context: as given to `Skill.learn`: a number for each name, or numbers of shape
             ``(m,)``; outside of what the takes show a `GdmpWarning` says so
         :raises ManifoldError: if a point is not on the manifold
-        :raises ParameterError: if s is out of range or occurs twice, a covariance is none, or the
-            context has other names or another size
+        :raises ParameterError: if s is out of range or occurs twice, a covariance is none, the
+            context has other names or another size, or a point cannot be met
         """
         if context is not None:
             known = self._in_context(context)
@@ -105,24 +108,55 @@ class Distribution:
             return known if around is None else around.condition(points)
         target = self._wanted(points)
         factor = self._variation.whole_factor
-        rows = np.vstack([self._rows(s, ends=True) for s, _, _ in target])
-        shift, moved = np.zeros(factor.shape[0]), self._skill
-        offset, noise = _remaining(moved, target)
+        rows = np.vstack([self._rows(s, ends=True) for s, _, _ in target]) @ factor
+        latent, moved = np.zeros(factor.shape[1]), self._skill
+        offset, noise = self._remaining(moved, target)
+        cost = _cost(rows, noise, offset, latent)
         for _ in range(REPETITIONS):
             # The gain refers to the mean: what has been shifted already counts as remaining.
-            gain = _gain(rows @ factor, noise)
-            shift = factor @ (gain @ (offset + rows @ shift))
-            moved = shifted(self._skill, shift)
-            offset, noise = _remaining(moved, target)
+            gain = _gain(rows, noise)
+            step = gain @ (offset + rows @ latent) - latent
+            for share in SHARES:
+                tried = latent + share * step
+                after = shifted(self._skill, factor @ tried)
+                left_over, noise_then = self._remaining(after, target)
+                cost_then = _cost(rows, noise_then, left_over, tried)
+                if cost_then < cost:
+                    break
+            else:
+                break
+            latent, moved, offset, noise, cost = tried, after, left_over, noise_then, cost_then
             if np.abs(offset).max() <= MET:
                 break
-        left = np.eye(factor.shape[1]) - gain @ (rows @ factor)
+        self._check_met(target, offset)
+        left = np.eye(factor.shape[1]) - gain @ rows
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rest = replace(self._variation, factor=factor @ root, contexts=None)
         # `shifted` turned what the variation of the moved primitive refers to.
         turned = turned_variation(rest, frame_changes(self._skill, moved))
         return replace(moved, variation=turned)
+
+    def _remaining(self, moved: Skill, desired: list[tuple[float, np.ndarray, np.ndarray]]
+                   ) -> tuple[np.ndarray, np.ndarray]:
+        """What is left after a shift, in the frames before it, which the variation refers to."""
+        size = self._manifold.tangent_size
+        offset, noise = _remaining(moved, desired)
+        start, goal = frame_changes(self._skill, moved)
+        back = np.zeros_like(noise)
+        for number, (s, _, _) in enumerate(desired):
+            part = slice(number * size, (number + 1) * size)
+            back[part, part] = (goal if s == 1.0 else start).T
+        return back @ offset, back @ noise @ back.T
+
+    def _check_met(self, desired: list[tuple[float, np.ndarray, np.ndarray]],
+                   offset: np.ndarray) -> None:
+        for (s, _, covariance), away in zip(desired, np.split(offset, len(desired))):
+            distance = float(np.linalg.norm(away))
+            if not covariance.any() and not distance <= CANNOT:
+                raise ParameterError(f'condition at s = {s:g}: no motion of this distribution '
+                                     f'was found that passes through the point; {distance:.2g} '
+                                     'is left. Give a covariance, or take Skill.through')
 
     def _in_context(self, context: Context) -> Skill:
         """The skill for a context, with the variation of takes in it."""
@@ -162,7 +196,7 @@ class Distribution:
                                      f'(s, point, covariance), got {len(condition)} parts')
             s, point = _checked(condition[0]), manifold.check_point(condition[1])
             noise = (np.zeros((size, size)) if len(condition) == 2
-                     else np.asarray(condition[2], dtype=float))
+                     else numbers('covariance', condition[2]))
             if (noise.shape != (size, size) or not np.isfinite(noise).all()
                     or np.linalg.eigvalsh(noise).min() < -1e-12):
                 raise ParameterError(f'condition {number}: the covariance is no positive '
@@ -210,6 +244,14 @@ def _remaining(skill: Primitive, desired: list[tuple[float, np.ndarray, np.ndarr
             part = slice(number * size, (number + 1) * size)
             noise[part, part] = turn @ covariance @ turn.T
     return np.concatenate(offset), noise
+
+
+def _cost(rows: np.ndarray, noise: np.ndarray, offset: np.ndarray, latent: np.ndarray) -> float:
+    """Twice the negative logarithm of the probability; infinite if the motion is not finite."""
+    matrix = noise + _REGULAR * np.trace(rows @ rows.T + noise) / len(noise) * np.eye(len(noise))
+    if not np.isfinite(offset).all():
+        return math.inf
+    return float(offset @ np.linalg.lstsq(matrix, offset, rcond=None)[0] + latent @ latent)
 
 
 def _gain(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -197,7 +197,8 @@ def _correct_start(motion: Motion, skill: Primitive, frame: np.ndarray, start: S
     """
     scalars, tangents, manifold = motion.scalars, motion.tangents, skill.manifold
     velocity = np.zeros(manifold.tangent_size) if start.velocity is None else start.velocity
-    acceleration = np.zeros_like(velocity) if start.acceleration is None else start.acceleration
+    acceleration = (np.zeros(manifold.tangent_size) if start.acceleration is None
+                    else start.acceleration)
     if not scalars.speed > 0.0:
         raise ParameterError('an initial velocity needs an initial speed above 0')
     velocity = finite_tangent(manifold, 'initial velocity', velocity)

@@ -10,6 +10,7 @@ from gdmp_ros.dmp.options import check_range
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
 from gdmp_ros.manifolds.linalg import limit_norm
+from gdmp_ros.util.numeric import numbers
 
 #: How fast the avoidance decreases with the angle between motion and obstacle [1/rad].
 _ANGLE_DECAY = 3.0
@@ -94,7 +95,7 @@ def store_obstacles(motion: Motion, positions: np.ndarray, gain: float, reach: f
     :raises ParameterError: without a position to avoid them with, or for too many obstacles
     """
     size, scalars = int(motion.sizes.position), motion.scalars
-    positions = np.asarray(positions, dtype=np.float64)
+    positions = numbers('obstacles', positions)
     if size == 0:
         raise ParameterError('the skill has no position (R² or R³) that could avoid obstacles')
     shape = positions.reshape(-1, size).shape if positions.size % size == 0 else (-1, size)
@@ -102,8 +103,10 @@ def store_obstacles(motion: Motion, positions: np.ndarray, gain: float, reach: f
                            or not np.isfinite(positions).all()):
         raise ParameterError(f'obstacles: expected up to {OBSTACLE_CAPACITY} finite positions of '
                              f'{size} numbers, got shape {positions.shape}')
+    gain, reach, limit = (check_range(name, value, low, 1e6) for name, value, low in (
+        ('gain', gain, 0.0), ('reach', reach, 1e-6), ('bound', limit, 0.0)))
+    # Nothing has changed until all of it is checked.
     motion.obstacles[:positions.size] = positions.reshape(-1)
-    scalars.obstacle_gain = check_range('gain', gain, 0.0, 1e6)
-    scalars.obstacle_reach = check_range('reach', reach, 1e-6, 1e6)
-    scalars.obstacle_limit = check_range('bound', limit, 0.0, 1e6) * scalars.duration ** 2
+    scalars.obstacle_gain, scalars.obstacle_reach = gain, reach
+    scalars.obstacle_limit = limit * scalars.duration ** 2
     scalars.obstacles = positions.size // size

@@ -17,6 +17,8 @@ LONGEST_STEP = 3600.0
 SHORTEST_DURATION = 0.05
 #: Largest amplitude of a cycle, as a factor of the demonstrated one.
 MAX_AMPLITUDE = 2.0
+#: Slowest limit of the speed of a goal: a slower one would not arrive in hours.
+SLOWEST_GOAL = 1e-6
 #: Fastest speed of the phase that `Rollout.set_speed` accepts.
 MAX_SPEED = 2.0
 
@@ -52,11 +54,14 @@ class Options:
         check_range('speed_rate', self.speed_rate, 1e-6, math.inf)
         check_range('phase_stopping', self.phase_stopping, 0.0, 1e9)
         count = len(manifold.factors)
-        for name in ('goal_speed', 'error_weights'):
+        for name, low, high in (('goal_speed', SLOWEST_GOAL, math.inf),
+                                ('error_weights', 0.0, 1e9)):
             given = getattr(self, name)
-            if given is not None and not (_numbers(given).shape == (count,)
-                                          and (_numbers(given) >= 0.0).all()):
-                raise ParameterError(f'{name}: expected {count} numbers >= 0, got {given!r}')
+            if given is not None and not (
+                    _numbers(given).shape == (count,)
+                    and ((low <= _numbers(given)) & (_numbers(given) <= high)).all()):
+                raise ParameterError(f'{name}: expected {count} numbers from {low:g} to {high:g}, '
+                                     f'got {given!r}')
         array = self.tolerances_of(manifold)
         if array.shape != (count,) or not (array > 0.0).all():
             raise ParameterError(f'tolerances: expected {count} numbers > 0, '

@@ -1,7 +1,7 @@
 """A learned movement primitive: everything a roll-out needs, frozen; and states of a motion."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 import math
 from typing import Any, NamedTuple, TypeVar
@@ -15,6 +15,7 @@ from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
+from gdmp_ros.util.numeric import numbers
 
 #: Goal gain of rhythmic skills: with that of others entry and exit need 1.7 times the acceleration
 #: of the cycle.
@@ -74,6 +75,10 @@ class State:
                 f'velocity={self.velocity!r}, acceleration={self.acceleration!r})')
 
 
+#: Range of the gains.
+LEAST_GAIN, MOST_GAIN = 1e-6, 1e9
+
+
 class GripperEvent(NamedTuple):
     """
     A command for the gripper at a progress of the motion.
@@ -97,7 +102,7 @@ def checked_events(events: tuple[GripperEvent, ...]) -> tuple[GripperEvent, ...]
     :raises ParameterError: if a number is not finite or negative, a progress is beyond 1, or they
         are not in order
     """
-    events = tuple(GripperEvent(*map(float, event)) for event in events)
+    events = tuple(GripperEvent(*_event(event)) for event in events)
     for number, event in enumerate(events):
         if not all(math.isfinite(value) and value >= 0.0 for value in event):
             raise ParameterError(f'gripper event {number}: {tuple(event)}, expected finite '
@@ -110,6 +115,14 @@ def checked_events(events: tuple[GripperEvent, ...]) -> tuple[GripperEvent, ...]
             raise ParameterError(f'gripper event {number}: progress is {event.progress:g}, before '
                                  f'that of the event before, {events[number - 1].progress:g}')
     return events
+
+
+def _event(event: Sequence[float]) -> list[float]:
+    given = numbers('gripper event', event)
+    if given.shape != (len(GripperEvent._fields),):
+        raise ParameterError(f'gripper event: expected {len(GripperEvent._fields)} numbers, got '
+                             f'{event!r}')
+    return [float(value) for value in given]
 
 
 class Trajectory(NamedTuple):
@@ -143,8 +156,10 @@ class Gains:
     def __post_init__(self) -> None:
         for part in fields(self):
             value = getattr(self, part.name)
-            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
-                raise ParameterError(f'{part.name} is {value!r}, expected a number > 0')
+            if not (isinstance(value, (int, float, np.number)) and LEAST_GAIN <= value
+                    <= MOST_GAIN):
+                raise ParameterError(f'{part.name} is {value!r}, expected a number from '
+                                     f'{LEAST_GAIN:g} to {MOST_GAIN:g}')
             object.__setattr__(self, part.name, float(value))
 
     @property

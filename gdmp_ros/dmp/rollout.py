@@ -24,6 +24,7 @@ from gdmp_ros.dmp.options import (
 )
 from gdmp_ros.dmp.primitive import Primitive, State, Trajectory
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.util.numeric import numbers
 
 
 class Rollout:
@@ -110,7 +111,8 @@ class Rollout:
         plain = self.copy()
         plain.motion.scalars.speed = plain.motion.scalars.speed_ramp = 1.0
         plain.set_speed(1.0)
-        end = plain.advance(self._duration)
+        pieces = math.ceil(self._duration / LONGEST_STEP)
+        end = [plain.advance(self._duration / pieces) for _ in range(pieces)][-1]
         return np.asarray(self._final_velocity - self._manifold.transport(
             end.point, self._goal, end.velocity))
 
@@ -150,7 +152,9 @@ class Rollout:
 
         :raises ParameterError: if a time lies before the previous one
         """
-        times = np.asarray(times, dtype=np.float64)
+        times = numbers('sample: times', times)
+        if times.ndim != 1:
+            raise ParameterError(f'sample: times have the shape {times.shape}, expected a list')
         steps = np.diff(times, prepend=self.motion.scalars.time)
         if not (steps >= 0.0).all():
             raise ParameterError('sample: times must not decrease, nor lie before the present')

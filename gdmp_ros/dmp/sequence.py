@@ -139,6 +139,8 @@ class SkillSequence:
 
     def check_index(self, index: int) -> int:
         """:raises ParameterError: unless there is a step with this index"""
+        if not isinstance(index, (int, np.integer)):
+            raise ParameterError(f'{self.name}: step is {index!r}, expected an index')
         if not 0 <= index < len(self.steps):
             raise ParameterError(f'{self.name}: step is {index + 1}, expected 1 to '
                                  f'{len(self.steps)}')
@@ -218,6 +220,7 @@ class SequenceRollout:
         :param start: point; from rest
         :param first: index of the first step
         :raises ParameterError: unless there is such a step
+        :raises ManifoldError: if the start is not on the manifold
         :raises DataError: if the skills are on different manifolds
         """
         motions = [step for step in sequence.steps if isinstance(step, MotionStep)]
@@ -231,9 +234,9 @@ class SequenceRollout:
         self.course = Course(sequence, first)
         later = [step for step in sequence.steps[first:] if isinstance(step, MotionStep)]
         begin = (later or motions[-1:])[0]
-        if start is None:
-            start = begin.skill.start if later else begin.goal
-        place = self.manifold.flat(begin.skill.goal if start is None else start)
+        ends = begin.skill.goal if begin.goal is None else begin.goal
+        place = self.manifold.flat((begin.skill.start if later else ends) if start is None
+                                   else self.manifold.check_point(start))
         rest = np.zeros(2 * self.manifold.tangent_size)
         self._resting = State(np.concatenate([[0.0, 1.0], place, rest]), self.manifold)
         self._rollout: Rollout | None = None

@@ -18,6 +18,9 @@ from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
 from gdmp_ros.dmp.via import through, warn_of_cost
 from gdmp_ros.errors import ParameterError
 
+#: Most samples of `Skill.reproduce`.
+MOST_SAMPLES = 10_000_000
+
 
 class Skill(Primitive):
     """
@@ -175,8 +178,11 @@ class Skill(Primitive):
         :param dt: spacing of the samples [s]; the last sample is at the duration
         :raises ParameterError: if ``dt`` is not positive
         """
-        if not (isinstance(dt, (int, float)) and 0.0 < dt < math.inf):
-            raise ParameterError(f'dt is {dt!r} s, expected a number > 0')
+        if not (isinstance(dt, (int, float, np.number))
+                and self.duration / MOST_SAMPLES <= dt < math.inf):
+            raise ParameterError(f'dt is {dt!r} s, expected a number from '
+                                 f'{self.duration / MOST_SAMPLES:g}')
+        dt = float(dt)
         count = math.floor(self.duration / dt - 1e-9) + 1
         times = np.append(dt * np.arange(count), self.duration)
         return self.rollout().sample(times)

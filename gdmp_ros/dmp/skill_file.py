@@ -48,9 +48,19 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'couplings': [asdict(coupling) for coupling in skill.couplings],
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     try:
-        write_text(path, json.dumps(document, indent=1, allow_nan=False) + '\n')
-    except (OSError, ValueError) as error:
+        write_text(path, json.dumps(document, indent=1, allow_nan=False, default=_plain)
+                   + '\n')
+    except (OSError, TypeError, ValueError) as error:
         raise DataError(f'{path}: cannot write the skill: {error}') from None
+
+
+def _plain(value: object) -> object:
+    """What NumPy and paths are in JSON; they come with what a caller says of a skill."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f'{type(value).__name__} is not plain text, numbers or lists of them')
 
 
 def read_primitive(path: Path, kind: type[P]) -> P:

@@ -11,6 +11,7 @@ from gdmp_ros.dmp.primitive import P, Primitive
 from gdmp_ros.dmp.response import responses
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.errors import GdmpWarning, ParameterError
+from gdmp_ros.util.numeric import numbers
 
 #: Most corrections on a curved manifold; on a flat one the first is exact.
 _MAX_ITERATIONS = 20
@@ -41,8 +42,8 @@ def through(skill: P, points: Sequence[tuple[float, np.ndarray]],
     """
     skill.check_ends('via points')
     manifold = skill.manifold
-    moments = np.array([s for s, _ in points], dtype=np.float64)
-    if len(moments) == 0 or not ((moments > 0.0) & (moments < 1.0)).all() or (
+    moments = numbers('progress of via points', [s for s, _ in points])
+    if moments.ndim != 1 or len(moments) == 0 or not ((moments > 0.0) & (moments < 1.0)).all() or (
             len(set(moments.tolist())) < len(moments)):
         raise ParameterError('via points: expected different progress between 0 and 1, got '
                              f'{moments.tolist()}')

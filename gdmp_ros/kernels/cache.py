@@ -13,6 +13,7 @@ import contextlib
 import dis
 import hashlib
 import inspect
+import math
 import os
 from pathlib import Path
 import shutil
@@ -83,6 +84,14 @@ def remove_stale() -> None:
     for folder in _base_folder().glob('numba-*'):
         if folder.is_dir() and folder.name != _version() and folder.stat().st_mtime < oldest:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _age(path: Path) -> float:
+    """Age of a file; another process may have removed it meanwhile."""
+    try:
+        return -path.stat().st_mtime
+    except FileNotFoundError:
+        return math.inf
 
 
 @contextlib.contextmanager
@@ -246,8 +255,7 @@ class KernelCache(_Cache):
         """Keep the newest versions of this kernel only."""
         module = self._function.__module__.rpartition('.')[2]
         pattern = f'{module}.{self._function.__qualname__}-*'
-        files = sorted(Path(self.cache_path).glob(f'{pattern}.nbi'),
-                       key=lambda path: -path.stat().st_mtime)
+        files = sorted(Path(self.cache_path).glob(f'{pattern}.nbi'), key=_age)
         for index in files[_KEPT_VERSIONS:]:
             for path in index.parent.glob(f'{index.stem}*'):
                 path.unlink(missing_ok=True)

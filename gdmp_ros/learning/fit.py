@@ -31,8 +31,8 @@ PASSES = 2
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
           settings: FitSettings, tolerance: float) -> Skill:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""
-    if n_basis != 'auto' and (not isinstance(n_basis, (int, np.integer))
-                              or isinstance(n_basis, bool)):
+    if not isinstance(n_basis, (int, np.integer, str)) or isinstance(n_basis, bool) or (
+            isinstance(n_basis, str) and n_basis != 'auto'):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
     demos = prepared(demonstrations, settings.smoothing)
     settings.contexts_of(len(demos))

@@ -11,7 +11,7 @@ import numpy as np
 
 from gdmp_ros.choices import ENDS, FITS
 from gdmp_ros.dmp.demonstration import as_list, Demonstration
-from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.dmp.skill import Skill
@@ -19,6 +19,7 @@ from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterErro
 from gdmp_ros.learning.cleaning import cleaned, FEW, noise_level, noise_of_few
 from gdmp_ros.learning.variation_fit import Contexts, GivenContexts
 from gdmp_ros.manifolds import Manifold
+from gdmp_ros.util.numeric import numbers
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
@@ -173,9 +174,7 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
-        if not (math.isfinite(self.regularization) and self.regularization >= 0.0):
-            raise ParameterError(f'regularization is {self.regularization!r}, '
-                                 'expected a number >= 0')
+        check_range('regularization', self.regularization, 0.0, 1e9)
         if self.fit not in FITS:
             raise ParameterError(f'fit is {self.fit!r}, expected one of {", ".join(FITS)}')
         if self.end not in (None, *ENDS):
@@ -205,7 +204,7 @@ class FitSettings:
         """
         if self.demonstration_weights is None:
             return np.ones(count)
-        given = np.array(self.demonstration_weights, dtype=np.float64)
+        given = numbers('demonstration_weights', self.demonstration_weights)
         if given.shape != (count,) or not (np.isfinite(given) & (given > 0.0)).all():
             raise ParameterError(f'demonstration_weights are {given.tolist()}, expected {count} '
                                  'numbers above 0, one for each demonstration')

@@ -42,8 +42,9 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
     """Learn a rhythmic primitive; see `gdmp_ros.dmp.Skill.learn_rhythmic`."""
     if period is not None:
         check_range('period', period, SHORTEST_DURATION, 1e6)
-    if n_basis != 'auto' and (not isinstance(n_basis, (int, np.integer))
-                              or isinstance(n_basis, bool) or not 4 <= n_basis <= MOST):
+    automatic = isinstance(n_basis, str) and n_basis == 'auto'
+    if not automatic and (not isinstance(n_basis, (int, np.integer))
+                          or isinstance(n_basis, bool) or not 4 <= n_basis <= MOST):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
                              "'auto'")
     check_tolerance(tolerance)

@@ -25,6 +25,7 @@ from gdmp_ros.manifolds.factors import (
     to_frame_rows,
     transport_frame_rows,
 )
+from gdmp_ros.util.numeric import numbers
 
 #: Largest size parameter: above it the frames do not fit into memory.
 MAX_SIZE = 1000
@@ -33,7 +34,7 @@ _NOT_FINITE = 'an entry is NaN or infinite'
 
 def kernel_array(array: np.ndarray) -> np.ndarray:
     """Contiguous, writable float64, as kernels are compiled for; copied only if needed."""
-    result = np.asarray(array, dtype=np.float64, order='C')
+    result = np.asarray(numbers('point or tangent', array, ManifoldError), order='C')
     return result if result.flags.writeable else result.copy()
 
 

@@ -17,6 +17,8 @@ class Product(Manifold):
     A point is one flat vector, the factors' points one after another (matrices row by row); a
     tangent is the factors' tangents one after another. The squared distance is the sum of the
     factors' squared distances.
+
+    :ivar is_named: whether names were given, here or to a product among the factors
     """
 
     kind = 'product'
@@ -26,12 +28,15 @@ class Product(Manifold):
         Join manifolds.
 
         :param factors: at least one; a product among them is replaced by its factors
-        :param names: one for each factor; their kinds by default, numbered where they repeat
+        :param names: one for each factor; by default those that a product among them was given,
+            and the kinds of the others, numbered where they repeat
         """
         if not factors or not all(isinstance(f, Manifold) for f in factors):
             raise ManifoldError(f'Product: expected one or more manifolds, got {factors!r}')
         self._factors = tuple(inner for f in factors for inner in f.factors)
-        self._names = self._given_names(names)
+        self.is_named: bool = names is not None or any(
+            isinstance(f, Product) and f.is_named for f in factors)
+        self._names = self._given_names(names, factors)
         super().__init__(len(self._factors), dim=sum(f.dim for f in self._factors),
                          point_shape=(sum(f.point_size for f in self._factors),),
                          tangent_size=sum(f.tangent_size for f in self._factors),
@@ -91,8 +96,10 @@ class Product(Manifold):
         return [points[:, part].reshape(-1, *factor.point_shape)
                 for factor, part in zip(self._factors, self.point_slices)]
 
-    def _given_names(self, names: Any) -> tuple[str, ...]:
-        kinds = [f.kind for f in self._factors]
+    def _given_names(self, names: Any, factors: Sequence[Manifold]) -> tuple[str, ...]:
+        kinds = [name for factor in factors for name in (
+            factor.names if isinstance(factor, Product) and factor.is_named
+            else [inner.kind for inner in factor.factors])]
         if names is None:
             return tuple(kind if kinds.count(kind) == 1 else f'{kind}{kinds[:i].count(kind) + 1}'
                          for i, kind in enumerate(kinds))

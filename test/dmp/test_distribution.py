@@ -64,6 +64,27 @@ def test_conditions_are_met(manifold, connection, rng):
         np.linalg.cholesky(covariance + 1e-15 * np.eye(size))
 
 
+@pytest.mark.parametrize('manifold', [
+    UnitQuaternion(), SymmetricPositiveDefinite(2), SymmetricPositiveDefinite(3), Sphere(2),
+    SpecialOrthogonal(3)], ids=repr)
+def test_three_points_of_a_motion_of_its_own_are_met(manifold):
+    """Such a motion exists: where the space is curved, it has to be found."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        distribution = Skill.learn(takes(manifold, 6, rng), 30).distribution
+        drawn = distribution.sample(rng)
+        points = [(s, point_at(drawn, s)) for s in (0.2, 0.5, 0.8)]
+        made = distribution.condition(points)
+        assert max(manifold.distance(point_at(made, s), manifold.align(p, point_at(made, s)))
+                   for s, p in points) < 1e-8
+
+
+def test_a_point_that_cannot_be_met_is_refused(rng):
+    distribution = Skill.learn(takes(Euclidean(3), 4, rng), 20).distribution
+    with pytest.raises(ParameterError, match='no motion of this distribution was found'):
+        distribution.condition([(0.5, np.full(3, 1e200))])
+
+
 def test_conditioning_is_that_of_a_promp_with_the_same_weights(rng):
     promp = pytest.importorskip('movement_primitives.promp')
     count, size = 20, 3
