@@ -19,7 +19,7 @@ from gdmp_ros.util.files import read_text, write_text
 
 FORMAT = 'gdmp skill'
 #: A file of another version is refused.
-VERSION = 7
+VERSION = 8
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 #: Arrays of a `ContextModel`.

@@ -11,6 +11,10 @@ from gdmp_ros.errors import DataError, ParameterError
 
 #: A context as users give it: a number for each name, or numbers in the order of the names.
 Context: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
+#: Largest condition of the correlations between the numbers of a context.
+LARGEST_CONDITION = 1e8
+#: A number varies if its range is this part of its size: six digits of it are left.
+DIGITS = 1e6 * np.finfo(float).eps
 #: Part of the range that a context may be outside of what was shown: rounding.
 _ROUNDING = 1e-9
 
@@ -50,6 +54,25 @@ def correlations(first: np.ndarray, second: np.ndarray, lengths: np.ndarray) -> 
     return np.asarray(np.exp(-0.5 * (offset ** 2).sum(axis=2)))
 
 
+def scaled(numbers: np.ndarray, takes: np.ndarray) -> np.ndarray:
+    """Contexts minus the mean of the takes', in their standard deviations, same shape."""
+    return np.asarray((numbers - takes.mean(axis=0)) / takes.std(axis=0))
+
+
+def linear_terms(numbers: np.ndarray, takes: np.ndarray) -> np.ndarray:
+    """1 and the scaled numbers of contexts, shape ``(..., 1 + m)``."""
+    terms = scaled(numbers, takes)
+    return np.concatenate([np.ones((*terms.shape[:-1], 1)), terms], axis=-1)
+
+
+def varies(numbers: np.ndarray) -> bool:
+    """Whether each number differs between the takes, and none follows from the others."""
+    spread = np.ptp(numbers, axis=0)
+    if not (spread > DIGITS * np.abs(numbers).max(axis=0)).all():
+        return False
+    return bool(np.linalg.cond(scaled(numbers, numbers)) ** 2 <= LARGEST_CONDITION)
+
+
 @dataclass(frozen=True, eq=False)
 class ContextModel:
     """
@@ -60,11 +83,11 @@ class ContextModel:
     :ivar lengths: correlation length of each number, shape ``(m,)``
     :ivar noise: variance of what the context does not explain in each take, relative to that of
         the process, shape ``(takes,)``
-    :ivar trend: coefficients of 1 and each number, shape ``(rows, 1 + m)``; the rows are those of
+    :ivar trend: coefficients of `linear_terms`, shape ``(rows, 1 + m)``; the rows are those of
         `gdmp_ros.dmp.variation.Variation.factor`
     :ivar bend: coefficients of the process, shape ``(rows, takes)``
     :ivar spread: E with the covariance ``E Eᵀ`` of what the context explains, ``(rows, any)``
-    :ivar timing: coefficients of 1 and each number for the logarithm of the duration divided by
+    :ivar timing: coefficients of `linear_terms` for the logarithm of the duration divided by
         that of the primitive, shape ``(1 + m,)``
     """
 
@@ -105,8 +128,7 @@ class ContextModel:
                             'expected different names and more takes than names')
         if not ((self.lengths > 0.0).all() and (self.noise > 0.0).all()):
             raise DataError('contexts: lengths and noise must be above 0')
-        offset = self.takes - self.takes.mean(axis=0)
-        if np.linalg.matrix_rank(offset, tol=1e-12 * np.abs(self.takes).max()) < size:
+        if not varies(self.takes):
             raise DataError('contexts: a number does not vary between the takes, or follows from '
                             'the others')
 
@@ -138,20 +160,18 @@ class ContextModel:
 
     def shift(self, numbers: np.ndarray) -> tuple[np.ndarray, float]:
         """Shift of start, goal and weights for a context, ``(rows,)``; factor of the duration."""
-        linear = np.concatenate([[1.0], numbers])
+        linear = linear_terms(numbers, self.takes)
         near = correlations(numbers[None], self.takes, self.lengths)[0]
         return self.trend @ linear + self.bend @ near, float(np.exp(self.timing @ linear))
 
     def growth(self, numbers: np.ndarray) -> float:
         """Standard deviation of the shift, relative to the usual one between the takes; >= 1."""
-        linear = np.column_stack([np.ones(len(self.takes)), self.takes])
-        if len(linear) <= linear.shape[1]:
-            return 1.0  # a file before version 6
+        linear = linear_terms(self.takes, self.takes)
         own = correlations(self.takes, self.takes, self.lengths) + np.diag(self.noise)
         maps = kriging(own, linear)
         near = correlations(numbers[None], self.takes, self.lengths)[0]
         noise = self.noise.mean()
-        rest = np.concatenate([[1.0], numbers]) - linear.T @ maps.inverse @ near
+        rest = linear_terms(numbers, self.takes) - linear.T @ maps.inverse @ near
         variance = 1.0 + noise - near @ maps.inverse @ near + rest @ maps.trend_covariance @ rest
         return float(np.sqrt(max(1.0, variance / np.mean(1.0 / np.diag(maps.bend)))))
 
@@ -162,9 +182,8 @@ class ContextModel:
         for name, number, least, most, more in zip(self.names, numbers, low, high, margin):
             if not least - more <= number <= most + more:
                 return f'{name} is {number:g}, the takes show {least:g} to {most:g}'
-        offset = self.takes - self.takes.mean(axis=0)
+        offset, given = scaled(self.takes, self.takes), scaled(numbers, self.takes)
         inverse = np.linalg.inv(offset.T @ offset)
-        given = numbers - self.takes.mean(axis=0)
         if given @ inverse @ given > (1.0 + _ROUNDING) * np.einsum(
                 'ki,ij,kj->k', offset, inverse, offset).max():
             together = ', '.join(f'{n} {x:g}' for n, x in zip(self.names, numbers))

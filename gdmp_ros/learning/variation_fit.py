@@ -13,14 +13,19 @@ from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.primitive import change_of_frame, frame_of
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.dmp.variation import ContextModel, correlations, kriging, Variation
+from gdmp_ros.dmp.variation import (
+    ContextModel,
+    correlations,
+    kriging,
+    linear_terms,
+    Variation,
+    varies,
+)
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.learning.regression import Smoother, smoother
 
 #: Contexts of the takes as users give them: numbers for each name, or one row for each take.
 GivenContexts: TypeAlias = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | np.ndarray
-#: Largest condition of the correlations between the numbers of a context.
-LARGEST_CONDITION = 1e8
 #: Correlation lengths that are tried, as parts of the ranges of the numbers.
 LENGTHS = (0.2, 5.0)
 #: Noise that is tried, relative to the process. With the last nothing but the trend is left.
@@ -77,9 +82,7 @@ class Contexts:
         if count < size + 3:
             raise DataError(f'{count} takes, expected at least {size + 3} for contexts of {size} '
                             'numbers')
-        spread = numbers.std(axis=0)
-        if not (spread > 0.0).all() or np.linalg.cond(np.atleast_2d(
-                np.cov((numbers / np.where(spread > 0.0, spread, 1.0)).T))) > LARGEST_CONDITION:
+        if not varies(numbers):
             raise DataError('contexts: a number does not vary between the takes, or follows '
                             'from the others')
         return cls(names or tuple(f'c{i + 1}' for i in range(size)), numbers)
@@ -100,7 +103,7 @@ class ContextFit:
         :param take_weights: 1 on average
         """
         self._contexts, self._shown, self._weights = contexts, demo, take_weights
-        self._linear = np.column_stack([np.ones(len(demo)), contexts.numbers])
+        self._linear = linear_terms(contexts.numbers, contexts.numbers)
         self._range = np.ptp(contexts.numbers, axis=0)
         # Distances between the takes are all that the choice needs: a square matrix has them.
         left, values, _ = np.linalg.svd(demo * scales, full_matrices=False)

@@ -1,5 +1,6 @@
 """Skills for contexts: heights, weights and places that were not shown."""
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from gdmp_ros import DataError, Demonstration, Euclidean, GdmpWarning, ParameterError, Skill
 from gdmp_ros.util.profiles import minimum_jerk
-from test.motions import MANIFOLDS, takes
+from test.motions import MANIFOLDS, takes, TOOL
 
 SAMPLES = 200
 LOW, HIGH = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
@@ -184,3 +185,28 @@ def test_damaged_contexts_are_refused(rng, tmp_path, change, reason):
     path.write_text(json.dumps(document))
     with pytest.raises(DataError, match=reason):
         Skill.load(path)
+
+
+@pytest.mark.parametrize('offset, factor', [(1e4, 1.0), (1e6, 1.0), (1.7e9, 10.0), (0.0, 1e-9),
+                                            (0.0, 1e8), (-3e5, 1e-2)])
+def test_the_unit_and_the_zero_of_a_context_do_not_matter(offset, factor, rng):
+    shown = takes(TOOL, 7, rng)
+    sizes = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    plain = Skill.learn(shown, 20, contexts={'size': sizes})
+    other = Skill.learn(shown, 20, contexts={'size': offset + factor * sizes})
+    for size in (0.5, 2.2, 5.9, 6.4):
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', GdmpWarning)
+            made = [plain.in_context([size]), other.in_context([offset + factor * size])]
+        first, second = (one.rollout().sample(np.linspace(0.0, one.duration, 50)).points
+                         for one in made)
+        # 1.7e9 has seven digits less.
+        assert np.abs(first - second).max() < 1e-6 * np.abs(first).max()
+
+
+@pytest.mark.parametrize('numbers', [[2.0] * 6, 1.0 + 1e-12 * np.arange(6.0),
+                                     [[1.0, 2.0]] * 6, [[k, 3.0 * k - 1.0] for k in range(6)]])
+def test_numbers_that_do_not_vary_are_refused(numbers, rng):
+    given = np.array(numbers, dtype=float).reshape(6, -1)
+    with pytest.raises(DataError, match='does not vary between the takes, or follows'):
+        Skill.learn(takes(TOOL, 6, rng), 20, contexts=given)

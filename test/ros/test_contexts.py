@@ -100,7 +100,7 @@ def test_a_context_that_does_not_fit_is_refused(running, context, reason):
 def test_execute_takes_a_context(running, folder):
     done = gdmp('run', '--context', 'height=0.1', **running.environment)
     assert done.returncode == 0, done.stderr
-    assert json.loads((folder / 'skill.json').read_text())['version'] == 7
+    assert json.loads((folder / 'skill.json').read_text())['version'] == 8
     wait_tool_at(running, _take(0.1).points[-1, :3])
     refused = gdmp('run', '--context', 'width=0.1', **running.environment)
     assert refused.returncode == 1 and 'expected height, got width' in refused.stderr
