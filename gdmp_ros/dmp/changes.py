@@ -38,17 +38,21 @@ def between(primitive: P, start: np.ndarray | None = None, goal: np.ndarray | No
     """
     if primitive.rhythmic:
         return _around(primitive, start, goal)
-    manifold = primitive.manifold
-    first = primitive.start if start is None else manifold.check_point(start)
-    last = primitive.goal if goal is None else manifold.check_point(goal)
-    moved = replace(primitive, start=first, frame=manifold.frame(first), goal=last)
+    first, last = (own if given is None else primitive.manifold.align(
+        primitive.manifold.check_point(given), own)
+                   for own, given in ((primitive.start, start), (primitive.goal, goal)))
+    return _carried(primitive, first, last)
+
+
+def _carried(primitive: P, start: np.ndarray, goal: np.ndarray) -> P:
+    """A primitive between other ends: its numbers in the frames there."""
+    moved = replace(primitive, start=start, frame=primitive.manifold.frame(start), goal=goal)
     by = frame_changes(primitive, moved)
-    variation = primitive.variation
-    weights = primitive.weights
+    variation, weights = primitive.variation, primitive.weights
     if primitive.connection == 'parallel':  # the published one has no frame for them
         weights = weights @ by[0].T
     return replace(moved, weights=weights, velocity=by[0] @ primitive.velocity,
-                   variation=None if variation is None else turned_variation(variation, by))
+                   variation=None if variation is None else _turned_variation(variation, by))
 
 
 def _around(primitive: P, start: np.ndarray | None, centre: np.ndarray | None) -> P:
@@ -57,7 +61,7 @@ def _around(primitive: P, start: np.ndarray | None, centre: np.ndarray | None) -
     if centre is None:
         return primitive
     manifold = primitive.manifold
-    centre = manifold.check_point(centre)
+    centre = manifold.align(manifold.check_point(centre), primitive.goal)
     frame = carry_frame(manifold, manifold.frame(primitive.goal), centre)[0]
     return moved_cycle(primitive, centre, frame, lambda coordinates: coordinates)
 
@@ -96,7 +100,7 @@ def frame_changes(before: Primitive, after: Primitive) -> tuple[np.ndarray, np.n
 
 def shifted(primitive: P, shift: np.ndarray) -> P:
     """
-    Return a primitive with another start, goal and weights.
+    Return a primitive with another start, goal and weights; what varies is carried along.
 
     :param shift: of the start in the frame there, of the goal in the frame carried there, and
         of the weights row by row, shape ``((2 + n_basis) n,)``
@@ -107,12 +111,10 @@ def shifted(primitive: P, shift: np.ndarray) -> P:
     goal_frame = frame_of(primitive, primitive.goal)
     goal = manifold.exp(primitive.goal, manifold.from_frame(goal_frame, shift[size:2 * size]))
     weights = primitive.weights + shift[2 * size:].reshape(-1, size)
-    moved = replace(primitive, start=start, goal=goal, frame=manifold.frame(start))
-    turn = frame_changes(primitive, moved)[0]
-    return replace(moved, weights=weights @ turn.T, velocity=turn @ primitive.velocity)
+    return _carried(replace(primitive, weights=weights), start, goal)
 
 
-def turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -> Variation:
+def _turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -> Variation:
     """
     The variation in the coordinates of a shifted primitive.
 
@@ -169,9 +171,25 @@ def turned(primitive: P, turn: np.ndarray) -> P:
     segments = primitive.segments
     if waypoints:
         segments = replace(segments, waypoints=np.array(waypoints))
-    return replace(primitive, goal=point(primitive.goal), velocity=coordinates(primitive.velocity),
-                   weights=primitive.weights @ matrix.T,
-                   segments=segments, variation=None)
+    variation = primitive.variation
+    return replace(
+        primitive, goal=point(primitive.goal), velocity=coordinates(primitive.velocity),
+        weights=_turned_weights(primitive, matrix), segments=segments,
+        variation=None if variation is None else _turned_variation(variation, (matrix, matrix)))
+
+
+def _turned_weights(primitive: Primitive, matrix: np.ndarray) -> np.ndarray:
+    """Weights are coordinates in a frame, or with the published connection tangents as stored."""
+    if primitive.connection == 'parallel':
+        return np.asarray(primitive.weights @ matrix.T)
+    manifold, frame = primitive.manifold, primitive.frame
+    result = np.empty_like(primitive.weights)
+    for row, weights in zip(result, primitive.weights):
+        inside = manifold.to_frame(frame, weights)
+        # What is normal to a sphere at the start is not turned about it.
+        normal = weights - manifold.from_frame(frame, inside)
+        row[:] = manifold.from_frame(frame, matrix @ inside) + normal
+    return result
 
 
 def with_functions(primitive: P, count: int) -> P:

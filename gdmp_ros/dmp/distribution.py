@@ -15,7 +15,7 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.changes import frame_changes, shifted, turned_variation
+from gdmp_ros.dmp.changes import frame_changes, shifted
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, Primitive
 from gdmp_ros.dmp.response import responses
@@ -109,7 +109,8 @@ class Distribution:
         target = self._wanted(points)
         factor = self._variation.whole_factor
         rows = np.vstack([self._rows(s, ends=True) for s, _, _ in target]) @ factor
-        latent, moved = np.zeros(factor.shape[1]), self._skill
+        plain = replace(self._skill, variation=None)
+        latent, moved = np.zeros(factor.shape[1]), plain
         offset, noise = self._remaining(moved, target)
         cost = _cost(rows, noise, offset, latent)
         for _ in range(REPETITIONS):
@@ -118,7 +119,7 @@ class Distribution:
             step = gain @ (offset + rows @ latent) - latent
             for share in SHARES:
                 tried = latent + share * step
-                after = shifted(self._skill, factor @ tried)
+                after = shifted(plain, factor @ tried)
                 left_over, noise_then = self._remaining(after, target)
                 cost_then = _cost(rows, noise_then, left_over, tried)
                 if cost_then < cost:
@@ -133,9 +134,7 @@ class Distribution:
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rest = replace(self._variation, factor=factor @ root, contexts=None)
-        # `shifted` turned what the variation of the moved primitive refers to.
-        turned = turned_variation(rest, frame_changes(self._skill, moved))
-        return replace(moved, variation=turned)
+        return shifted(replace(self._skill, variation=rest), factor @ latent)
 
     def _remaining(self, moved: Skill, desired: list[tuple[float, np.ndarray, np.ndarray]]
                    ) -> tuple[np.ndarray, np.ndarray]:
@@ -168,11 +167,9 @@ class Distribution:
             warnings.warn(f'context: {why}; the skill for it is a guess', GdmpWarning,
                           stacklevel=4)
         shift, longer = model.shift(numbers)
-        moved = shifted(self._skill, shift)
         rest = replace(variation, factor=model.growth(numbers) * variation.factor, contexts=None)
-        turned = turned_variation(rest, frame_changes(self._skill, moved))
-        return replace(moved, variation=turned,
-                       duration=max(longer * moved.duration, SHORTEST_DURATION))
+        moved = shifted(replace(self._skill, variation=rest), shift)
+        return replace(moved, duration=max(longer * moved.duration, SHORTEST_DURATION))
 
     # Coordinates
 

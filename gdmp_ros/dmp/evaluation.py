@@ -51,9 +51,9 @@ def deviation(skill: Primitive, demonstration: Demonstration, times: np.ndarray)
     :returns: shape ``(len(times), factors)``
     """
     manifold = skill.manifold
-    # From the skill's own start the frame needs no transport.
-    own = np.array_equal(demonstration.points[0], skill.start)
-    start, goal = (None, None) if own else (demonstration.points[0], demonstration.points[-1])
+    # From the skill's own start the frame needs no transport, and to its own goal no switch.
+    start, goal = (None if np.array_equal(point, own) else point for point, own in (
+        (demonstration.points[0], skill.start), (demonstration.points[-1], skill.goal)))
     path = Rollout(skill, start=start, goal=goal, duration=demonstration.duration).sample(times)
     points = demonstration.at(demonstration.times[0] + times)
     # The roll-out may use the other representative (-q) of the same motion.

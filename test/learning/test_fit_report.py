@@ -1,7 +1,8 @@
 """The report on a fit."""
 import numpy as np
 
-from gdmp_ros import Demonstration, fit_report, Skill
+from gdmp_ros import Demonstration, Euclidean, fit_report, reproduction_error, Skill
+from gdmp_ros.util.profiles import minimum_jerk
 from test.motions import TOOL, wave
 
 
@@ -32,3 +33,14 @@ def test_the_report_tells_the_noise_of_each_factor(rng):
     np.testing.assert_allclose(fit_report(skill, noisy).demonstrations[0].noise[:2], [1e-3, 5e-3],
                                rtol=0.1)
     assert max(fit_report(skill, clean).demonstrations[0].noise) < 1e-5
+
+
+def test_takes_with_the_same_start_and_other_goals_are_compared_with_their_own(rng):
+    """The roll-out goes to the goal of the take, although it begins where the skill does."""
+    s = np.linspace(0.0, 1.0, 400)
+    shown = [Demonstration(2.0 * s, np.outer(minimum_jerk(s), goal), Euclidean(2))
+             for goal in ([1.0, 0.3], [1.0, -0.3])]
+    skill = Skill.learn(shown)
+    np.testing.assert_array_equal(skill.start, shown[0].points[0])
+    assert reproduction_error(skill, shown).max() < 1e-3
+    assert max(one.relative_error for one in fit_report(skill, shown).demonstrations) < 1e-3
