@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
+import warnings
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from gdmp_ros.dmp.development import Development
 from gdmp_ros.dmp.primitive import frame_of
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.regression import smoother
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.util.profiles import minimum_jerk
@@ -40,6 +41,8 @@ SHORTEST, LONGEST = 0.03, 0.2
 FUNCTIONS = 100
 #: A push that lasts longer than to this progress moves the goal.
 AT_GOAL = 0.98
+#: Longest time by which an arm follows late [s].
+LONGEST_LAG_S = 0.2
 #: Samples of progress.
 SAMPLES = 401
 #: Shortest wavelength of a correction, in durations.
@@ -131,15 +134,19 @@ def correction(primitive: Skill, followed: FollowedMotion, *, least: float = LEA
         raise ParameterError(f'smallest deviations are {least!r} m and {least_rotation!r} rad, '
                              'expected numbers > 0')
     progress = np.linspace(0.0, 1.0, SAMPLES)
-    offset = _deviations(followed, progress)
+    ran = _ran(followed, progress)
+    offset = _deviations(_without_lag(followed, primitive.duration), progress)
+    # Of what was not run nothing is known.
+    offset[~ran] = 0.0
     pushes = [push for quantity, part, limit in (('position', offset[:, :3], least),
                                                  ('orientation', offset[:, 3:], least_rotation))
-              for push in _pushes(quantity, part, limit, progress, primitive.duration)]
+              for push in _pushes(quantity, part, limit, ran, primitive.duration)]
     if not pushes:
         most = np.linalg.norm(offset[:, :3], axis=1).max()
         raise DataError(f'no push was found: the arm was at most {1e3 * most:.1f} mm from its '
                         f'reference, a push is at least {1e3 * least:.1f} mm and {UNUSUAL:g} '
                         'times what is usual in the best quarter of the motion')
+    _tell_parts(ran, pushes, progress)
     before = _path(primitive, progress)
     shifts = _shifts(offset, pushes, progress)
     changed = with_functions(primitive, FUNCTIONS)
@@ -169,10 +176,57 @@ def _deviations(followed: FollowedMotion, progress: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(progress, steps, column) for column in mean.T])
 
 
-def _pushes(quantity: str, offset: np.ndarray, least: float, progress: np.ndarray,
+def _ran(followed: FollowedMotion, progress: np.ndarray) -> np.ndarray:
+    """Which progress was run."""
+    first, last = followed.progress[0], followed.progress[-1]
+    near = progress[1]
+    return np.asarray((progress >= first - near) & (progress <= last + near))
+
+
+def _tell_parts(ran: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> None:
+    if not ran.all():
+        warnings.warn(f'the motion was run from {progress[ran][0]:.0%} to '
+                      f'{progress[ran][-1]:.0%}: the rest stays as it is', GdmpWarning,
+                      stacklevel=3)
+    for push in pushes:
+        if push.begin < push.way:
+            warnings.warn(f'a push begins at {push.begin:.0%} of the motion: from its start the '
+                          f'correction needs until {push.way:.0%} to come in smoothly',
+                          GdmpWarning, stacklevel=3)
+
+
+def _without_lag(followed: FollowedMotion, duration: float) -> FollowedMotion:
+    """
+    The same with references that are as late as the arm is.
+
+    An arm that follows late is behind its reference along the path. The lag is the median of what
+    the samples tell, each as much as the reference moves there: a push is in a smaller part.
+    """
+    progress, first = np.unique(followed.progress, return_index=True)
+    if len(progress) < FEWEST:
+        return followed
+    path = followed.references[first]
+    away = followed.measured[first, :3] - path[:, :3]
+    slope = np.gradient(path[:, :3], progress, axis=0)
+    weight = (slope ** 2).sum(axis=1)
+    moving = weight > 1e-4 * weight.max()
+    if not moving.any() or weight.max() == 0.0:
+        return followed
+    behind = -(away * slope).sum(axis=1)[moving] / weight[moving]
+    order = np.argsort(behind)
+    share = np.cumsum(np.sqrt(weight[moving])[order])
+    lag = float(behind[order][np.searchsorted(share, 0.5 * share[-1])])
+    lag = min(max(lag, 0.0), LONGEST_LAG_S / duration)
+    late = followed.progress - lag
+    references = np.column_stack([np.interp(late, progress, column) for column in path.T])
+    references[:, 3:] /= np.linalg.norm(references[:, 3:], axis=1)[:, None]
+    return replace(followed, references=references)
+
+
+def _pushes(quantity: str, offset: np.ndarray, least: float, ran: np.ndarray,
             duration: float) -> list[Push]:
-    size = np.linalg.norm(offset, axis=1)
-    limit = max(least, UNUSUAL * float(np.quantile(size, BEST)))
+    size, progress = np.linalg.norm(offset, axis=1), np.linspace(0.0, 1.0, SAMPLES)
+    limit = max(least, UNUSUAL * float(np.quantile(size[ran], BEST)))
     edges = np.diff(np.concatenate([[0], (size > limit).astype(int), [0]]))
     result = []
     for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1):
@@ -210,20 +264,28 @@ def _shift(offset: np.ndarray, pushes: Sequence[Push], progress: np.ndarray) -> 
         edges.append(np.flatnonzero(held)[[0, -1]])
     result = np.zeros_like(offset)
     for number, (push, (first, last)) in enumerate(zip(pushes, edges)):
-        result[first:last + 1] = offset[first:last + 1]
+        own = np.zeros_like(offset)
+        own[first:last + 1] = offset[first:last + 1]
         room_before = progress[first] - (progress[edges[number - 1][1]] if number else 0.0)
         room_after = (progress[edges[number + 1][0]] if number + 1 < len(edges) else 1.0
                       ) - progress[last]
         before, after = progress[:first], progress[last + 1:]
         into = minimum_jerk(np.clip(
             1.0 - (progress[first] - before) / min(push.way, room_before), 0.0, 1.0))
-        result[:first] += into[:, None] * offset[first]
+        own[:first] = into[:, None] * offset[first]
+        # The start stays, and a goal that was not pushed.
+        if push.begin < push.way:
+            own *= minimum_jerk(np.clip(progress / push.way, 0.0, 1.0))[:, None]
         if push.end >= AT_GOAL:
-            result[last + 1:] = offset[last]
+            own[last + 1:] = offset[last]
+            result += own
             continue
         out = minimum_jerk(np.clip(
             1.0 - (after - progress[last]) / min(push.way, room_after), 0.0, 1.0))
-        result[last + 1:] += out[:, None] * offset[last]
+        own[last + 1:] = out[:, None] * offset[last]
+        if push.end > 1.0 - push.way:
+            own *= minimum_jerk(np.clip((1.0 - progress) / push.way, 0.0, 1.0))[:, None]
+        result += own
     return result
 
 
