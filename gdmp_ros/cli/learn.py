@@ -261,7 +261,10 @@ def _print_details(bags: list[Path], fit: Fit) -> None:
     for bag, d in shown:
         if d.cycles:
             print(f'{bag.name}: {d.cycles:.1f} cycles of {d.duration:.3f} s, from '
-                  f'{d.used[0]:.2f} to {d.used[1]:.2f} s')
+                  f'{d.used[0]:.2f} to {d.used[1]:.2f} s; a cycle ends '
+                  + ', '.join(f'{value:.1e}{_UNITS.get(name, "")}'
+                              for name, value in zip(fit.factors, d.closing))
+                  + ' from where it began')
     if fit.segments:
         at = ', '.join(f'{s:.3f}' for s in fit.segments)
         print(f'the motion passes the cut locus of its goal: it is split into '

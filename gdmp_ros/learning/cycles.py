@@ -1,11 +1,13 @@
 """Cycles of a recording: its period, where each cycle begins, and the fit of one cycle to all."""
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import CutLocusError, DataError
@@ -17,12 +19,28 @@ from gdmp_ros.manifolds.factors import CUT_LOCUS_LIMIT
 CORRELATED = 0.4
 #: … and the shortest period is taken that correlates by this part of the best one.
 AS_GOOD = 0.9
+#: Periods whose cycles are compared: from this part of the best correlation on, and from this
+#: correlation; and how many.
+CANDIDATE, LEAST_CORRELATED, MOST = 0.4, 0.15, 12
+#: Cycles that differ by more than this part of their mean square are none.
+LARGEST_UNLIKENESS = 0.7
 #: Parts of the recording that are left out at both ends, one after the other.
 LEFT_OUT = (0.0, 0.125, 0.25)
+#: Longest period, as a part of the recording: two cycles, of which the second may last longer.
+LONGEST_LAG = 0.6
 #: Shortest period [s], and fewest samples in it.
 SHORTEST, FEWEST_SAMPLES = 0.1, 8
 #: A cycle may last this part shorter or longer than the one before it.
 UNEVEN = 0.2
+#: Followed by its phase, a cycle may be this much shorter or longer than the mean, and this much
+#: smaller or larger than the median.
+PHASE_RANGE, SIZE_RANGE = (0.4, 2.0), (0.3, 3.0)
+#: The phase is believed if it finds this many times as many samples that belong to cycles.
+MORE = 1.25
+#: Fewest cycles of a recording whose period is not given.
+FEWEST_CYCLES = 1.8
+#: How stiff the path of the centre is, relative to the samples of a cycle.
+STIFF_CENTRE = 1.0
 #: A cycle is one of the others if its mean squared distance from them is less than this many
 #: times the median, or than this part of the mean square of the motion. What has nothing to do
 #: with the cycle, such as rest, is further away than the mean square.
@@ -41,8 +59,17 @@ MOST_SAMPLES = 100_000
 _FEW = 200
 #: Phases at which cycles of different recordings are compared.
 _PHASES = 256
+#: Phases at which whole cycles of one recording are compared.
+_FEW_PHASES = 48
 #: Part of the span below which a factor counts as exact.
 _EXACT = 1e-7
+
+
+def detrend(curve: np.ndarray) -> np.ndarray:
+    """Without the line that is nearest to each column."""
+    time = np.linspace(-1.0, 1.0, len(curve))[:, None]
+    centred = curve - curve.mean(axis=0)
+    return np.asarray(centred - time * (time.T @ centred) / (time.T @ time))
 
 
 class Cycles(NamedTuple):
@@ -73,29 +100,67 @@ class Cycles(NamedTuple):
 
 def find_period(curve: np.ndarray, dt: float) -> float:
     """
-    Period of a curve, in samples: the first large maximum of its autocorrelation.
+    Period of a curve, in samples: a maximum of its autocorrelation.
 
     The middle of the recording is looked at too: long ways to the first cycle and from the last
-    one would hide the cycles.
+    one would hide the cycles. Cycles of a hand differ, and may be more alike two or three periods
+    later. Of all maxima the shortest period is taken whose cycles are as alike as those of any.
 
     :param curve: shape ``(T, n)``, each coordinate of similar importance
     :param dt: spacing of the samples [s]
     :raises DataError: if it has none, or the recording is shorter than two of them
     """
     count = len(curve)
-    result = [_repetition(curve[round(left * count):count - round(left * count)], dt)
-              for left in LEFT_OUT]
-    best, period = max(result)
-    if best < CORRELATED:
+    peaks = [_repetitions(curve[round(left * count):count - round(left * count)], dt)
+             for left in LEFT_OUT]
+    best = max((correlation for found in peaks for correlation, _ in found), default=-1.0)
+    periods = sorted({period for found in peaks for correlation, period in found
+                      if correlation >= max(CANDIDATE * best, LEAST_CORRELATED)})
+    unlike = {period: _unlikeness(curve, find_cycles(curve, period)) for period in periods[:MOST]}
+    least = min(unlike.values(), default=math.inf)
+    if least <= LARGEST_UNLIKENESS:
+        limit = max(2.0 * least, ALIKE_CYCLE)
+        return next(period for period in periods if unlike[period] <= limit)
+    if least == math.inf and best >= CORRELATED:
+        result = [_first(found) for found in peaks if found]
+        full, first = result[0]
+        return first if full >= AS_GOOD * best else max(result)[1]
+    if best < CORRELATED or least > LARGEST_UNLIKENESS:
         raise DataError(f'no period was found in {count * dt:.3g} s: record at least two cycles, '
                         'or tell the period. Shifted in time the recording correlates with itself '
                         f'by {max(best, 0.0):.2f} at most, expected {CORRELATED:g}')
-    full, first = result[0]
-    return first if full >= AS_GOOD * best else period
+    raise DataError('no period was found')
 
 
-def _repetition(curve: np.ndarray, dt: float) -> tuple[float, float]:
-    """How much a curve correlates with itself one period later, and the period in samples."""
+def _unlikeness(curve: np.ndarray, cycles: Cycles) -> float:
+    """
+    Mean square of what whole cycles differ by, as a part of that of the motion in them.
+
+    Seen from the line from the beginning to the end of each. Infinite with less than two.
+    """
+    marks = cycles.marks[(cycles.marks >= 0.0) & (cycles.marks <= len(curve) - 1.0)]
+    if len(marks) < 3:
+        return math.inf
+    phase, samples = np.linspace(0.0, 1.0, _FEW_PHASES), np.arange(len(curve))
+    whole = []
+    for first, last in zip(marks[:-1], marks[1:]):
+        one = np.column_stack([np.interp(first + phase * (last - first), samples, column)
+                               for column in curve.T])
+        one -= one[0] + phase[:, None] * (one[-1] - one[0])
+        whole.append(one - one.mean(axis=0))
+    mean, count = np.mean(whole, axis=0), len(whole)
+    differs = float(np.mean((np.array(whole) - mean) ** 2)) * count / (count - 1.0)
+    return differs / max(float(np.mean(mean ** 2)), 1e-300)
+
+
+def _first(found: list[tuple[float, float]]) -> tuple[float, float]:
+    """The shortest period that correlates nearly as well as the best."""
+    best = max(found)[0]
+    return next(one for one in found if one[0] >= AS_GOOD * best)
+
+
+def _repetitions(curve: np.ndarray, dt: float) -> list[tuple[float, float]]:
+    """How much a curve correlates with itself after each possible period, in samples."""
     correlation = _autocorrelation(curve)
     # The maximum at 0 ends where the correlation has become small.
     small = np.flatnonzero(correlation < 0.5)
@@ -103,21 +168,22 @@ def _repetition(curve: np.ndarray, dt: float) -> tuple[float, float]:
     from scipy.signal import find_peaks  # slow to import
     peaks = find_peaks(correlation)[0]
     peaks = peaks[peaks >= least]
-    if not len(peaks):
-        return -1.0, 0.0
-    best = float(correlation[peaks].max())
-    at = int(peaks[correlation[peaks] >= AS_GOOD * best][0])
-    before, there, after = correlation[at - 1:at + 2]
-    return best, float(at + 0.5 * (before - after) / (before - 2.0 * there + after))
+    result = []
+    for at in peaks.tolist():
+        before, there, after = correlation[at - 1:at + 2]
+        result.append((float(there),
+                       float(at + 0.5 * (before - after) / (before - 2.0 * there + after))))
+    return result
 
 
 def _autocorrelation(curve: np.ndarray) -> np.ndarray:
-    """Correlation of a curve with itself, by lag, up to half of its length."""
-    centred = curve - curve.mean(axis=0)
-    count = len(centred)
+    """Correlation of a curve with itself, by lag, up to `LONGEST_LAG` of its length."""
+    count = len(curve)
+    # A centre that walks is no part of the cycle.
+    centred = detrend(curve) if count > 2 else curve - curve.mean(axis=0)
     size = next_fast_len(2 * count, real=True)
     power = (np.abs(rfft(centred, size, axis=0)) ** 2).sum(axis=1)
-    products = irfft(power, size)[:count // 2 + 1]
+    products = irfft(power, size)[:round(LONGEST_LAG * count) + 1]
     squares = np.concatenate([[0.0], (centred ** 2).sum(axis=1).cumsum()])
     lags = np.arange(len(products))
     # Of the two parts that overlap.
@@ -130,12 +196,67 @@ def find_cycles(curve: np.ndarray, period: float) -> Cycles:
     Follow the cycles of a curve from its middle to both ends.
 
     Each cycle is placed where it is nearest to the one in the middle, so it may last longer or
-    shorter than the one before. What differs from the cycles, such as the way to the first one, is
-    left out.
+    shorter than the one before; or, if this finds far more of them, by the phase of the
+    fundamental. What differs from the cycles, such as the way to the first one, is left out.
 
     :param curve: shape ``(T, n)``
     :param period: in samples
     """
+    nearest, followed = _by_template(curve, period), _by_phase(curve, period)
+    if followed is not None and (followed.last - followed.first
+                                 > MORE * (nearest.last - nearest.first)):
+        return followed
+    return nearest
+
+
+def _by_phase(curve: np.ndarray, period: float) -> Cycles | None:
+    """
+    Cycles where the phase of the fundamental passes whole turns.
+
+    For cycles that differ much in length and size from each other: the phase of what oscillates
+    with about this period tells where each begins. None if there is no such part.
+    """
+    count = len(curve)
+    padded = next_fast_len(count + 2 * round(period))
+    spectrum = fft(detrend(curve), padded, axis=0)
+    frequency = np.abs(np.fft.fftfreq(padded)) * period
+    # What oscillates with 0.4 to 1.6 times the frequency; positive ones only give the phase.
+    window = np.clip(np.minimum(frequency - 0.3, 1.75 - frequency) / 0.15, 0.0, 1.0)
+    window[padded // 2:] = 0.0
+    signals = ifft(2.0 * window[:, None] * spectrum, axis=0)[:count]
+    # The direction, with a delay for each coordinate, in which it oscillates most.
+    signal = signals @ np.linalg.svd(signals, full_matrices=False)[2][0].conj()
+    size = np.abs(signal)
+    if not size.max() > 0.0:
+        return None
+    phase = np.unwrap(np.angle(signal)) / (2.0 * np.pi)
+    phase = phase if phase[-1] > phase[0] else -phase
+    speed = np.gradient(gaussian_filter1d(phase, 0.1 * period, mode='nearest')) * period
+    usual = float(np.median(size))
+    good = ((speed > 1.0 / PHASE_RANGE[1]) & (speed < 1.0 / PHASE_RANGE[0])
+            & (size > SIZE_RANGE[0] * usual) & (size < SIZE_RANGE[1] * usual))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    runs = edges.reshape(-1, 2)
+    if not len(runs):
+        return None
+    first, last = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
+    inside = np.maximum.accumulate(phase[first:last])
+    turns = np.arange(np.ceil(inside[0]), np.floor(inside[-1]) + 1.0)
+    if len(turns) < 2:
+        return None
+    marks = first + np.interp(turns, inside, np.arange(last - first))
+    if not (np.diff(marks) > 0.0).all():
+        return None
+    if marks[0] > first:
+        marks = np.concatenate([[2.0 * marks[0] - marks[1]], marks])
+    if marks[-1] < last - 1:
+        marks = np.append(marks, 2.0 * marks[-1] - marks[-2])
+    return Cycles(marks, max(int(np.ceil(marks[0])), int(first)),
+                  min(int(np.floor(marks[-1])), int(last) - 1))
+
+
+def _by_template(curve: np.ndarray, period: float) -> Cycles:
+    """Cycles where they are nearest to the one in the middle."""
     count, length = len(curve), round(period)
     middle = _template(curve, length)
     template = curve[middle:middle + length]
@@ -227,12 +348,14 @@ class FittedTake(NamedTuple):
     :ivar period: of a cycle, mean [s]
     :ivar samples: first and last one, of those with equal spacing, that belong to cycles
     :ivar progress: cycles passed at each of these
+    :ivar closing: by factor, how far from its beginning a cycle ends (RMS): where the centre walks
     """
 
     cycles: float
     period: float
     samples: tuple[int, int]
     progress: np.ndarray
+    closing: np.ndarray
 
 
 class FittedCycle(NamedTuple):
@@ -268,6 +391,10 @@ class CycleFit:
                                   for curve in self._coordinates], axis=0))
         self._span = np.where(spread > 1e-12, spread, np.inf)
         self._cycles = [self._found(number, period) for number in range(len(demos))]
+        # Where the centre of each cycle is, relative to the common one, at the marks.
+        self._drift = [np.zeros((len(own.marks), curve.shape[1]))
+                       for own, curve in zip(self._cycles, self._coordinates)]
+        self._period = period
         # The phase begins with the first sample that is used.
         self._offsets = [-float(own.progress(np.array([own.first]))[0]) for own in self._cycles]
         self._scale = 1.0 / self._span ** 2
@@ -289,8 +416,10 @@ class CycleFit:
                 if turn == TURNS:
                     self._leave_out(number, series)
                 self._correct_phase(number, series)
+                self._correct_drift(number, series)
             self._recentre(series)
             series = self._series(range(len(self._shown)))
+        self._check_count()
         return FittedCycle(self._centre, series, [self._take(number)
                                                   for number in range(len(self._shown))])
 
@@ -348,8 +477,12 @@ class CycleFit:
         return self._passed(number) + self._offsets[number]
 
     def _used(self, number: int) -> np.ndarray:
-        own = self._cycles[number]
-        return self._coordinates[number][own.first:own.last + 1]
+        """Coordinates of the samples that are used, seen from the centre of their cycle."""
+        own, passed = self._cycles[number], self._passed(number)
+        at = np.arange(len(own.marks))
+        drift = np.column_stack([np.interp(passed, at, column)
+                                 for column in self._drift[number].T])
+        return np.asarray(self._coordinates[number][own.first:own.last + 1] - drift)
 
     def _series(self, numbers: range | list[int]) -> Series:
         """Fit the series to recordings."""
@@ -399,6 +532,38 @@ class CycleFit:
                 marks=marks, first=max(own.first, int(np.ceil(marks[0]))),
                 last=min(own.last, int(np.floor(marks[-1]))))
 
+    def _correct_drift(self, number: int, series: Series) -> None:
+        """
+        Let the centre walk: linear from the beginning of a cycle to the next.
+
+        A cycle that does not close ends where the next one begins: that is such a walk, too.
+        """
+        own, passed = self._cycles[number], self._passed(number)
+        left = self._used(number) - series.at(passed + self._offsets[number])
+        cycle = np.minimum(passed.astype(np.int64), len(own.marks) - 2)
+        ones = np.ones(len(passed))
+        step = np.column_stack([_beginnings(len(own.marks), cycle, passed - cycle, ones, column,
+                                            STIFF_CENTRE) for column in left.T])
+        drift = self._drift[number] + step
+        at = np.arange(len(own.marks))
+        mean = np.array([np.interp(passed, at, column).mean() for column in drift.T])
+        self._drift[number] = drift - mean
+
+    def _check_count(self) -> None:
+        """:raises DataError: if the period was to be found, and less than two cycles were"""
+        takes = [self._take(number) for number in range(len(self._shown))]
+        most = max(takes, key=lambda take: take.cycles)
+        if self._period is None and most.cycles < FEWEST_CYCLES:
+            first, last = most.samples
+            number = takes.index(most)
+            dt = self._dt[number]
+            raise DataError(
+                f'no rhythm was found: demonstration {number} has {most.cycles:.1f} cycles of '
+                f'{most.period:.3g} s, from {first * dt:.2f} to {last * dt:.2f} s of '
+                f'{self._shown[number].duration:.2f} s; a cycle ends '
+                f'{", ".join(f"{value:.3g}" for value in most.closing)} from where it began. '
+                'Record at least two cycles, or tell the period')
+
     def _leave_out(self, number: int, series: Series) -> None:
         """Leave out what differs from the cycle at both ends."""
         own, scale = self._cycles[number], self._spread(1.0 / self._span ** 2)
@@ -427,7 +592,8 @@ class CycleFit:
     def _take(self, number: int) -> FittedTake:
         own = self._cycles[number]
         return FittedTake((own.last - own.first) / own.period, own.period * self._dt[number],
-                          (own.first, own.last), self._progress(number))
+                          (own.first, own.last), self._progress(number), np.sqrt(
+                              self._by_factor(np.diff(self._drift[number], axis=0)).mean(axis=0)))
 
 
 def thinned(demo: Demonstration) -> Demonstration:
@@ -438,7 +604,7 @@ def thinned(demo: Demonstration) -> Demonstration:
 
 
 def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarray,
-                error: np.ndarray) -> np.ndarray:
+                error: np.ndarray, stiffness: float = 1e-4) -> np.ndarray:
     """
     By how much the phase changes at the beginnings of cycles: linear between them.
 
@@ -446,6 +612,7 @@ def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarr
     :param after: part of the cycle that has passed since
     :param gain: weight of each sample
     :param error: gain times the change that it asks for
+    :param stiffness: against bends from cycle to cycle, relative to the gain of a cycle
     """
     def sums(at: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.bincount(at, values, count)
@@ -454,7 +621,7 @@ def _beginnings(count: int, cycle: np.ndarray, after: np.ndarray, gain: np.ndarr
     bands[2] = sums(cycle, gain * before ** 2) + sums(cycle + 1, gain * after ** 2)
     bands[1, 1:] = sums(cycle, gain * before * after)[:-1]
     # Beginnings beyond the recording are hardly seen: they follow their neighbours.
-    stiff = 1e-4 * gain.sum() / count
+    stiff = stiffness * gain.sum() / count
     bend = (1.0, -2.0, 1.0)
     for i in range(3):
         for j in range(i, 3):

@@ -50,6 +50,7 @@ class DemonstrationFit(NamedTuple):
     :ivar noise: by factor, standard deviation of a coordinate of a sample
     :ivar cycles: of a rhythmic skill; 0 otherwise
     :ivar used: times of the first and last sample that belong to them, from the first one [s]
+    :ivar closing: by factor, how far from its beginning a cycle ends (RMS)
     """
 
     duration: float
@@ -61,6 +62,7 @@ class DemonstrationFit(NamedTuple):
     noise: tuple[float, ...]
     cycles: float = 0.0
     used: tuple[float, float] = (0.0, 0.0)
+    closing: tuple[float, ...] = ()
 
 
 class Fit(NamedTuple):
@@ -105,7 +107,7 @@ def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
             take.period, len(demo.times), tuple(take.away.mean(axis=0).tolist()),
             tuple(take.away.max(axis=0).tolist()),
             relative(mean_distance(take.away), demo.span()), tuple(suspect_samples(demo)),
-            _noise(demo), take.cycles, take.times))
+            _noise(demo), take.cycles, take.times, tuple(take.closing.tolist())))
     return Fit(skill.manifold.names, skill.n_basis, float(np.linalg.cond(matrix) ** 2), (),
                tuple(result))
 
@@ -174,6 +176,7 @@ class CycleTake(NamedTuple):
     :ivar away: distance of these samples from the cycle in each factor, shape ``(T, factors)``
     :ivar progress: cycles passed at these samples, on the phase of the skill
     :ivar points: these samples, flat
+    :ivar closing: by factor, how far from its beginning a cycle ends (RMS)
     """
 
     cycles: float
@@ -182,6 +185,7 @@ class CycleTake(NamedTuple):
     away: np.ndarray
     progress: np.ndarray
     points: np.ndarray
+    closing: np.ndarray
 
 
 def cycle_takes(skill: Skill, demos: list[Demonstration]) -> list[CycleTake]:
@@ -211,7 +215,7 @@ def cycle_takes(skill: Skill, demos: list[Demonstration]) -> list[CycleTake]:
         spacing = item.duration / (len(item.times) - 1)
         takes.append(CycleTake(take.cycles, take.period, (first * spacing, last * spacing),
                                manifold.factor_distances(points, orbit[at % _PHASES]),
-                               at / _PHASES, points))
+                               at / _PHASES, points, take.closing))
     return takes
 
 

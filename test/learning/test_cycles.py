@@ -1,13 +1,14 @@
 """Rhythmic skills from recordings as people make them: noise, uneven tempo, ways to and fro."""
 import numpy as np
 import pytest
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from gdmp_ros import (
     CutLocusError,
     DataError,
     Demonstration,
     Euclidean,
+    fit_report,
     ParameterError,
     Product,
     Rollout,
@@ -16,6 +17,7 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.learning.cycles import find_cycles, find_period
+from gdmp_ros.util.profiles import minimum_jerk
 from test.motions import cycle, cycle_error, MANIFOLDS, motion, recorded_cycles, TOOL
 
 PERIOD = 1.3
@@ -193,3 +195,72 @@ def test_settings_out_of_range_are_refused(rng):
                             ({'demonstration_weights': [1.0, 2.0]}, 'demonstration_weights')):
         with pytest.raises(ParameterError, match=match):
             Skill.learn_rhythmic(shown, **settings)
+
+
+def grated(rng, cycles, samples, uneven, walk, noise=5e-4, rate=30.0):
+    """Strokes of a hand: each cycle has its own length and size, and the centre walks."""
+    lengths = samples / rate * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
+    sizes = 0.1 * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
+    marks = np.concatenate([[0.0], np.cumsum(lengths)])
+    numbers = np.arange(cycles + 1.0)
+
+    def at(times):
+        passed = CubicSpline(marks, np.arange(cycles + 2.0))(times)
+        size = CubicSpline(numbers + 0.5, sizes)(np.clip(passed, 0.5, cycles + 0.5))
+        angle = 2.0 * np.pi * passed
+        path = np.column_stack([size * np.sin(angle),
+                                0.15 * size * np.cos(angle) + 0.02 * np.sin(2.0 * angle),
+                                0.02 * np.cos(2.0 * angle)])
+        return path + np.outer(passed * walk * 0.2, [0.2, 0.9, 0.1])
+    times = np.arange(0.0, marks[cycles], 1.0 / rate)
+    fine = np.linspace(0.0, times[-1], 4000)
+    clean = np.gradient(np.gradient(at(fine), fine, axis=0), fine, axis=0)[20:-20]
+    points = at(times) + noise * rng.standard_normal((len(times), 3))
+    return (Demonstration(times, points, Euclidean(3)),
+            float(np.linalg.norm(clean, axis=1).max()))
+
+
+@pytest.mark.parametrize('uneven', [0.1, 0.3])
+@pytest.mark.parametrize('walk', [0.0, 0.05, 0.2])
+def test_cycles_that_differ_and_a_centre_that_walks(uneven, walk):
+    """Three cycles or more that differ by up to 30 % are never refused, nor taken for one."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        cycles = int(rng.integers(3, 9))
+        shown, fastest = grated(rng, cycles, rng.integers(20, 61), uneven, walk)
+        skill = Skill.learn_rhythmic(shown)
+        fit = fit_report(skill, shown).demonstrations[0]
+        assert 1.8 < fit.cycles < cycles + 1.0
+        path = skill.rollout().sample(np.linspace(0.0, 2.0 * skill.duration, 1500))
+        velocity = np.gradient(path.points, path.times, axis=0)
+        acceleration = np.gradient(velocity, path.times, axis=0)[5:-5]
+        assert np.linalg.norm(acceleration, axis=1).max() < 1.5 * fastest
+        if uneven == 0.1:
+            # What the centre walks in a cycle is reported.
+            share = fit.closing[0] * skill.duration / (fit.duration * 0.2)
+            assert abs(share - walk * np.linalg.norm([0.2, 0.9, 0.1])) < 0.1
+
+
+def test_two_cycles_exactly_are_enough_and_one_is_not():
+    def circle(cycles):
+        times = np.linspace(0.0, 2.0 * cycles, round(120 * cycles))
+        return Demonstration(times, 0.1 * np.column_stack([
+            np.cos(np.pi * times), np.sin(np.pi * times)]), Euclidean(2))
+    skill = Skill.learn_rhythmic(circle(2.0))
+    assert skill.duration == pytest.approx(2.0, rel=1e-3)
+    for cycles in (1.0, 1.3, 1.6):
+        with pytest.raises(DataError, match='ecord at least two cycles'):
+            Skill.learn_rhythmic(circle(cycles))
+
+
+def test_noise_and_reaches_are_no_rhythm():
+    for seed in range(10):
+        rng, s = np.random.default_rng(seed), np.linspace(0.0, 1.0, 200)
+        walk = 0.01 * np.cumsum(rng.standard_normal((300, 3)), axis=0)
+        reach = (np.outer(minimum_jerk(s), rng.standard_normal(3))
+                 + np.outer(np.sin(np.pi * s), 0.3 * rng.standard_normal(3))
+                 + 2e-3 * rng.standard_normal((200, 3)))
+        for points in (walk, rng.standard_normal((300, 3)), reach):
+            with pytest.raises(DataError, match='no period was found|no rhythm was found'):
+                Skill.learn_rhythmic(Demonstration(np.arange(len(points)) / 30.0, points,
+                                                   Euclidean(3)))
