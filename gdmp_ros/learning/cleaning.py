@@ -18,6 +18,8 @@ from gdmp_ros.errors import GdmpWarning
 IRREGULAR, SHORT = 0.02, 0.5
 #: Even stamps are taken for the true ones if the samples are this much smoother with them.
 SMOOTHER = 0.67
+#: Steps this much shorter than usual, if they are this often, are those of a burst.
+NEVER, OFTEN = 0.05, 0.2
 #: A step that is this many times as long as nearly all others is a gap, and as a part of the
 #: duration.
 GAP, GAP_SHARE = 3.0, 0.02
@@ -30,6 +32,12 @@ NEXT, WRONG = 8, 3
 SIGNIFICANT, LARGE = 10.0, 3.0
 #: Samples from which the noise is estimated where there are few, and orders of the differences.
 FEW, ORDERS = 40, (3, 4, 5, 6, 7)
+#: Ratio of one window to the next smaller one.
+_GROWTH = 1.4
+#: Estimates from two windows are consistent within this many standard errors.
+_CONSISTENT = 2.0
+#: Smallest window.
+SMALLEST = 3
 #: Median of the absolute value of a normal deviate.
 _MEDIAN = 0.6745
 
@@ -111,11 +119,13 @@ def _evenly_stamped(demonstration: Demonstration, name: str) -> Demonstration:
     own, mended = (_noise(columns, curve, stamps) for stamps in (times, even))
     moves = own > 1e-12 * (np.ptp(curve) + 1e-300)
     ratio = float(np.exp(np.log(mended[moves] / own[moves]).min())) if moves.any() else 1.0
-    if ratio > SMOOTHER or (mended[moves] > own[moves] / SMOOTHER).any():
+    # No sensor takes samples that near to each other: then even stamps need not be better.
+    needed = SMOOTHER if (steps < NEVER * usual).mean() < OFTEN else 1.0 / SMOOTHER
+    if ratio > needed or (mended[moves] > own[moves] / SMOOTHER).any():
         return demonstration
     if name:
         warnings.warn(f'{name}: the samples were taken evenly and stamped in bursts: with even '
-                      f'stamps they are {1.0 / ratio:.1f} times smoother, and learned with them '
+                      f'stamps they are {1.0 / ratio:.1f} times as smooth, and learned with them '
                       f'(stamps moved by up to {1e3 * np.abs(even - times).max():.1f} ms)',
                       GdmpWarning, stacklevel=5)
     return Demonstration(even, demonstration.points, demonstration.manifold)
@@ -132,8 +142,8 @@ def _without_wrong_ends(demonstration: Demonstration, name: str) -> Demonstratio
         if not number:
             continue
         index = np.arange(count)[order]
-        from_, bad = index[number:number + NEXT], index[:number]
-        expected = np.array([_parabola(times[k], times[from_], curve[from_])[0] for k in bad])
+        from_, bad = index[number:max(2 * NEXT, len(times) // 20)], index[:number]
+        expected = np.array([_expected(demonstration, from_, k) for k in bad])
         development = development or demonstration.development()
         points[bad] = development.moved(expected - curve[from_[0]], np.full(number, from_[0]))
         wrong += bad.tolist()
@@ -144,6 +154,53 @@ def _without_wrong_ends(demonstration: Demonstration, name: str) -> Demonstratio
                       'the others lead, and was replaced by that', GdmpWarning, stacklevel=5)
     return Demonstration(times, points.reshape(demonstration.points.shape),
                          demonstration.manifold)
+
+
+def _expected(demonstration: Demonstration, samples: np.ndarray, at: int) -> np.ndarray:
+    """Where samples lead at the time of another one, as coordinates of the unrolled curve."""
+    times, curve = demonstration.times, demonstration.unrolled
+    away = np.abs(times[samples] - times[at])
+    result = np.empty(curve.shape[1])
+    for columns in demonstration.manifold.tangent_slices:
+        own = curve[samples, columns]
+        result[columns] = local_fit(own, away, noise_level(own, away))[0]
+    return result
+
+
+def local_fit(samples: np.ndarray, progress: np.ndarray, noise: float
+               ) -> tuple[np.ndarray, np.ndarray, float]:
+    """
+    Quadratic fit to the largest window that is consistent with all smaller ones (Lepski's method).
+
+    :param progress: of the samples, increasing; the fit is that at progress 0
+
+    :returns: value, slope by progress, and standard error of a coordinate of the slope
+    """
+    fits: list[tuple[np.ndarray, float]] = []
+    best: tuple[np.ndarray, np.ndarray, float] | None = None
+    for size in _windows(len(samples)):
+        powers = np.vander(progress[:size] / progress[size - 1], 3, increasing=True)
+        covariance = np.linalg.inv(powers.T @ powers)
+        value, slope, _ = covariance @ (powers.T @ samples[:size])
+        error = noise * math.sqrt(covariance[0, 0] * samples.shape[1])
+        if best is not None and any(
+                np.linalg.norm(value - other) > _CONSISTENT * their_error
+                for other, their_error in fits):
+            return best
+        fits.append((value, error))
+        best = (value, slope / progress[size - 1],
+                noise * math.sqrt(covariance[1, 1]) / progress[size - 1])
+    if best is None:
+        raise ValueError(f'{len(samples)} samples, expected at least {SMALLEST}')
+    return best
+
+
+def _windows(most: int) -> list[int]:
+    sizes, size = [], SMALLEST
+    while size < most:
+        sizes.append(size)
+        size = math.ceil(_GROWTH * size)
+    return [*sizes, most]
 
 
 def _parabola(at: float, times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, float]:

@@ -16,22 +16,17 @@ from gdmp_ros.dmp.primitive import check_connection, Gains, MIN_STEPS
 from gdmp_ros.dmp.segments import cut_locus_distances, segment_ends, Segments, split_factors
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import CutLocusError, DataError, GdmpWarning, ParameterError
-from gdmp_ros.learning.cleaning import cleaned, FEW, noise_level, noise_of_few
+from gdmp_ros.learning.cleaning import cleaned, FEW, local_fit, noise_level, noise_of_few
 from gdmp_ros.learning.variation_fit import Contexts, GivenContexts
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.util.numeric import numbers
 
 #: Demonstrations with more samples are averaged to at least this many.
 SAMPLES = 1000
-#: Largest part of a demonstration that an end is estimated from, fewest samples that are tried,
-#: and the smallest window.
-SHARE, LEAST, SMALLEST = 0.05, 5, 3
+#: Largest part of a demonstration that an end is estimated from, and fewest samples.
+SHARE, LEAST = 0.05, 5
 #: Samples from which their noise can be told.
 ENOUGH = 10
-#: Ratio of one window to the next smaller one.
-_GROWTH = 1.4
-#: Estimates from two windows are consistent within this many standard errors.
-_CONSISTENT = 2.0
 #: Largest error that the curvature of the space may add, as a part of the span.
 LARGEST_CURVATURE_ERROR = 0.01
 
@@ -112,7 +107,7 @@ def _endpoint(demonstration: Demonstration, order: slice, direction: float) -> E
         sd = (noise_of_few(curve[:, columns], progress[:FEW]) if few
               else noise_level(local[:, columns], progress[used]))
         noise.append(sd)
-        value[columns], slope, error[columns] = _local_fit(local[:, columns], progress[used], sd)
+        value[columns], slope, error[columns] = local_fit(local[:, columns], progress[used], sd)
         if few:
             # Few samples are far apart: a parabola through them has no exact slope either.
             cubic = np.polyfit(progress[:LEAST], local[:LEAST, columns], 3)[-2]
@@ -120,40 +115,6 @@ def _endpoint(demonstration: Demonstration, order: slice, direction: float) -> E
         velocity[columns] = direction * slope
     point = manifold.exp(points[0], manifold.from_frame(frame, value))
     return Endpoint(point, velocity, error, tuple(noise))
-
-
-def _local_fit(samples: np.ndarray, progress: np.ndarray, noise: float
-               ) -> tuple[np.ndarray, np.ndarray, float]:
-    """
-    Quadratic fit to the largest window that is consistent with all smaller ones (Lepski's method).
-
-    :returns: value, slope by progress, and standard error of a coordinate of the slope
-    """
-    fits: list[tuple[np.ndarray, float]] = []
-    best: tuple[np.ndarray, np.ndarray, float] | None = None
-    for size in _windows(len(samples)):
-        powers = np.vander(progress[:size] / progress[size - 1], 3, increasing=True)
-        covariance = np.linalg.inv(powers.T @ powers)
-        value, slope, _ = covariance @ (powers.T @ samples[:size])
-        error = noise * math.sqrt(covariance[0, 0] * samples.shape[1])
-        if best is not None and any(
-                np.linalg.norm(value - other) > _CONSISTENT * their_error
-                for other, their_error in fits):
-            return best
-        fits.append((value, error))
-        best = (value, slope / progress[size - 1],
-                noise * math.sqrt(covariance[1, 1]) / progress[size - 1])
-    if best is None:
-        raise ValueError(f'{len(samples)} samples, expected at least {LEAST}')
-    return best
-
-
-def _windows(most: int) -> list[int]:
-    sizes, size = [], SMALLEST
-    while size < most:
-        sizes.append(size)
-        size = math.ceil(_GROWTH * size)
-    return [*sizes, most]
 
 
 @dataclass(frozen=True)
