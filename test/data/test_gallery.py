@@ -58,7 +58,7 @@ def test_all_skills_are_those_of_the_documentation(tmp_path):
 
 
 @pytest.mark.parametrize('field, value', [
-    ('format', 'other'), ('version', 8), ('manifold', {'kind': 'product', 'factors': []}),
+    ('format', 'other'), ('version', 9), ('manifold', {'kind': 'product', 'factors': []}),
     ('connection', 'flat'), ('gains', {'alpha_z': 1.0}), ('duration', -1.0), ('steps', 0),
     ('weights', [[0.0]]), ('provenance', 'me'), ('variation', 'much')])
 def test_schema_and_reader_refuse_the_same(made, tmp_path, field, value):
