@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 REPETITIONS = 100
 #: A point counts as met when it is this near; one that stays further away cannot be met.
 MET, CANNOT = 1e-10, 1e-6
+#: Ends further from those of the takes than this many standard deviations are outside of them.
+FARTHEST = 4.0
 #: Shares of a step that are tried, until one is an improvement.
 SHARES = tuple(0.5 ** k for k in range(8))
 #: A hard condition is met up to this part of the prior's variance: it keeps the system regular.
@@ -61,6 +63,9 @@ class Distribution:
         """
         Covariance of the points, in the canonical frame at the mean (`Manifold.frame`).
 
+        In squares of the units of the factors: m², and half-angles [rad²] of unit quaternions. The
+        noise of a sample is part of it.
+
         For few takes it is shrunk towards equal variances in all directions of a factor, so that
         its tubes hold for takes that were not seen.
 
@@ -74,7 +79,11 @@ class Distribution:
         return np.asarray(turn @ result @ turn.T)
 
     def sample(self, rng: np.random.Generator) -> Skill:
-        """Draw a skill: other start, goal, motion and duration, as another take might show."""
+        """
+        Draw a skill: other start, goal, motion and duration, as another take might show.
+
+        The noise of samples, which is part of `covariance`, is left out: a skill is smooth.
+        """
         factor = self._variation.whole_factor
         drawn = shifted(self._skill, factor @ rng.standard_normal(factor.shape[1]))
         duration = drawn.duration * math.exp(self.timing * rng.standard_normal())
@@ -134,7 +143,27 @@ class Distribution:
         values, vectors = np.linalg.eigh(0.5 * (left + left.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rest = replace(self._variation, factor=factor @ root, contexts=None)
-        return shifted(replace(self._skill, variation=rest), factor @ latent)
+        shift = factor @ latent
+        if all(s in (0.0, 1.0) for s, _, _ in target):
+            shift[2 * self._manifold.tangent_size:] *= self._believed(shift)
+        return shifted(replace(self._skill, variation=rest), shift)
+
+    def _believed(self, shift: np.ndarray) -> float:
+        """
+        How much of the change that other ends ask for is made, from 0 to 1.
+
+        What the takes tell of ends far outside of theirs is a guess: the skill is moved there, and
+        changes no more than for ends as far as theirs may be.
+        """
+        size = 2 * self._manifold.tangent_size
+        ends = self._variation.whole_factor[:size]
+        away = float(np.linalg.norm(np.linalg.lstsq(ends, shift[:size], rcond=1e-9)[0]))
+        if away <= FARTHEST:
+            return 1.0
+        warnings.warn(f'start and goal are {away:.0f} standard deviations from those of the '
+                      f'takes: the skill is moved there, with {FARTHEST / away:.0%} of the change '
+                      'that the takes tell', GdmpWarning, stacklevel=4)
+        return FARTHEST / away
 
     def _remaining(self, moved: Skill, desired: list[tuple[float, np.ndarray, np.ndarray]]
                    ) -> tuple[np.ndarray, np.ndarray]:

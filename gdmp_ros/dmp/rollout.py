@@ -320,8 +320,9 @@ class Rollout:
         :raises ParameterError: for another number, or if the skill is not rhythmic
         """
         self._check_rhythmic('frequency')
-        check_range('frequency', frequency, 0.0, MAX_SPEED / self._duration)
-        self.set_speed(frequency * self._duration)
+        # A period that was found has errors of rounding: twice its frequency is allowed.
+        check_range('frequency', frequency, 0.0, (1.0 + 1e-9) * MAX_SPEED / self._duration)
+        self.set_speed(min(frequency * self._duration, MAX_SPEED))
 
     def _check_rhythmic(self, what: str) -> None:
         if not self.skill.rhythmic:

@@ -196,15 +196,20 @@ def variation_of(primitive: Skill, takes: Sequence[Demonstration],
     size = manifold.tangent_size
     share_ends, share_rest = (number / (number + count) for number in (2 * size, size))
     samples = np.hstack([ends, weights.reshape(count, -1)]) / np.sqrt(count - 1.0)
-    more = samples.copy()
-    more[:, :2 * size] = 0.0
-    parts = [np.sqrt(1.0 - share_ends) * samples, np.sqrt(share_ends - share_rest) * more,
-             _equal_ends(primitive, np.sqrt(share_ends) * samples[:, :2 * size]),
+    alone, more = samples.copy(), samples.copy()
+    alone[:, 2 * size:] = more[:, :2 * size] = 0.0
+    usual_ends = _equal_ends(primitive, samples[:, :2 * size])
+    units = _units(primitive, ends, rest)
+    told = _told_by_ends(samples[:, :2 * size], (rest * units).reshape(count, -1), share_ends,
+                         usual_ends[:, :2 * size])
+    kept = np.sqrt(1.0 - share_ends)
+    parts = [np.sqrt(told) * kept * samples, np.sqrt(1.0 - told) * kept * alone,
+             np.sqrt(share_ends - share_rest + (1.0 - told) * kept ** 2) * more,
+             np.sqrt(share_ends) * usual_ends,
              np.sqrt(share_rest) * _equal_weights(primitive, rest, maps.weights, progress)]
     noise = (unexplained ** 2).mean(axis=(0, 1))
     # Weights of late basis functions are larger, because the phase decays.
     effects = np.linalg.norm(maps.motion, axis=0) / np.sqrt(SAMPLES)
-    units = _units(primitive, ends, rest)
     scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
     factor = (_compressed(np.vstack(parts) * scales) / scales).T
     # Coordinates on a sphere have a normal component, in which nothing varies.
@@ -264,6 +269,33 @@ def _rest(primitive: Skill, take: Demonstration, ends: np.ndarray, progress: np.
         if np.abs(rest - before).max() <= CONVERGED * (np.abs(rest).max() + 1e-12):
             break
     return rest
+
+
+def _told_by_ends(ends: np.ndarray, rest: np.ndarray, share: float, usual: np.ndarray) -> float:
+    """
+    How much of what start and goal seem to tell of the rest they do, from 0 to 1.
+
+    Each take is left out once, and predicted from its ends by the others. With few takes, or if
+    all end at the same point, nothing may be left: the skill is then only moved to its ends.
+
+    :param ends: of each take, rows of a factor, shape ``(takes, any)``
+    :param rest: of each take, in comparable units, shape ``(takes, any)``
+    :param share: of equal variances of the ends, in their covariance
+    :param usual: root of these variances, square
+    """
+    count = len(ends)
+    if count < 3:
+        return 0.0
+    along = across = 0.0
+    for left_out in range(count):
+        others = np.arange(count) != left_out
+        scale = (count - 1.0) / (count - 2.0)
+        own = (1.0 - share) * scale * ends[others].T @ ends[others] + share * usual @ usual.T
+        tells = np.linalg.lstsq(own, ends[left_out], rcond=None)[0]
+        predicted = (1.0 - share) * scale * (ends[others] @ tells) @ rest[others]
+        along += float(predicted @ rest[left_out])
+        across += float(predicted @ predicted)
+    return min(max(along / across, 0.0), 1.0) if across > 0.0 else 0.0
 
 
 def _equal_ends(primitive: Skill, samples: np.ndarray) -> np.ndarray:

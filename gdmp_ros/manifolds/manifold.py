@@ -29,6 +29,8 @@ from gdmp_ros.util.numeric import numbers
 
 #: Largest size parameter: above it the frames do not fit into memory.
 MAX_SIZE = 1000
+#: Errors of rounding in a mean, relative to the numbers of its points.
+ROUNDING = 1e-14
 _NOT_FINITE = 'an entry is NaN or infinite'
 
 
@@ -261,14 +263,20 @@ class Manifold(ABC):
 
     @final
     def distance(self, a: np.ndarray, b: np.ndarray) -> Any:
-        """Geodesic distance, shape ``(...)``; defined on the cut locus too."""
+        """
+        Geodesic distance in `unit`, shape ``(...)``; defined on the cut locus too.
+
+        m on R³; rad on S^m and SO(m); half the angle of rotation [rad] between unit quaternions;
+        the norm of logarithms of eigenvalues of SPD matrices. Of a product the root of the sum of
+        their squares.
+        """
         coordinates, _ = self.log_in_frame(self.frame(a), b)
         return np.sqrt(np.einsum('...i,...i', coordinates, coordinates))
 
     @final
     def factor_distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """
-        Geodesic distance in each factor between points of two sequences.
+        Geodesic distance in each factor between points of two sequences, each in its `unit`.
 
         :param a: flat points, shape ``(count, point_size)``
         :param b: the same
@@ -304,18 +312,20 @@ class Manifold(ABC):
         points = np.array([self._single(point) for point in points])
         shares = self._normalised(len(points), weights)
         estimate = points[int(np.argmax(shares))]
-        spread = max(1.0, self.distance(estimate, points).max())
+        spread = float(self.distance(estimate, points).max())
+        # The numbers of the points have no more digits.
+        enough = max(tolerance * spread, ROUNDING * float(np.abs(points).max()))
         length = math.inf
         for _ in range(iterations):
             tangent = shares @ self.log(estimate, points)
             previous, length = length, self.norm(estimate, tangent)
             estimate = self.exp(estimate, step * tangent)
             # Below 1e-9 rounding dominates: a step that no longer shrinks is the last one.
-            if length <= tolerance * spread or (length < 1e-9 * spread and length >= previous):
+            if length <= enough or (length < 1e-9 * spread and length >= previous):
                 return estimate
         raise GdmpError(f'{self!r}: the mean of {len(points)} points did not converge in '
                         f'{iterations} iterations: gradient {length:.3g}, expected at most '
-                        f'{tolerance * spread:.3g}')
+                        f'{enough:.3g}')
 
     @final
     def random_tangent(self, base: np.ndarray, rng: np.random.Generator) -> np.ndarray:

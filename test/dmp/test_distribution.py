@@ -9,6 +9,7 @@ from gdmp_ros import (
     DataError,
     Demonstration,
     Euclidean,
+    GdmpWarning,
     ManifoldError,
     ParameterError,
     Skill,
@@ -77,6 +78,23 @@ def test_three_points_of_a_motion_of_its_own_are_met(manifold):
         made = distribution.condition(points)
         assert max(manifold.distance(point_at(made, s), manifold.align(p, point_at(made, s)))
                    for s, p in points) < 1e-8
+
+
+def test_takes_that_all_end_alike_tell_nothing_about_another_goal(rng):
+    """The path is moved with its goal: noise of the ends is not carried on a hundred times."""
+    s, shown = np.linspace(0.0, 1.0, 200), []
+    for _ in range(6):
+        arc = np.outer(16.0 * (s * (1.0 - s)) ** 2, [0.0, 0.1 + 0.05 * rng.standard_normal(), 0.0])
+        goal = np.array([0.4, 0.0, 0.1]) + 1e-5 * rng.standard_normal(3)
+        shown.append(Demonstration(2.0 * s, np.outer(minimum_jerk(s), goal) + arc, Euclidean(3)))
+    skill = Skill.learn(shown, 30)
+    goal = skill.goal + [0.1, 0.1, 0.0]
+    with pytest.warns(GdmpWarning, match='standard deviations from those of the takes'):
+        made = skill.distribution.condition([(0.0, skill.start), (1.0, goal)])
+    times = np.linspace(0.0, 2.0, 100)
+    moved = skill.between(goal=goal).rollout().sample(times).points
+    assert np.abs(made.rollout().sample(times).points - moved).max() < 0.01
+    np.testing.assert_allclose(made.goal, goal, atol=1e-9)
 
 
 def test_a_point_that_cannot_be_met_is_refused(rng):
