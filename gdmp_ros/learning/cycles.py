@@ -125,11 +125,11 @@ def find_period(curve: np.ndarray, dt: float) -> float:
         result = [_first(found) for found in peaks if found]
         full, first = result[0]
         return first if full >= AS_GOOD * best else max(result)[1]
-    if best < CORRELATED or least > LARGEST_UNLIKENESS:
-        raise DataError(f'no period was found in {count * dt:.3g} s: record at least two cycles, '
-                        'or tell the period. Shifted in time the recording correlates with itself '
-                        f'by {max(best, 0.0):.2f} at most, expected {CORRELATED:g}')
-    raise DataError('no period was found')
+    why = (f', expected {CORRELATED:g}' if best < CORRELATED else
+           f', but what would be its cycles differ by {least:.0%} of their mean square')
+    raise DataError(f'no period was found in {count * dt:.3g} s: record at least two cycles, or '
+                    'tell the period. Shifted in time the recording correlates with itself by '
+                    f'{max(best, 0.0):.2f} at most{why}')
 
 
 def _unlikeness(curve: np.ndarray, cycles: Cycles) -> float:

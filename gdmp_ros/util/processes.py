@@ -51,6 +51,15 @@ def held_interrupts() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
+class Interrupt(KeyboardInterrupt):
+    """
+    Ctrl-C.
+
+    If a KeyboardInterrupt itself leaves the execution of a text, as modules do it when they are
+    imported, CPython ends the process by the signal, although it is handled later.
+    """
+
+
 @contextmanager
 def noted_interrupts() -> Iterator[threading.Event]:
     """Set an event when Ctrl-C raises KeyboardInterrupt."""
@@ -59,7 +68,7 @@ def noted_interrupts() -> Iterator[threading.Event]:
     def interrupt(*_: object) -> None:
         noted.set()
         if not _held.is_set():
-            raise KeyboardInterrupt
+            raise Interrupt
         _came.set()
 
     # Another handler, or none in a background job, is left as it is.

@@ -1,6 +1,8 @@
 """Ctrl-C: noted even if compiled code turns it into another exception."""
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -67,3 +69,20 @@ def test_ctrl_c_comes_at_the_end_of_what_it_must_not_interrupt():
             os.kill(os.getpid(), signal.SIGINT)
             done.append('interrupted')
     assert done == ['not interrupted', 'once']
+
+
+def test_ctrl_c_while_a_text_is_executed_does_not_end_the_process_by_the_signal(tmp_path):
+    """As while a module is imported that makes a dataclass."""
+    (tmp_path / 'program.py').write_text('''
+from gdmp_ros.util.processes import noted_interrupts
+def main():
+    with noted_interrupts():
+        try:
+            exec("import os, signal, time; os.kill(os.getpid(), signal.SIGINT); time.sleep(1.0)")
+        except KeyboardInterrupt:
+            return 130
+raise SystemExit(main())
+''')
+    done = subprocess.run([sys.executable, '-m', 'program'], cwd=tmp_path, capture_output=True,
+                          text=True, timeout=60.0)
+    assert (done.returncode, done.stderr) == (130, '')
