@@ -73,7 +73,7 @@ def test_ctrl_c_comes_at_the_end_of_what_it_must_not_interrupt():
 
 def test_ctrl_c_while_a_text_is_executed_does_not_end_the_process_by_the_signal(tmp_path):
     """As while a module is imported that makes a dataclass."""
-    (tmp_path / 'program.py').write_text('''
+    (tmp_path / 'program.py').write_text("""
 from gdmp_ros.util.processes import noted_interrupts
 def main():
     with noted_interrupts():
@@ -82,7 +82,7 @@ def main():
         except KeyboardInterrupt:
             return 130
 raise SystemExit(main())
-''')
+""")
     done = subprocess.run([sys.executable, '-m', 'program'], cwd=tmp_path, capture_output=True,
                           text=True, timeout=60.0)
     assert (done.returncode, done.stderr) == (130, '')
