@@ -11,7 +11,7 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration, UNIFORM
 from gdmp_ros.errors import GdmpWarning
 
 #: Stamps are regular if less than this share of the steps is shorter than `SHORT` mean steps.
@@ -81,7 +81,7 @@ def noise_of_few(samples: np.ndarray, times: np.ndarray) -> float:
 
 def _differences(samples: np.ndarray, times: np.ndarray | None, order: int) -> np.ndarray:
     """Divided differences with the variance of a sample: zero for a polynomial below the order."""
-    if times is None:
+    if times is None or np.ptp(np.diff(times)) <= UNIFORM * abs(times[-1] - times[0]) / len(times):
         weights = np.array([math.comb(order, k) * (-1.0) ** k for k in range(order + 1)])
         return np.asarray(np.diff(samples, n=order, axis=0)) / math.sqrt(float(weights @ weights))
     windows = np.lib.stride_tricks.sliding_window_view(times, order + 1)
@@ -216,6 +216,9 @@ def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -
     result = 0
     for columns in demonstration.manifold.tangent_slices:
         samples = curve[:most, columns]
+        steps = np.linalg.norm(np.diff(samples[:WRONG + NEXT], axis=0), axis=1)
+        if steps[:WRONG].max() <= steps[WRONG:].max():
+            continue  # no jump
         spread = np.abs(_differences(samples[WRONG:], times[WRONG:most], 3))
         noise = float(np.median(spread)) / _MEDIAN
         for first in range(WRONG, result, -1):

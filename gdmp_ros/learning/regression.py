@@ -94,9 +94,13 @@ class Rows:
     weights: tuple[float, ...]
     rests: bool
 
+    @functools.cached_property
+    def _arrays(self) -> list[np.ndarray]:
+        return [np.array(progress) for progress in self.progress]
+
     def of(self, number: int) -> np.ndarray:
         """Progress of the rows of one demonstration."""
-        demo = np.array(self.progress[number])
+        demo = self._arrays[number]
         if not self.rests:
             return demo
         return np.concatenate([demo, np.linspace(1.0, LAST, self.holds(number) + 1)[1:]])
