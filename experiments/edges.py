@@ -64,24 +64,26 @@ def motion(rng: np.random.Generator) -> Motion:
     return Motion(at, duration)
 
 
-def noisy(poses: np.ndarray, rng: np.random.Generator, size: float = NOISE_M) -> np.ndarray:
+def noisy(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Poses with noise."""
     result = poses.copy()
-    result[:, :3] += size * rng.standard_normal((len(poses), 3))
-    for row, turn in zip(result, NOISE_RAD * size * rng.standard_normal((len(poses), 3))):
+    result[:, :3] += NOISE_M * rng.standard_normal((len(poses), 3))
+    for row, turn in zip(result, NOISE_RAD * NOISE_M * rng.standard_normal((len(poses), 3))):
         rotate_by_vector(row[3:].copy(), turn, row[3:])
     return result
 
 
-def grating(rng: np.random.Generator) -> tuple[Demonstration, int, float]:
+def grating(rng: np.random.Generator, cycles: int, samples: int, uneven: float, walk: float
+            ) -> tuple[Demonstration, float]:
     """
     Strokes of a hand: each cycle has its own length and size, and the centre walks.
 
-    :returns: the recording, its cycles, and its largest acceleration without the noise [m/s²]
+    :param samples: of a cycle, at 30 Hz
+    :param uneven: largest difference of a cycle from the mean, as a part of it
+    :param walk: of the centre in each cycle, as a part of the length of the strokes
+    :returns: the recording, and its largest acceleration without the noise [m/s²]
     """
-    cycles, uneven = int(rng.integers(3, 9)), rng.uniform(0.1, 0.3)
-    walk = float(rng.choice([0.0, 0.02, 0.05, 0.1, 0.2]))
-    lengths = rng.integers(20, 61) / 30.0 * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
+    lengths = samples / 30.0 * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
     sizes = 0.1 * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
     marks = np.concatenate([[0.0], np.cumsum(lengths)])
     passed = CubicSpline(marks, np.arange(cycles + 2.0))
@@ -96,12 +98,12 @@ def grating(rng: np.random.Generator) -> tuple[Demonstration, int, float]:
         return np.asarray(path + np.outer(0.2 * walk * phase, [0.2, 0.9, 0.1]))
     times = np.arange(0.0, marks[cycles], 1.0 / 30.0)
     points = at(times) + NOISE_M * rng.standard_normal((len(times), 3))
-    return (Demonstration(times, points, Euclidean(3)), cycles,
-            _acceleration(at, float(times[-1]))[0])
+    return (Demonstration(times, points, Euclidean(3)),
+            largest_acceleration(at, float(times[-1]))[0])
 
 
-def _acceleration(at: Callable[[np.ndarray], np.ndarray], duration: float
-                  ) -> tuple[float, float]:
+def largest_acceleration(at: Callable[[np.ndarray], np.ndarray], duration: float
+                         ) -> tuple[float, float]:
     """Largest acceleration of a path [m/s²], and its speed at the start [m/s]."""
     times = np.linspace(0.0, duration, SAMPLES)
     velocity = np.gradient(at(times)[:, :3], times, axis=0)
@@ -126,13 +128,13 @@ def _judged(shown: Motion, times: np.ndarray, poses: np.ndarray) -> dict[str, fl
         return skill.rollout(duration=shown.duration).sample(moments).points
 
     path, truth = at(wanted), shown.at(wanted)
-    fastest, start = _acceleration(at, shown.duration)
+    fastest, start = largest_acceleration(at, shown.duration)
     turned = np.clip(np.abs((path[:, 3:] * truth[:, 3:]).sum(axis=1)), 0.0, 1.0)
     away = np.linalg.norm(path[:, :3] - truth[:, :3], axis=1)
     return {'error / noise': float(np.sqrt((away ** 2).mean())) / noise,
             'largest rotation error / noise': float(2.0 * np.arccos(turned).max())
             / (NOISE_RAD * noise),
-            'acceleration / clean': fastest / _acceleration(shown.at, shown.duration)[0],
+            'acceleration / clean': fastest / largest_acceleration(shown.at, shown.duration)[0],
             'start speed [mm/s]': 1e3 * start, 'start error / noise': float(away[0]) / noise,
             'goal error / noise': float(away[-1]) / noise, 'not told': float(not told)}
 
@@ -226,14 +228,17 @@ def relations(rng: np.random.Generator) -> dict[str, float]:
 
 def cycles(rng: np.random.Generator) -> dict[str, float]:
     """Three to eight cycles that differ by 10 to 30 %, with a centre that may walk."""
-    shown, count, fastest = grating(rng)
+    count, uneven = int(rng.integers(3, 9)), rng.uniform(0.1, 0.3)
+    walk = float(rng.choice([0.0, 0.02, 0.05, 0.1, 0.2]))
+    shown, fastest = grating(rng, count, int(rng.integers(20, 61)), uneven, walk)
     try:
         skill = Skill.learn_rhythmic(shown)
     except DataError:
         return {'acceleration / data': np.inf, 'refused': 1.0, 'one cycle': 0.0}
     found = cycle_takes(skill, [shown])[0].cycles
-    own = _acceleration(lambda times: skill.rollout().sample(times).points, 2.0 * skill.duration)
-    return {'acceleration / data': own[0] / fastest, 'refused': 0.0,
+    own, _ = largest_acceleration(lambda times: skill.rollout().sample(times).points,
+                                  2.0 * skill.duration)
+    return {'acceleration / data': own / fastest, 'refused': 0.0,
             'one cycle': float(found < 1.8 or found > count + 1.0)}
 
 

@@ -102,7 +102,7 @@ class Demonstration:
     @cached_property
     def unrolled(self) -> np.ndarray:
         """The development: the samples as a curve in Rⁿ, shape ``(T, n)``."""
-        return self.development().unrolled
+        return self.development.unrolled
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """
@@ -115,7 +115,7 @@ class Demonstration:
         """
         clipped = np.clip(times, self.times[0], self.times[-1])
         distinct = self._distinct
-        flat = distinct.development().interpolate(distinct.times, clipped)
+        flat = distinct.development.interpolate(distinct.times, clipped)
         return flat.reshape(len(clipped), *self.manifold.point_shape)
 
     @cached_property
@@ -130,18 +130,27 @@ class Demonstration:
             if time - begins >= near:
                 first.append(i)
                 begins = time
-        groups = np.searchsorted(first, np.arange(len(self.times)), side='right') - 1
         if len(first) < MIN_SAMPLES:
             return self
-        middle = self.points[first]
-        tangents, _ = self.manifold.log_anyway(middle[groups], self.points)
-        counts = np.bincount(groups)
-        means = np.add.reduceat(tangents, first, axis=0) / counts.reshape(
-            -1, *[1] * (tangents.ndim - 1))
-        times = np.add.reduceat(self.times, first) / counts
+        means = self.means(np.array(first))
+        times = means.times.copy()
         # The curve begins and ends where the samples do.
         times[0], times[-1] = self.times[0], self.times[-1]
-        return Demonstration(times, self.manifold.exp(middle, means), self.manifold)
+        return Demonstration(times, means.points, self.manifold)
+
+    def means(self, first: np.ndarray) -> Demonstration:
+        """
+        Means of groups of neighbouring samples, and of their stamps.
+
+        :param first: index of the first sample of each group, increasing from 0
+        """
+        groups = np.searchsorted(first, np.arange(len(self.times)), side='right') - 1
+        counts = np.bincount(groups)
+        middles = self.points[first + counts // 2]
+        tangents, _ = self.manifold.log_anyway(middles[groups], self.points)
+        sums = np.add.reduceat(tangents, first, axis=0)
+        return Demonstration(np.add.reduceat(self.times, first) / counts, self.manifold.exp(
+            middles, sums / counts.reshape(-1, *[1] * (sums.ndim - 1))), self.manifold)
 
     def uniform(self) -> Demonstration:
         """
@@ -170,7 +179,7 @@ class Demonstration:
                             f'{MAX_CUTOFF:g}')
         if len(self.times) < 5:
             raise DataError(f'smoothing needs at least 5 samples, got {len(self.times)}')
-        flat = self.development().smooth(self.times, cutoff)
+        flat = self.development.smooth(self.times, cutoff)
         return Demonstration(self.times, flat.reshape(self.points.shape), self.manifold)
 
     def aligned(self, reference: np.ndarray) -> Demonstration:
@@ -187,6 +196,7 @@ class Demonstration:
         distances = self.manifold.factor_distances(first, self.flat_points)
         return float(np.linalg.norm(distances, axis=1).max())
 
+    @cached_property
     def development(self) -> Development:
         """The samples unrolled into Rⁿ."""
         return Development(self.manifold, self.flat_points, self.manifold.frame(self.points[0]))

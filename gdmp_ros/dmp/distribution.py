@@ -167,15 +167,30 @@ class Distribution:
 
     def _remaining(self, moved: Skill, desired: list[tuple[float, np.ndarray, np.ndarray]]
                    ) -> tuple[np.ndarray, np.ndarray]:
-        """What is left after a shift, in the frames before it, which the variation refers to."""
-        size = self._manifold.tangent_size
-        offset, noise = _remaining(moved, desired)
-        start, goal = frame_changes(self._skill, moved)
-        back = np.zeros_like(noise)
-        for number, (s, _, _) in enumerate(desired):
-            part = slice(number * size, (number + 1) * size)
-            back[part, part] = (goal if s == 1.0 else start).T
-        return back @ offset, back @ noise @ back.T
+        """
+        From the motion after a shift to the points; and their covariances, as one matrix.
+
+        In the frames before the shift, which the variation refers to.
+        """
+        manifold, offset = self._manifold, []
+        size = manifold.tangent_size
+        noise = np.zeros((size * len(desired), size * len(desired)))
+        at_start, at_goal = frame_changes(self._skill, moved)
+        for number, (s, point, covariance) in enumerate(desired):
+            if s in (0.0, 1.0):
+                present = moved.start if s == 0.0 else moved.goal
+                frame = frame_of(moved, present)
+            else:
+                present, frame = _point(moved, s)
+            target = manifold.align(point, present)
+            back = (at_goal if s == 1.0 else at_start).T
+            offset.append(back @ manifold.log_in_frame(frame, target)[0])
+            if covariance.any():
+                carried = carry_frame(manifold, frame, target)[0]
+                turn = back @ change_of_frame(manifold, manifold.frame(target), carried)
+                part = slice(number * size, (number + 1) * size)
+                noise[part, part] = turn @ covariance @ turn.T
+        return np.concatenate(offset), noise
 
     def _check_met(self, desired: list[tuple[float, np.ndarray, np.ndarray]],
                    offset: np.ndarray) -> None:
@@ -248,28 +263,6 @@ def _point(skill: Primitive, s: float) -> tuple[np.ndarray, np.ndarray]:
     if skill.connection == 'parallel':
         return point, rollout.current_frame()
     return point, frame_of(skill, point)
-
-
-def _remaining(skill: Primitive, desired: list[tuple[float, np.ndarray, np.ndarray]]
-               ) -> tuple[np.ndarray, np.ndarray]:
-    """From the motion to the points, in its frames; and the covariances there, as one matrix."""
-    manifold, offset = skill.manifold, []
-    size = manifold.tangent_size
-    noise = np.zeros((size * len(desired), size * len(desired)))
-    for number, (s, point, covariance) in enumerate(desired):
-        if s in (0.0, 1.0):
-            present = skill.start if s == 0.0 else skill.goal
-            frame = frame_of(skill, present)
-        else:
-            present, frame = _point(skill, s)
-        target = manifold.align(point, present)
-        offset.append(manifold.log_in_frame(frame, target)[0])
-        if covariance.any():
-            carried = carry_frame(manifold, frame, target)[0]
-            turn = change_of_frame(manifold, manifold.frame(target), carried)
-            part = slice(number * size, (number + 1) * size)
-            noise[part, part] = turn @ covariance @ turn.T
-    return np.concatenate(offset), noise
 
 
 def _cost(rows: np.ndarray, noise: np.ndarray, offset: np.ndarray, latent: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
+from gdmp_ros.util.numeric import numbers_or_none
 
 #: Longest time that may pass in one call [s]; NaN and infinity are longer.
 LONGEST_STEP = 3600.0
@@ -57,9 +58,9 @@ class Options:
         for name, low, high in (('goal_speed', SLOWEST_GOAL, math.inf),
                                 ('error_weights', 0.0, 1e9)):
             given = getattr(self, name)
-            if given is not None and not (
-                    _numbers(given).shape == (count,)
-                    and ((low <= _numbers(given)) & (_numbers(given) <= high)).all()):
+            values = numbers_or_none(given)
+            if given is not None and not (values.shape == (count,) and (
+                    (low <= values) & (values <= high)).all()):
                 raise ParameterError(f'{name}: expected {count} numbers from {low:g} to {high:g}, '
                                      f'got {given!r}')
         array = self.tolerances_of(manifold)
@@ -71,15 +72,7 @@ class Options:
         """Tolerance of each factor."""
         if self.tolerances is None:
             return np.array([factor.goal_tolerance for factor in manifold.factors])
-        return _numbers(self.tolerances)
-
-
-def _numbers(given: Any) -> np.ndarray:
-    """An array of what was given; an empty one if it is not numbers."""
-    try:
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.empty(0)
+        return numbers_or_none(self.tolerances)
 
 
 def merged_options(options: Options | None, changes: dict[str, Any]) -> Options:

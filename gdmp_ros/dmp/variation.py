@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.util.numeric import numbers_or_none
 
 #: A context as users give it: a number for each name, or numbers in the order of the names.
 Context: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
@@ -144,10 +145,7 @@ class ContextModel:
                 raise ParameterError(f'context: expected {", ".join(self.names)}, got '
                                      f'{", ".join(map(str, context)) or "nothing"}')
             context = [context[name] for name in self.names]
-        try:
-            given = np.array(context, dtype=np.float64)
-        except (TypeError, ValueError):
-            given = np.empty(0)
+        given = numbers_or_none(context)
         if given.shape != (len(self.names),) or not np.isfinite(given).all():
             raise ParameterError(f'context: expected {len(self.names)} finite numbers '
                                  f'({", ".join(self.names)}), got {context!r}')

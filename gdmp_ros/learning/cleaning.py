@@ -135,7 +135,7 @@ def _without_wrong_ends(demonstration: Demonstration, name: str) -> Demonstratio
     count = len(demonstration.times)
     if count < 2 * NEXT:
         return demonstration
-    curve, times, development = demonstration.unrolled, demonstration.times, None
+    curve, times = demonstration.unrolled, demonstration.times
     points, wrong = demonstration.flat_points.copy(), []
     for order in (slice(None), slice(None, None, -1)):
         number = _wrong(curve[order], times[order], demonstration)
@@ -144,8 +144,8 @@ def _without_wrong_ends(demonstration: Demonstration, name: str) -> Demonstratio
         index = np.arange(count)[order]
         from_, bad = index[number:max(2 * NEXT, len(times) // 20)], index[:number]
         expected = np.array([_expected(demonstration, from_, k) for k in bad])
-        development = development or demonstration.development()
-        points[bad] = development.moved(expected - curve[from_[0]], np.full(number, from_[0]))
+        points[bad] = demonstration.development.moved(expected - curve[from_[0]],
+                                                      np.full(number, from_[0]))
         wrong += bad.tolist()
     if not wrong:
         return demonstration
@@ -179,9 +179,7 @@ def local_fit(samples: np.ndarray, progress: np.ndarray, noise: float
     fits: list[tuple[np.ndarray, float]] = []
     best: tuple[np.ndarray, np.ndarray, float] | None = None
     for size in _windows(len(samples)):
-        powers = np.vander(progress[:size] / progress[size - 1], 3, increasing=True)
-        covariance = np.linalg.inv(powers.T @ powers)
-        value, slope, _ = covariance @ (powers.T @ samples[:size])
+        (value, slope, _), covariance = _parabola(progress[:size], samples[:size])
         error = noise * math.sqrt(covariance[0, 0] * samples.shape[1])
         if best is not None and any(
                 np.linalg.norm(value - other) > _CONSISTENT * their_error
@@ -203,11 +201,15 @@ def _windows(most: int) -> list[int]:
     return [*sizes, most]
 
 
-def _parabola(at: float, times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where a parabola through samples leads, and its variance in that of a sample."""
-    powers = np.vander((times - at) / np.abs(times - at).max(), 3, increasing=True)
-    inverse = np.linalg.inv(powers.T @ powers)
-    return (inverse @ powers.T @ samples)[0], float(inverse[0, 0])
+def _parabola(away: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Parabola through samples, by their distance as a part of the last one's.
+
+    :returns: its three coefficients, and their covariance in variances of a sample
+    """
+    powers = np.vander(away / away[-1], 3, increasing=True)
+    covariance = np.linalg.inv(powers.T @ powers)
+    return covariance @ (powers.T @ samples), covariance
 
 
 def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -> int:
@@ -233,9 +235,9 @@ def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -
 def _is_wrong(sample: np.ndarray, following: np.ndarray, at: float, times: np.ndarray,
               noise: float) -> bool:
     """Whether a sample is far from the parabola through the next ones."""
-    expected, variance = _parabola(at, times, following)
+    (expected, _, _), covariance = _parabola(np.abs(times - at), following)
     away = float(np.linalg.norm(sample - expected))
-    error = noise * math.sqrt((1.0 + variance) * len(sample))
+    error = noise * math.sqrt((1.0 + covariance[0, 0]) * len(sample))
     step = float(np.linalg.norm(np.diff(following, axis=0), axis=1).max())
     return away > SIGNIFICANT * error and away > LARGE * step
 

@@ -22,7 +22,7 @@ AS_GOOD = 0.9
 #: Periods whose cycles are compared: from this part of the best correlation on, and from this
 #: correlation; and how many.
 CANDIDATE, LEAST_CORRELATED, MOST = 0.4, 0.15, 12
-#: Cycles that differ by more than this part of their mean square are none.
+#: A period is refused if its cycles differ by more than this part of their mean square.
 LARGEST_UNLIKENESS = 0.7
 #: Parts of the recording that are left out at both ends, one after the other.
 LEFT_OUT = (0.0, 0.125, 0.25)
@@ -63,13 +63,6 @@ _PHASES = 256
 _FEW_PHASES = 48
 #: Part of the span below which a factor counts as exact.
 _EXACT = 1e-7
-
-
-def detrend(curve: np.ndarray) -> np.ndarray:
-    """Without the line that is nearest to each column."""
-    time = np.linspace(-1.0, 1.0, len(curve))[:, None]
-    centred = curve - curve.mean(axis=0)
-    return np.asarray(centred - time * (time.T @ centred) / (time.T @ time))
 
 
 class Cycles(NamedTuple):
@@ -178,9 +171,10 @@ def _repetitions(curve: np.ndarray, dt: float) -> list[tuple[float, float]]:
 
 def _autocorrelation(curve: np.ndarray) -> np.ndarray:
     """Correlation of a curve with itself, by lag, up to `LONGEST_LAG` of its length."""
+    from scipy.signal import detrend  # slow to import
     count = len(curve)
     # A centre that walks is no part of the cycle.
-    centred = detrend(curve) if count > 2 else curve - curve.mean(axis=0)
+    centred = detrend(curve, axis=0)
     size = next_fast_len(2 * count, real=True)
     power = (np.abs(rfft(centred, size, axis=0)) ** 2).sum(axis=1)
     products = irfft(power, size)[:round(LONGEST_LAG * count) + 1]
@@ -216,9 +210,10 @@ def _by_phase(curve: np.ndarray, period: float) -> Cycles | None:
     For cycles that differ much in length and size from each other: the phase of what oscillates
     with about this period tells where each begins. None if there is no such part.
     """
+    from scipy.signal import detrend  # slow to import
     count = len(curve)
     padded = next_fast_len(count + 2 * round(period))
-    spectrum = fft(detrend(curve), padded, axis=0)
+    spectrum = fft(detrend(curve, axis=0), padded, axis=0)
     frequency = np.abs(np.fft.fftfreq(padded)) * period
     # What oscillates with 0.4 to 1.6 times the frequency; positive ones only give the phase.
     window = np.clip(np.minimum(frequency - 0.3, 1.75 - frequency) / 0.15, 0.0, 1.0)

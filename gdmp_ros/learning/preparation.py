@@ -48,20 +48,12 @@ def averaged(demonstration: Demonstration) -> Samples:
     size = count // SAMPLES
     if size < 2:
         return Samples(demonstration, (demonstration.times - begins) / demonstration.duration)
-    manifold = demonstration.manifold
     steps = np.diff(demonstration.times)
     # The samples before and after a gap are not averaged.
     runs = np.split(np.arange(count), np.flatnonzero(steps > size * np.median(steps)) + 1)
     first = np.concatenate([run[:max(len(run) // size, 1) * size:size] for run in runs])
-    groups = np.searchsorted(first, np.arange(count), side='right') - 1
-    counts = np.bincount(groups)
-    middles = demonstration.points[first + counts // 2]
-    tangents, _ = manifold.log_anyway(middles[groups], demonstration.points)
-    sums = np.add.reduceat(tangents, first, axis=0)
-    averages = manifold.exp(middles, sums / counts.reshape(-1, *[1] * (sums.ndim - 1)))
-    times = np.add.reduceat(demonstration.times, first) / counts
-    return Samples(Demonstration(times, averages, manifold),
-                   (times - begins) / demonstration.duration)
+    means = demonstration.means(first)
+    return Samples(means, (means.times - begins) / demonstration.duration)
 
 
 class Endpoint(NamedTuple):

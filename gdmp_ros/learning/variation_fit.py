@@ -23,6 +23,7 @@ from gdmp_ros.dmp.variation import (
 )
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.learning.regression import Smoother, smoother
+from gdmp_ros.util.numeric import numbers_or_none
 
 #: Contexts of the takes as users give them: numbers for each name, or one row for each take.
 GivenContexts: TypeAlias = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | np.ndarray
@@ -67,11 +68,8 @@ class Contexts:
         :raises DataError: if there are too few takes, or a number does not vary
         """
         names = tuple(map(str, given)) if isinstance(given, Mapping) else ()
-        try:
-            numbers = np.array([given[name] for name in given] if isinstance(given, Mapping)
-                               else given, dtype=np.float64)
-        except (TypeError, ValueError):
-            numbers = np.empty(0)
+        numbers = numbers_or_none([given[name] for name in given] if isinstance(given, Mapping)
+                                  else given)
         if isinstance(given, Mapping):
             numbers = numbers.T
         if numbers.ndim != 2 or len(numbers) != count or not numbers.size or not np.isfinite(

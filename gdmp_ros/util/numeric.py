@@ -1,4 +1,4 @@
-"""Numbers that somebody gave."""
+"""Arguments as arrays of numbers."""
 from __future__ import annotations
 
 from typing import Any
@@ -10,7 +10,7 @@ from gdmp_ros.errors import GdmpError, ParameterError
 
 def numbers(name: str, given: Any, error: type[GdmpError] = ParameterError) -> np.ndarray:
     """
-    What was given as an array, float64.
+    An argument as an array, float64.
 
     :param name: of it, in the message
     :raises error: if it is not numbers, or not in equal rows
@@ -19,3 +19,11 @@ def numbers(name: str, given: Any, error: type[GdmpError] = ParameterError) -> n
         return np.asarray(given, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
         raise error(f'{name}: expected numbers, got {given!r:.80}') from None
+
+
+def numbers_or_none(given: Any) -> np.ndarray:
+    """The same; an empty array if it is not numbers, for a caller that checks the shape."""
+    try:
+        return numbers('', given)
+    except ParameterError:
+        return np.empty(0)

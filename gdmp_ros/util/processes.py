@@ -15,10 +15,19 @@ from gdmp_ros.util.child_process import command as child_command
 _held, _came = threading.Event(), threading.Event()
 
 
+class Interrupt(KeyboardInterrupt):
+    """
+    Ctrl-C.
+
+    If a KeyboardInterrupt itself leaves the execution of a text, as modules do it when they are
+    imported, CPython ends the process by the signal, although it is handled later.
+    """
+
+
 def interrupt_on_sigterm() -> None:
-    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that everything is cleaned up."""
+    """Make SIGTERM raise Interrupt, as Ctrl-C does, so that everything is cleaned up."""
     def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+        raise Interrupt
     signal.signal(signal.SIGTERM, interrupt)
 
 
@@ -33,7 +42,7 @@ def stop_event() -> threading.Event:
 @contextmanager
 def held_interrupts() -> Iterator[None]:
     """
-    Let Ctrl-C raise KeyboardInterrupt at the end of this short piece of work, not inside of it.
+    Let Ctrl-C raise Interrupt at the end of this short piece of work, not inside of it.
 
     Compiled code, such as that of rclpy, turns a KeyboardInterrupt into other exceptions, or drops
     it. Acts inside of `noted_interrupts`, in the main thread.
@@ -48,16 +57,7 @@ def held_interrupts() -> Iterator[None]:
         _held.clear()
         if _came.is_set():
             _came.clear()
-            raise KeyboardInterrupt
-
-
-class Interrupt(KeyboardInterrupt):
-    """
-    Ctrl-C.
-
-    If a KeyboardInterrupt itself leaves the execution of a text, as modules do it when they are
-    imported, CPython ends the process by the signal, although it is handled later.
-    """
+            raise Interrupt
 
 
 @contextmanager

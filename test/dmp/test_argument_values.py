@@ -1,4 +1,4 @@
-"""Every public argument with values nobody should give: a named error, or a finite result."""
+"""Invalid values of every public argument: a named error, or a finite result."""
 import warnings
 
 import numpy as np

@@ -1,1 +1,1 @@
-"""Files that the real programs write and read, each in an environment of its own."""
+"""Exchange of files with other programs, each in a virtual environment of its own."""

@@ -1,8 +1,9 @@
 """Rhythmic skills from recordings as people make them: noise, uneven tempo, ways to and fro."""
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import PchipInterpolator
 
+from experiments.edges import grating, largest_acceleration
 from gdmp_ros import (
     CutLocusError,
     DataError,
@@ -197,29 +198,6 @@ def test_settings_out_of_range_are_refused(rng):
             Skill.learn_rhythmic(shown, **settings)
 
 
-def grated(rng, cycles, samples, uneven, walk, noise=5e-4, rate=30.0):
-    """Strokes of a hand: each cycle has its own length and size, and the centre walks."""
-    lengths = samples / rate * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
-    sizes = 0.1 * (1.0 + uneven * rng.uniform(-1.0, 1.0, cycles + 1))
-    marks = np.concatenate([[0.0], np.cumsum(lengths)])
-    numbers = np.arange(cycles + 1.0)
-
-    def at(times):
-        passed = CubicSpline(marks, np.arange(cycles + 2.0))(times)
-        size = CubicSpline(numbers + 0.5, sizes)(np.clip(passed, 0.5, cycles + 0.5))
-        angle = 2.0 * np.pi * passed
-        path = np.column_stack([size * np.sin(angle),
-                                0.15 * size * np.cos(angle) + 0.02 * np.sin(2.0 * angle),
-                                0.02 * np.cos(2.0 * angle)])
-        return path + np.outer(passed * walk * 0.2, [0.2, 0.9, 0.1])
-    times = np.arange(0.0, marks[cycles], 1.0 / rate)
-    fine = np.linspace(0.0, times[-1], 4000)
-    clean = np.gradient(np.gradient(at(fine), fine, axis=0), fine, axis=0)[20:-20]
-    points = at(times) + noise * rng.standard_normal((len(times), 3))
-    return (Demonstration(times, points, Euclidean(3)),
-            float(np.linalg.norm(clean, axis=1).max()))
-
-
 @pytest.mark.parametrize('uneven', [0.1, 0.3])
 @pytest.mark.parametrize('walk', [0.0, 0.05, 0.2])
 def test_cycles_that_differ_and_a_centre_that_walks(uneven, walk):
@@ -227,14 +205,13 @@ def test_cycles_that_differ_and_a_centre_that_walks(uneven, walk):
     for seed in range(5):
         rng = np.random.default_rng(seed)
         cycles = int(rng.integers(3, 9))
-        shown, fastest = grated(rng, cycles, rng.integers(20, 61), uneven, walk)
+        shown, fastest = grating(rng, cycles, int(rng.integers(20, 61)), uneven, walk)
         skill = Skill.learn_rhythmic(shown)
         fit = fit_report(skill, shown).demonstrations[0]
         assert 1.8 < fit.cycles < cycles + 1.0
-        path = skill.rollout().sample(np.linspace(0.0, 2.0 * skill.duration, 1500))
-        velocity = np.gradient(path.points, path.times, axis=0)
-        acceleration = np.gradient(velocity, path.times, axis=0)[5:-5]
-        assert np.linalg.norm(acceleration, axis=1).max() < 1.5 * fastest
+        def path(times, rollout=skill.rollout()):
+            return rollout.sample(times).points
+        assert largest_acceleration(path, 2.0 * skill.duration)[0] < 1.5 * fastest
         if uneven == 0.1:
             # What the centre walks in a cycle is reported.
             share = fit.closing[0] * skill.duration / (fit.duration * 0.2)

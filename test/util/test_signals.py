@@ -78,7 +78,7 @@ from gdmp_ros.util.processes import noted_interrupts
 def main():
     with noted_interrupts():
         try:
-            exec("import os, signal, time; os.kill(os.getpid(), signal.SIGINT); time.sleep(1.0)")
+            exec("import signal; signal.raise_signal(signal.SIGINT)")
         except KeyboardInterrupt:
             return 130
 raise SystemExit(main())
