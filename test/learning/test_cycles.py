@@ -198,6 +198,11 @@ def test_settings_out_of_range_are_refused(rng):
             Skill.learn_rhythmic(shown, **settings)
 
 
+def acceleration_of(skill):
+    return largest_acceleration(lambda times: skill.rollout().sample(times).points,
+                                2.0 * skill.duration)[0]
+
+
 @pytest.mark.parametrize('uneven', [0.1, 0.3])
 @pytest.mark.parametrize('walk', [0.0, 0.05, 0.2])
 def test_cycles_that_differ_and_a_centre_that_walks(uneven, walk):
@@ -209,9 +214,7 @@ def test_cycles_that_differ_and_a_centre_that_walks(uneven, walk):
         skill = Skill.learn_rhythmic(shown)
         fit = fit_report(skill, shown).demonstrations[0]
         assert 1.8 < fit.cycles < cycles + 1.0
-        def path(times, rollout=skill.rollout()):
-            return rollout.sample(times).points
-        assert largest_acceleration(path, 2.0 * skill.duration)[0] < 1.5 * fastest
+        assert acceleration_of(skill) < 1.5 * fastest
         if uneven == 0.1:
             # What the centre walks in a cycle is reported.
             share = fit.closing[0] * skill.duration / (fit.duration * 0.2)
