@@ -42,6 +42,8 @@ WAVELENGTH, CORRELATION = 0.05, 0.1
 #: Directions with a smaller part of the largest standard deviation, each factor in its own unit,
 #: are left out.
 NEGLIGIBLE = 1e-3
+#: Share of takes that ellipsoids of the variation hold; confidence that ends tell of the rest.
+SURE = 0.95
 #: Most corrections for the curvature of the space, and when they have converged.
 CORRECTIONS, CONVERGED = 5, 1e-3
 
@@ -209,13 +211,37 @@ def variation_of(primitive: Skill, takes: Sequence[Demonstration],
     # Weights of late basis functions are larger, because the phase decays.
     effects = np.linalg.norm(maps.motion, axis=0) / np.sqrt(SAMPLES)
     scales = np.concatenate([units, units, np.outer(effects, units).reshape(-1)])
-    factor = (_compressed(np.vstack(parts) * scales) / scales).T
+    wider = np.sqrt(_few(primitive, share_rest, count - (1 if model is None else 1 + len(
+        model.names))))
+    factor = (_compressed(np.vstack(parts) * scales) / scales).T * np.tile(
+        wider, 2 + primitive.n_basis)[:, None]
     # Coordinates on a sphere have a normal component, in which nothing varies.
     tangent = change_of_frame(manifold, primitive.frame, primitive.frame)
     blocks = factor.reshape(-1, size, factor.shape[1])
     timing = np.sqrt(take_weights @ lengths ** 2 / (count - 1.0))
-    return Variation(np.einsum('ij,kjr->kir', tangent, blocks).reshape(factor.shape), noise,
-                     float(timing), model)
+    return Variation(np.einsum('ij,kjr->kir', tangent, blocks).reshape(factor.shape),
+                     wider ** 2 * noise, float(timing), model)
+
+
+def _few(primitive: Skill, share: float, free: int) -> np.ndarray:
+    """
+    By how much variances grow because they were estimated from few takes, for each coordinate.
+
+    With it the ellipsoid in which 95 % of a normal distribution lie holds 95 % of takes that were
+    not seen: those are distributed as Student's t.
+
+    :param share: of the variance that is the same in all directions of a factor
+    :param free: degrees of freedom of the takes
+    """
+    from scipy.special import chdtri, fdtri
+    result = np.empty(primitive.manifold.tangent_size)
+    for columns in primitive.manifold.tangent_slices:
+        size = columns.stop - columns.start
+        # Variance of a mixture of the estimate in a direction and the mean over all of them.
+        own, others = 1.0 - share + share / size, share / size
+        freedom = free / (own ** 2 + (size - 1) * others ** 2)
+        result[columns] = size * fdtri(size, freedom, SURE) / chdtri(size, 1.0 - SURE)
+    return result
 
 
 def _context_fit(primitive: Skill, contexts: Contexts, take_weights: np.ndarray,
@@ -271,29 +297,39 @@ def _rest(primitive: Skill, take: Demonstration, ends: np.ndarray, progress: np.
 
 def _told_by_ends(ends: np.ndarray, rest: np.ndarray, share: float, usual: np.ndarray) -> float:
     """
-    How much of what start and goal seem to tell of the rest they do, from 0 to 1.
+    How much of what start and goal seem to tell of the rest they surely do, from 0 to 1.
 
     Each take is left out once, and predicted from its ends by the others. With few takes, or if
-    all end at the same point, nothing may be left: the skill is then only moved to its ends.
+    all end at the same point, nothing may be sure: the skill is then only moved to its ends.
 
     :param ends: of each take, rows of a factor, shape ``(takes, any)``
     :param rest: of each take, in comparable units, shape ``(takes, any)``
     :param share: of equal variances of the ends, in their covariance
     :param usual: root of these variances, square
     """
+    from scipy.special import stdtrit
     count = len(ends)
     if count < 3:
         return 0.0
-    along = across = 0.0
+    along, across = np.zeros(count), np.zeros(count)
     for left_out in range(count):
         others = np.arange(count) != left_out
+        # Around the mean of the others: a common mean would let each take predict itself.
+        known, known_rest = (part[others] - part[others].mean(axis=0) for part in (ends, rest))
         scale = (count - 1.0) / (count - 2.0)
-        own = (1.0 - share) * scale * ends[others].T @ ends[others] + share * usual @ usual.T
-        tells = np.linalg.lstsq(own, ends[left_out], rcond=None)[0]
-        predicted = (1.0 - share) * scale * (ends[others] @ tells) @ rest[others]
-        along += float(predicted @ rest[left_out])
-        across += float(predicted @ predicted)
-    return min(max(along / across, 0.0), 1.0) if across > 0.0 else 0.0
+        own = (1.0 - share) * scale * known.T @ known + share * usual @ usual.T
+        tells = np.linalg.lstsq(own, ends[left_out] - ends[others].mean(axis=0), rcond=None)[0]
+        predicted = (1.0 - share) * scale * (known @ tells) @ known_rest
+        along[left_out] = predicted @ (rest[left_out] - rest[others].mean(axis=0))
+        across[left_out] = predicted @ predicted
+    if not across.any():
+        return 0.0
+    # As much as is sure: the lower confidence limit of a regression on what is predicted. Its error
+    # is that of a jackknife (HC3): takes differ in how much they say.
+    slope, parts = along.sum() / across.sum(), across / across.sum()
+    error = np.linalg.norm((along - slope * across) / np.maximum(1.0 - parts, 1e-9)
+                           ) / across.sum()
+    return float(np.clip(slope - stdtrit(count - 1.0, SURE) * error, 0.0, 1.0))
 
 
 def _equal_ends(primitive: Skill, samples: np.ndarray) -> np.ndarray:
