@@ -324,8 +324,8 @@ def _told_by_ends(ends: np.ndarray, rest: np.ndarray, share: float, usual: np.nd
         across[left_out] = predicted @ predicted
     if not across.any():
         return 0.0
-    # As much as is sure: the lower confidence limit of a regression on what is predicted. Its error
-    # is that of a jackknife (HC3): takes differ in how much they say.
+    # As much as is sure: the lower confidence limit of a regression on what is predicted, with
+    # the error of a jackknife (HC3): takes differ in how much they say.
     slope, parts = along.sum() / across.sum(), across / across.sum()
     error = np.linalg.norm((along - slope * across) / np.maximum(1.0 - parts, 1e-9)
                            ) / across.sum()
