@@ -85,6 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                       help='the path, by N bumps for each coordinate of the pose')
     vary.add_argument('--vary-via', type=number(above=0.0, high=1.0), nargs='+', metavar='S',
                       help='the pose at this progress, 0 to 1')
+    vary.add_argument('--vary-spiral', type=integer(1), metavar='N',
+                      help='a spiral of N turns around the path, across the z axis of the base: '
+                           'searching for a hole')
     vary.add_argument('--vary-stiffness', type=integer(1), metavar='N',
                       help='the stiffness at N places; 1: the same factors everywhere')
     vary.add_argument('--vary-duration', action='store_true', help='the duration')
@@ -154,6 +157,9 @@ def _improve(options: argparse.Namespace, task: Task, variables: Variables, exec
     for name, judged in (('before', state.before), ('after', state.after)):
         if judged is not None:
             print(f'{name}: {pages.described(judged)}')
+    if state.worse:
+        print('the best guess does worse: the skill is kept as it was. Make more updates, or '
+              'search with another --seed')
     print(f'wrote {options.output} and {page}')
 
 
@@ -232,13 +238,15 @@ def _skill(options: argparse.Namespace, task: Task) -> Skill:
 def _variables(options: argparse.Namespace, task: Task) -> list[Variable]:
     """What varies: what is asked for, or what the task says, or the path."""
     from gdmp_ros.improvement.task import ProvidesSkill
-    from gdmp_ros.improvement.variables import Stiffness, Tempo, ViaPoints, Weights
+    from gdmp_ros.improvement.variables import Spiral, Stiffness, Tempo, ViaPoints, Weights
     millimetres, turn = options.by
     # Tangents on S³ are half the rotation vector.
     pose = {'position': 1e-3 * millimetres, 'orientation': 0.5 * turn}
     chosen: list[Variable] = []
     if options.vary_path is not None:
         chosen.append(Weights(options.vary_path, pose))
+    if options.vary_spiral is not None:
+        chosen.append(Spiral(options.vary_spiral, pose['position']))
     if options.vary_stiffness is not None:
         chosen.append(Stiffness(options.vary_stiffness))
     if options.vary_via:

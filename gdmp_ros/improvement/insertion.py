@@ -10,7 +10,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.improvement.task import Scored, SimulatedTask
 from gdmp_ros.improvement.trial import Trial
-from gdmp_ros.improvement.variables import Stiffness, Variable, Weights
+from gdmp_ros.improvement.variables import Spiral, Stiffness, Variable, Weights
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import HOLE_TOP, peg_and_hole, PEG_BELOW, PEG_HALF_LENGTH
@@ -47,8 +47,9 @@ class Insertion(SimulatedTask):
                            provenance={'shown': 'straight down'})
 
     def variables(self) -> Sequence[Variable]:
-        """The path of the tool, and one stiffness along and across the peg and for its turns."""
-        return [Weights(8, {'position': 0.003}), Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
+        """A spiral across the hole, the height, and stiffness along, across and for turns."""
+        return [Spiral(4, 0.003), Weights(4, {'position': 0.003}, (2,)),
+                Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
 
     def off(self, seed: int) -> np.ndarray:
         """How far the hole is off [m], evenly distributed in a disk."""

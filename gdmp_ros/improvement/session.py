@@ -110,6 +110,15 @@ class Judgement(NamedTuple):
         return None if self.successes is None else float(np.mean(self.successes))
 
 
+    @property
+    def rank(self) -> tuple[float, float, float]:
+        """Sorts judgements of the same task: failures, roll-outs ended early, median cost."""
+        median = self.median
+        return (0.0 if self.success is None else 1.0 - self.success,
+                float(np.mean([cost is None for cost in self.costs])),
+                np.inf if median is None else median)
+
+
 @dataclass
 class Improvement:
     """
@@ -136,15 +145,27 @@ class Improvement:
         """Roll-outs from which was learned so far."""
         return len(self.updates) * self.effort.samples * self.effort.situations
 
+    @property
+    def worse(self) -> bool:
+        """Whether the best guess does worse than the skill before where both were judged."""
+        return (self.before is not None and self.after is not None
+                and self.after.rank > self.before.rank)
+
     def skill(self) -> Skill:
-        """Return the skill at the best guess, which says where it comes from."""
-        result = self.variables.apply(self.search.mean)
+        """
+        Return the skill at the best guess, which says where it comes from.
+
+        If it does worse, this is the skill before, in the same way.
+        """
+        result = self.variables.skill if self.worse else self.variables.apply(self.search.mean)
         source: dict[str, Any] = {
             'task': self.task.name, 'search': self.search_name, 'rollouts': self.rollouts,
             'seed': self.seed, 'skill': dict(self.variables.skill.provenance)}
         for name, judged in (('before', self.before), ('after', self.after)):
             if judged is not None:
                 source[name] = {'median_cost': judged.median, 'success': judged.success}
+        if self.worse:
+            source['kept'] = 'the skill before: the best guess does worse'
         return replace(result, provenance={'improved': source})
 
 

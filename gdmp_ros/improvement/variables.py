@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 from typing import Protocol
 
 import numpy as np
@@ -17,8 +18,14 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.learning.regression import smoother
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
+
+#: Of the motion, where a spiral is fitted.
+SAMPLES = 401
+#: Basis functions in one turn of a spiral, at least.
+FUNCTIONS_PER_TURN = 4
 
 
 class Variable(Protocol):
@@ -47,19 +54,21 @@ class Weights:
     :param count: of bumps for each coordinate; with as many as basis functions each is one of them
     :param deviations: by factor: largest displacement of the path by one bump, in the unit of
         the tangents of the factor (m; half-angles on S³)
+    :param axes: coordinates of each factor that vary; by default all
     """
 
     count: int
     deviations: Mapping[str, float]
+    axes: Sequence[int] = ()
 
     def names(self, skill: Skill) -> list[str]:
         """Names of its numbers, for people."""
-        columns, _ = _coordinates(skill.manifold, self.deviations)
+        columns, _ = _coordinates(skill.manifold, self.deviations, self.axes)
         return [f'weight {k + 1} {name}' for k in range(self.count) for name in columns]
 
     def apply(self, skill: Skill, values: np.ndarray) -> Skill:
         """Return a skill that is changed by some numbers; 0 changes nothing."""
-        _, (columns, deviations) = _coordinates(skill.manifold, self.deviations)
+        _, (columns, deviations) = _coordinates(skill.manifold, self.deviations, self.axes)
         place = np.arange(skill.n_basis) / max(skill.n_basis - 1, 1)
         centres = np.linspace(0.0, 1.0, self.count)
         width = 1.0 / max(self.count - 1, 1)
@@ -69,6 +78,54 @@ class Weights:
         bumps /= np.abs(moved).max(axis=0)
         weights = np.array(skill.weights)
         weights[:, columns] += bumps @ (values.reshape(self.count, -1) * deviations)
+        return replace(skill, weights=weights)
+
+
+@dataclass(frozen=True)
+class Spiral:
+    """
+    A search along a spiral around the path, which covers a disk: its radius.
+
+    It begins on the path, grows evenly, and returns to the path at the end.
+
+    :param turns: of the spiral
+    :param deviation: of the radius, in the unit of the tangents of the factor (m)
+    :param first: progress where it begins, and ``last`` where it is widest
+    :param axes: the two coordinates of the factor that span the disk
+    :param factor: name of the factor of the manifold
+    """
+
+    turns: int
+    deviation: float
+    first: float = 0.35
+    last: float = 0.9
+    axes: tuple[int, int] = (0, 1)
+    factor: str = 'position'
+
+    def names(self, skill: Skill) -> list[str]:
+        """Name of its number, for people."""
+        _coordinates(skill.manifold, {self.factor: self.deviation}, self.axes)
+        least = math.ceil(FUNCTIONS_PER_TURN * self.turns / (self.last - self.first))
+        if skill.n_basis < least:
+            raise ParameterError(f'a spiral of {self.turns} turns needs a skill of {least} basis '
+                                 f'functions, this one has {skill.n_basis}')
+        return [f'radius of a spiral of {self.factor}']
+
+    def apply(self, skill: Skill, values: np.ndarray) -> Skill:
+        """Return a skill whose path winds; 0 and less change nothing."""
+        radius = self.deviation * max(float(values[0]), 0.0)
+        if radius == 0.0:
+            return skill
+        columns = _coordinates(skill.manifold, {self.factor: 1.0}, self.axes)[1][0]
+        progress = np.linspace(0.0, 1.0, SAMPLES)
+        grown = np.clip((progress - self.first) / (self.last - self.first), 0.0, 1.0)
+        left = np.clip((1.0 - progress) / (1.0 - self.last), 0.0, 1.0)
+        angle = 2.0 * np.pi * self.turns * grown
+        target = (radius * grown * left)[:, None] * np.column_stack([np.cos(angle),
+                                                                     np.sin(angle)])
+        weights = np.array(skill.weights)
+        maps = smoother(skill.n_basis, skill.gains, progress, 0.01)
+        weights[:, columns] += maps.weights @ target
         return replace(skill, weights=weights)
 
 
@@ -221,15 +278,18 @@ def _factor(manifold: Manifold, name: str) -> Manifold:
     return manifold.factors[manifold.names.index(name)]
 
 
-def _coordinates(manifold: Manifold, deviations: Mapping[str, float]
+def _coordinates(manifold: Manifold, deviations: Mapping[str, float], axes: Sequence[int] = ()
                  ) -> tuple[list[str], tuple[np.ndarray, np.ndarray]]:
     """Names of the coordinates of factors, their indices and standard deviations."""
     names, columns, spread = [], [], []
     for name, deviation in deviations.items():
         _factor(manifold, name)
         part = manifold.tangent_slices[manifold.names.index(name)]
-        for k, column in enumerate(range(part.start, part.stop)):
+        size = part.stop - part.start
+        for k in axes or range(size):
+            if not 0 <= k < size:
+                raise ParameterError(f'axis is {k}, {name} has the axes 0 to {size - 1}')
             names.append(f'{name} {k + 1}')
-            columns.append(column)
+            columns.append(part.start + k)
             spread.append(deviation)
     return names, (np.array(columns, dtype=int), np.array(spread))

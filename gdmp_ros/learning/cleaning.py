@@ -30,6 +30,8 @@ NEXT, WRONG = 8, 3
 #: A sample at an end is wrong if it is this many standard errors away from its prediction, and
 #: this many of the largest of the next steps.
 SIGNIFICANT, LARGE = 10.0, 3.0
+#: Noise of coordinates that do not move, of the size of the points.
+ROUNDING = 1e-12
 #: Samples from which the noise is estimated where there are few, and orders of the differences.
 FEW, ORDERS = 40, (3, 4, 5, 6, 7)
 #: Ratio of one window to the next smaller one.
@@ -215,14 +217,16 @@ def _parabola(away: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.nda
 def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -> int:
     """Number of wrong samples at the beginning."""
     most = min(len(times), 5 * FEW)
-    result = 0
-    for columns in demonstration.manifold.tangent_slices:
+    result, manifold = 0, demonstration.manifold
+    for columns, part in zip(manifold.tangent_slices, manifold.point_slices):
         samples = curve[:most, columns]
         steps = np.linalg.norm(np.diff(samples[:WRONG + NEXT], axis=0), axis=1)
         if steps[:WRONG].max() <= steps[WRONG:].max():
             continue  # no jump
         spread = np.abs(_differences(samples[WRONG:], times[WRONG:most], 3))
-        noise = float(np.median(spread)) / _MEDIAN
+        # Where nothing moves, there is rounding.
+        noise = max(float(np.median(spread)) / _MEDIAN,
+                    ROUNDING * max(1.0, float(np.abs(demonstration.flat_points[:, part]).max())))
         for first in range(WRONG, result, -1):
             after = slice(first, first + NEXT)
             if _is_wrong(samples[first - 1], samples[after], times[first - 1], times[after],

@@ -1,11 +1,13 @@
 """The improvement of a skill: the same result whoever makes the roll-outs, and after a stop."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from experiments.bench.improve import ViaPoint
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.improvement.session import Effort, improve, Job, roll_out, subject
+from gdmp_ros.improvement.session import Effort, improve, Job, Judgement, roll_out, subject
 from gdmp_ros.improvement.task import Outcome
 from gdmp_ros.improvement.variables import Tempo, Variables
 from gdmp_ros.util.parallel import Journal, map_tasks
@@ -60,6 +62,17 @@ def test_a_skill_becomes_better_and_says_where_it_comes_from(reference):
     assert (source['rollouts'], source['seed'], source['search']) == (192, 3, 'pibb')
     assert source['after']['median_cost'] == reference.after.median
     assert source['skill'] == dict(reference.variables.skill.provenance)
+
+
+def test_a_skill_that_became_worse_is_not_taken(reference):
+    worse = replace(reference, before=reference.after, after=reference.before)
+    assert worse.worse and not reference.worse
+    np.testing.assert_array_equal(worse.skill().weights, reference.variables.skill.weights)
+    assert 'kept' in worse.skill().provenance['improved']
+    # Success counts first, then what was ended early, then the cost.
+    ranks = [Judgement([1.0, 2.0], [True, True]), Judgement([0.0, 0.0], [True, False]),
+             Judgement([None, 0.0], [True, False]), Judgement([None, None], [False, False])]
+    assert [one.rank for one in ranks] == sorted(one.rank for one in ranks)
 
 
 def test_a_saved_skill_moves_as_the_improved_one(reference, tmp_path):

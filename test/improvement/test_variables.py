@@ -4,7 +4,14 @@ import pytest
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.improvement.variables import Stiffness, Tempo, Variables, ViaPoints, Weights
+from gdmp_ros.improvement.variables import (
+    Spiral,
+    Stiffness,
+    Tempo,
+    Variables,
+    ViaPoints,
+    Weights,
+)
 from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
@@ -62,6 +69,24 @@ def test_a_bump_acts_where_it_is():
     assert (np.diff(at) > 0.0).all()
 
 
+def test_a_spiral_covers_a_disk_and_nothing_else():
+    points = np.column_stack([0.1 * S, 0.2 * S, 0.3 * S])
+    skill = Skill.learn(Demonstration(2.0 * S, points, named(Euclidean(3))), 40)
+    variables = Variables(skill, [Spiral(4, 0.003, factor='it')])
+    for nothing in (0.0, -1.0):
+        np.testing.assert_array_equal(path(variables.apply(np.array([nothing]))), path(skill))
+    away = path(variables.apply(np.array([2.0]))) - path(skill)
+    assert np.abs(away[:, 2]).max() < 1e-9 and np.abs(away[S < 0.3]).max() < 3e-4
+    assert np.linalg.norm(away, axis=1).max() == pytest.approx(0.006, rel=0.1)
+    # Each place of the disk is passed within half the distance between two turns.
+    dense = np.linspace(0.0, 1.0, 4000)
+    near = path(variables.apply(np.array([2.0])), dense) - path(skill, dense)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+        for radius in (0.001, 0.003, 0.005):
+            place = radius * np.array([np.cos(angle), np.sin(angle)])
+            assert np.linalg.norm(near[:, :2] - place, axis=1).min() < 0.001
+
+
 @pytest.mark.parametrize('count', [1, 2, 5])
 def test_the_stiffness_is_scaled_along_its_axes(count):
     skill = tool_skill()
@@ -103,6 +128,8 @@ def test_variables_lie_one_after_the_other():
 def test_what_a_skill_does_not_have_is_refused():
     skill = skill_on(named(Euclidean(2)))
     for parts, text in (([], 'nothing varies'), ([Weights(3, {'position': 0.1})], "'position'"),
-                        ([Stiffness(1)], "'stiffness'"), ([Stiffness(1, factor='it')], 'SPD')):
+                        ([Stiffness(1)], "'stiffness'"), ([Stiffness(1, factor='it')], 'SPD'),
+                        ([Weights(3, {'it': 0.1}, (2,))], 'axis is 2'),
+                        ([Spiral(20, 0.1, factor='it')], 'needs a skill of 146 basis')):
         with pytest.raises(ParameterError, match=text):
             Variables(skill, parts)
