@@ -137,9 +137,13 @@ def _without_wrong_ends(demonstration: Demonstration, name: str) -> Demonstratio
     count = len(demonstration.times)
     if count < 2 * NEXT:
         return demonstration
-    curve, times = demonstration.unrolled, demonstration.times
-    points, wrong = demonstration.flat_points.copy(), []
+    times, points, wrong = demonstration.times, demonstration.flat_points.copy(), []
     for order in (slice(None), slice(None, None, -1)):
+        ends = points[order][:WRONG + NEXT + 1]
+        steps = demonstration.manifold.factor_distances(ends[1:], ends[:-1])
+        if (steps[:WRONG].max(axis=0) <= steps[WRONG:].max(axis=0)).all():
+            continue  # no jump
+        curve = demonstration.unrolled
         number = _wrong(curve[order], times[order], demonstration)
         if not number:
             continue
@@ -220,9 +224,6 @@ def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -
     result, manifold = 0, demonstration.manifold
     for columns, part in zip(manifold.tangent_slices, manifold.point_slices):
         samples = curve[:most, columns]
-        steps = np.linalg.norm(np.diff(samples[:WRONG + NEXT], axis=0), axis=1)
-        if steps[:WRONG].max() <= steps[WRONG:].max():
-            continue  # no jump
         spread = np.abs(_differences(samples[WRONG:], times[WRONG:most], 3))
         # Where nothing moves, there is rounding.
         noise = max(float(np.median(spread)) / _MEDIAN,
