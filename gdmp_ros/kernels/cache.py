@@ -82,12 +82,12 @@ def remove_stale() -> None:
     """Remove kernels of versions of Python or Numba no longer used."""
     oldest = time.time() - 86400.0 * _STALE_DAYS
     for folder in _base_folder().glob('numba-*'):
-        if folder.is_dir() and folder.name != _version() and folder.stat().st_mtime < oldest:
+        if folder.is_dir() and folder.name != _version() and -_age(folder) < oldest:
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def _age(path: Path) -> float:
-    """Age of a file; another process may have removed it meanwhile."""
+    """Time of a file or folder, negative; another process may have removed it meanwhile."""
     try:
         return -path.stat().st_mtime
     except FileNotFoundError:

@@ -1,4 +1,5 @@
 """Compiled kernels are kept on disk, and compiled again when their code has changed."""
+from concurrent.futures import ThreadPoolExecutor
 import importlib
 import math
 import os
@@ -134,6 +135,22 @@ def test_the_newest_versions_of_a_kernel_are_kept(folder):
     assert len(versions) == cache._KEPT_VERSIONS
     assert compiled_by(SOURCE.replace('+ 1.0', f'+ {number}.5'), 6.5 + number) == []
     assert compiled_by(SOURCE.replace('+ 1.0', '+ 0.5'), 6.5) == ['example.outer']
+
+
+def test_several_may_remove_older_versions_at_once(folder):
+    compiled_by(SOURCE, 7.0)
+    kept = cache_folder() / 'gdmp_ros.example'
+    caches = [cache.KernelCache(outer_of(SOURCE).py_func) for _ in range(4)]
+
+    def remove(one):
+        for number in range(100):
+            for version in range(8):
+                (kept / f'example.outer-{version}.{number}.nbi').touch()
+            one._remove_older()
+    with ThreadPoolExecutor(len(caches)) as pool:
+        list(pool.map(remove, caches))
+    caches[0]._remove_older()
+    assert len(list(kept.glob('example.outer-*.nbi'))) == cache._KEPT_VERSIONS
 
 
 def test_caches_of_older_versions_are_removed(folder):
