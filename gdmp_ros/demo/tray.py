@@ -12,7 +12,6 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds import Euclidean, Product, UnitQuaternion
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
-from gdmp_ros.playback.pair_skill import one_of_two
 from gdmp_ros.playback.player import Player
 from gdmp_ros.sim.two_arms import (
     ball_is_on_tray,
@@ -123,7 +122,7 @@ def carry(skill: Skill, coupling: Coupling, folder: Path | None = None, name: st
         nonlocal switched
         if done >= SWITCH_AT and not switched:
             switched = True
-            player.go_to(one_of_two(goal, 0))
+            player.go_to(goal, side=0)
     rows, pictures = [], []
     with progress(f'carrying, {name.replace("_", " ")}', round(1.2 * SHOWN_S)) as done:
         for number, moment in enumerate(arms.execute(skill, switch)):

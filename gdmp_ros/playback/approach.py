@@ -1,38 +1,94 @@
 """From a reference that rests elsewhere to the robot, before a motion begins there."""
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
-from gdmp_ros.manifolds.quaternion import rotate_by_vector, rotation_between
+from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
+from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.quaternion import rotate_by_vector
+from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
 
-#: Largest speed [m/s, rad/s]: less than 0.5 mm in a tick of 1 ms.
-SPEED, ANGULAR_SPEED = 0.4, 0.8
+#: Share of the acceleration that is planned with, and time constant at the end [s].
+_PLANNED, _END_S = 0.9, 0.02
+#: Part of the way that is left at the end.
+_ARRIVED = 1e-5
+# Numbers of an approach.
+_PROGRESS, _RATE, _FASTEST, _LARGEST, _STOPS = range(5)
 
 
 class Approach:
-    """A straight motion from rest to rest."""
+    """
+    A straight way from rest to rest, of all channels with one tempo.
 
-    def __init__(self, start: np.ndarray, end: np.ndarray):
-        """:param start: pose (x, y, z, qw, qx, qy, qz)"""
-        self._start, self._time = start.copy(), 0.0
-        self._way = np.empty(6)
-        self._way[:3] = end[:3] - start[:3]
-        rotation_between(start[3:7], end[3:7], self._way[3:])
-        # A cubic has 1.5 times its mean speed in the middle.
-        self._seconds = max(1.5 * max(float(np.linalg.norm(self._way[:3])) / SPEED,
-                                      float(np.linalg.norm(self._way[3:])) / ANGULAR_SPEED), 1e-3)
+    Speed and acceleration are bounded also when it is stopped on the way.
 
-    def advance(self, dt: float, target: np.ndarray) -> bool:
-        """Let ``dt`` seconds pass and write the target; whether the end is reached."""
-        self._time += dt
-        x = min(self._time / self._seconds, 1.0)
-        done = x * x * (3.0 - 2.0 * x)
-        target[POSE:POSE + 3] = self._start[:3] + done * self._way[:3]
-        rotate_by_vector(self._start[3:], done * self._way[3:], target[POSE + 3:POSE + 7])
-        target[TWIST:TWIST + 6] = 6.0 * x * (1.0 - x) / self._seconds * self._way
-        target[ACCELERATION:STIFFNESS] = (6.0 - 12.0 * x) / self._seconds ** 2 * self._way
-        if x < 1.0:
-            return False
-        target[TWIST:STIFFNESS] = 0.0
-        return True
+    :ivar stopping: whether it is to rest on the way
+    """
+
+    def __init__(self, start: np.ndarray, way: np.ndarray, table: np.ndarray, fastest: float,
+                 largest: float):
+        """
+        Plan.
+
+        :param start: targets at rest
+        :param way: of all channels, one number for each velocity
+        :param table: of the channels (`gdmp_ros.playback.channels.KIND`)
+        :param fastest: largest rate of the progress [1/s]
+        :param largest: its largest acceleration [1/s²]
+        """
+        self._start, self._way, self._table = start.copy(), way, table
+        self._numbers = np.array([0.0, 0.0, fastest, largest, 0.0])
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it is to rest on the way."""
+        return bool(self._numbers[_STOPS])
+
+    def stop(self) -> None:
+        """Come to rest on the way."""
+        self._numbers[_STOPS] = 1.0
+
+    def advance(self, dt: float, targets: np.ndarray) -> bool:
+        """Let ``dt`` seconds pass and write the targets; whether they rest, there or stopped."""
+        return bool(_approach(self._numbers, self._start, self._way, self._table, dt, targets))
+
+
+@kernel
+def _approach(numbers, start, way, table, dt, targets):
+    """Write targets on the way, and the numbers of the approach; whether they rest."""
+    left = 1.0 - numbers[_PROGRESS]
+    rate, largest = numbers[_RATE], numbers[_LARGEST]
+    desired = 0.0
+    if numbers[_STOPS] == 0.0:
+        desired = min(numbers[_FASTEST], math.sqrt(2.0 * _PLANNED * largest * left),
+                      left / _END_S)
+    change = min(max(desired - rate, -largest * dt), largest * dt)
+    numbers[_RATE] = rate + change
+    numbers[_PROGRESS] += dt * (rate + 0.5 * change)
+    acceleration = change / dt if dt > 0.0 else 0.0
+    rests = False
+    if numbers[_STOPS] == 0.0 and 1.0 - numbers[_PROGRESS] < _ARRIVED:
+        numbers[_PROGRESS], numbers[_RATE], acceleration, rests = 1.0, 0.0, 0.0, True
+    elif numbers[_STOPS] == 1.0 and numbers[_RATE] == 0.0:
+        acceleration, rests = 0.0, True
+    progress, rate = numbers[_PROGRESS], numbers[_RATE]
+    rotation = np.empty(3)
+    for row in table:
+        at, n, first = row[TARGET], row[COUNT], row[FIRST]
+        if row[KIND] == OF_JOINTS:
+            for i in range(n):
+                targets[at + i] = start[at + i] + progress * way[first + i]
+                targets[at + n + i] = rate * way[first + i]
+                targets[at + 3 * n + 1 + i] = acceleration * way[first + i]
+            continue
+        for i in range(3):
+            targets[at + POSE + i] = start[at + POSE + i] + progress * way[first + i]
+            rotation[i] = progress * way[first + 3 + i]
+        pose = at + POSE + 3
+        rotate_by_vector(start[pose:pose + 4], rotation, targets[pose:pose + 4])
+        for i in range(6):
+            targets[at + TWIST + i] = rate * way[first + i]
+            targets[at + ACCELERATION + i] = acceleration * way[first + i]
+    return rests

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.control.governor import catch_up, CATCH_UP_S
+from gdmp_ros.control.governor import CATCH_UP_S
 from gdmp_ros.control.target import (
     ACCELERATION,
     extrapolate_pose,
@@ -15,153 +15,262 @@ from gdmp_ros.control.target import (
     TWIST,
 )
 from gdmp_ros.kernels import kernel
-from gdmp_ros.manifolds.linalg import limit_norm, norm
+from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotation_between
+from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
 from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 #: Speed at which a bounded stream catches up, as a share of the largest speed.
 CATCH_UP_SHARE = 0.3
 #: Rounding of a step.
 _TOLERANCE = 1.0 + 1e-6
-
-
-@kernel
-def _bound(target, out, limits, dt):
-    """
-    Move a bounded reference towards a target by one tick.
-
-    :param out: the bounded reference of the last tick; changed
-    :param limits: speed and acceleration, of position and rotation
-    :returns: whether it is bounded now
-    """
-    way, change, jump = np.empty(6), np.empty(6), np.empty(6)
-    for i in range(3):
-        way[i] = target[POSE + i] - out[POSE + i]
-    rotation_between(out[POSE + 3:POSE + 7], target[POSE + 3:POSE + 7], way[3:])
-    for i in range(6):
-        change[i] = target[TWIST + i] - out[TWIST + i]
-        jump[i] = way[i] - dt * (out[TWIST + i] + 0.5 * change[i])
-    free = True
-    for part in range(2):
-        first = 3 * part
-        speed, acceleration = limits[2 * part], limits[2 * part + 1]
-        free = (free and norm(3, jump[first:first + 3]) <= acceleration * dt * dt
-                and norm(3, target[TWIST + first:TWIST + first + 3]) <= _TOLERANCE * speed
-                and norm(3, change[first:first + 3]) <= _TOLERANCE * acceleration * dt)
-    for i in range(STIFFNESS, out.size):
-        out[i] = target[i]
-    if free:
-        for i in range(STIFFNESS):
-            out[i] = target[i]
-        return False
-    velocity = np.empty(6)
-    for part in range(2):
-        first = 3 * part
-        speed, acceleration = limits[2 * part], limits[2 * part + 1]
-        for i in range(first, first + 3):
-            velocity[i] = target[TWIST + i]
-            way[i] -= dt * velocity[i]
-        catch_up(way[first:first + 3], 0.5 * acceleration, CATCH_UP_SHARE * speed,
-                 velocity[first:first + 3])
-        limit_norm(3, velocity[first:first + 3], speed)
-        for i in range(first, first + 3):
-            change[i] = velocity[i] - out[TWIST + i]
-        limit_norm(3, change[first:first + 3], acceleration * dt)
-        for i in range(first, first + 3):
-            out[TWIST + i] += change[i]
-            out[ACCELERATION + i] = change[i] / dt
-    extrapolate_pose(out, dt, out[POSE:POSE + 7])
-    return True
+#: Least tempo; largest rate at which it rises [1/s]; share of an acceleration that it uses.
+_LEAST, _RISE, _KEPT = 0.02, 5.0, 0.9
+#: A part that is slower than this has no direction [m/s, rad/s].
+_SLOW = 1e-6
+# Columns of `_parts`: numbers of a part, its first velocity, largest speed and acceleration.
+_SIZE, _AT, _SPEED, _ACCELERATION = range(4)
 
 
 class StreamBounds:
     """
-    The bounded stream of a player.
+    Bounds references; those of another kind begin another stream.
+
+    A motion that is too fast is slowed down in time: `tempo` is what the ticks of the player are
+    to be multiplied by. All channels stay on their paths then, and two tools that belong together
+    stay together. What is left, as a step of the references, is bounded in space.
 
     :ivar bounded: ticks in which the bounds were active
     """
 
     def __init__(self, settings: StreamSettings):
-        self._out = np.zeros(TARGET_SIZE)
-        self._begun = False
+        self._settings = settings
+        self._out: np.ndarray | None = None
+        self._work, self._tempo = np.empty(0), np.ones(2)
+        self._kind, self._parts = Kind.TOOL, np.empty((0, 4))
         self.bounded = 0
-        self.configure(settings)
 
     def configure(self, settings: StreamSettings) -> None:
-        """Use other bounds from now on."""
-        self._limits = np.array([item or math.inf for item in (
-            settings.stream_speed, settings.stream_acceleration, settings.stream_angular_speed,
-            settings.stream_angular_acceleration)])
+        """Use other bounds from the next stream on, and from now on if there is one."""
+        self._settings = settings
+        if len(self._parts):
+            self._parts[:, _SPEED:] = [self._limits(size) for size in self._parts[:, _SIZE]]
 
     def reset(self) -> None:
         """The next reference begins a stream."""
-        self._begun = False
+        self._out = None
+        self._tempo[:] = 1.0, 0.0
 
-    def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
+    @property
+    def tempo(self) -> float:
+        """Part of the time of the next tick that is to pass for the player, at most 1."""
+        return float(self._tempo[0])
+
+    def apply(self, skill: StreamedSkill, reference: np.ndarray, dt: float) -> np.ndarray:
         """
         Bound the reference of a tick.
 
-        :param target: `TARGET_SIZE` numbers; not changed
-        :returns: `TARGET_SIZE` numbers, the same array every time
+        :param skill: that is played
+        :param reference: of a player for which `tempo` of the time has passed; not changed
+        :returns: the same array every time
         """
-        if not self._begun:
-            self._out[:], self._begun = target, True
-        elif dt > 0.0:
-            self.bounded += bool(_bound(target, self._out, self._limits, dt))
-        return self._out
+        out = self._out
+        if out is None or skill.kind is not self._kind or len(out) != len(reference):
+            self._kind, self._parts = skill.kind, self._parts_of(skill)
+            self.reset()
+            self._out, self._work = reference.copy(), reference.copy()
+            return self._out
+        if dt > 0.0:
+            self.bounded += bool(_bound_in_time_and_space(
+                reference, out, skill.table, self._parts, dt, self._work, self._tempo))
+        return out
+
+    def _limits(self, size: float) -> tuple[float, float]:
+        """Largest speed and acceleration of a position (-3), a rotation (3) or a joint (1)."""
+        settings = self._settings
+        speed, acceleration = ((settings.stream_speed, settings.stream_acceleration) if size < 0
+                               else (settings.stream_angular_speed,
+                                     settings.stream_angular_acceleration))
+        return speed or math.inf, acceleration or math.inf
+
+    def _parts_of(self, skill: StreamedSkill) -> np.ndarray:
+        result = []
+        for row in skill.table:
+            sizes = [1] * row[COUNT] if row[KIND] == OF_JOINTS else [-3, 3]
+            at = row[FIRST]
+            for size in sizes:
+                result.append((size, at, *self._limits(size)))
+                at += abs(size)
+        return np.array(result)
 
 
 @kernel
-def _bound_joints(target, out, limits, n, dt):
-    """
-    Move bounded references of n joints towards a target by one tick; see `_bound`.
-
-    :param target: positions, velocities, stiffness, damping ratio, accelerations
-    :param limits: largest speed and acceleration [rad/s, rad/s²]
-    """
-    bounded = False
-    speed, acceleration = limits[0], limits[1]
-    for i in range(2 * n, out.size):
-        out[i] = target[i]
-    for i in range(n):
-        desired, velocity = target[n + i], out[n + i]
-        change = desired - velocity
-        jump = target[i] - out[i] - dt * (velocity + 0.5 * change)
-        if (abs(jump) <= acceleration * dt * dt and abs(desired) <= _TOLERANCE * speed
-                and abs(change) <= _TOLERANCE * acceleration * dt):
-            out[i], out[n + i] = target[i], desired
+def _velocities_to(target, out, table, way, desired, velocity):
+    """Way from bounded references to targets, velocities of the targets, and bounded ones."""
+    for row in table:
+        at, n, first = row[TARGET], row[COUNT], row[FIRST]
+        if row[KIND] == OF_JOINTS:
+            for i in range(n):
+                way[first + i] = target[at + i] - out[at + i]
+                desired[first + i] = target[at + n + i]
+                velocity[first + i] = out[at + n + i]
             continue
-        bounded = True
-        lag = target[i] - out[i] - dt * velocity
-        closing = min(abs(lag) / CATCH_UP_S, CATCH_UP_SHARE * speed,
-                      math.sqrt(acceleration * abs(lag)))
-        desired = min(max(desired + math.copysign(closing, lag), -speed), speed)
-        out[n + i] += min(max(desired - velocity, -acceleration * dt), acceleration * dt)
-        out[i] += dt * out[n + i]
-    return bounded
+        for i in range(3):
+            way[first + i] = target[at + POSE + i] - out[at + POSE + i]
+        rotation_between(out[at + POSE + 3:at + POSE + 7], target[at + POSE + 3:at + POSE + 7],
+                         way[first + 3:first + 6])
+        for i in range(6):
+            desired[first + i] = target[at + TWIST + i]
+            velocity[first + i] = out[at + TWIST + i]
 
 
-class JointBounds:
+@kernel
+def _bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
     """
-    The bounded stream of a skill of the joints.
+    Scale the velocities of targets by the tempo, choose the next one, and bound what is left.
 
-    :ivar bounded: ticks in which the bounds were active
+    :param work: targets; overwritten
+    :param tempo: tempo of this tick, and its rate [1/s]; become those of the next one
+    :returns: whether the references are bounded
     """
+    slowed = tempo[0] < 1.0 or tempo[1] != 0.0
+    for i in range(target.size):
+        work[i] = target[i]
+    size = table[-1, FIRST] + table[-1, COUNT]
+    velocity, acceleration = np.empty(size), np.empty(size)
+    for row in table:
+        at, n, first = row[TARGET], row[COUNT], row[FIRST]
+        speeds, changes = at + TWIST, at + ACCELERATION
+        if row[KIND] == OF_JOINTS:
+            speeds, changes = at + n, at + 3 * n + 1
+        for i in range(n):
+            velocity[first + i] = target[speeds + i]
+            acceleration[first + i] = target[changes + i]
+            if slowed:
+                work[speeds + i] = tempo[0] * target[speeds + i]
+                work[changes + i] = (tempo[0] ** 2 * target[changes + i]
+                                     + tempo[1] * target[speeds + i])
+    _choose_tempo(velocity, acceleration, parts, dt, tempo)
+    bounded = _bound(work, out, table, parts, dt)
+    return bounded or slowed
 
-    def __init__(self, settings: StreamSettings, joints: int):
-        self._n, self._out = joints, np.empty(0)
-        self.bounded = 0
-        self.configure(settings)
 
-    def configure(self, settings: StreamSettings) -> None:
-        """Use other bounds from now on."""
-        self._limits = np.array([item or math.inf for item in (
-            settings.stream_angular_speed, settings.stream_angular_acceleration)])
+@kernel
+def _choose_tempo(velocity, acceleration, parts, dt, tempo):
+    """
+    The largest next tempo s with speeds s |v| and accelerations |s² a + s' v| inside the bounds.
 
-    def apply(self, target: np.ndarray, dt: float) -> np.ndarray:
-        """Bound the reference of a tick; see `StreamBounds.apply`."""
-        if not len(self._out):
-            self._out = target.copy()
-        elif dt > 0.0:
-            self.bounded += bool(_bound_joints(target, self._out, self._limits, self._n, dt))
-        return self._out
+    :param tempo: present tempo, and its rate [1/s]; changed
+    """
+    present = tempo[0]
+    most, low, high = 1.0, -math.inf, _RISE
+    for part in parts:
+        n, at, largest = abs(int(part[_SIZE])), int(part[_AT]), part[_ACCELERATION]
+        v, a = velocity[at:at + n], acceleration[at:at + n]
+        speed, along = norm(n, v), 0.0
+        if speed > _SLOW:
+            most = min(most, part[_SPEED] / speed)
+            for i in range(n):
+                along += v[i] * a[i] / speed
+        across = math.sqrt(max(norm(n, a) ** 2 - along ** 2, 0.0))
+        if largest == math.inf:
+            continue
+        if across > 0.0:
+            most = min(most, math.sqrt(_KEPT * largest / across))
+        if speed <= _SLOW:
+            if along == 0.0 and norm(n, a) > 0.0:
+                most = min(most, math.sqrt(_KEPT * largest / norm(n, a)))
+            continue
+        # |s² a + s' v|² <= largest²: an interval of s'.
+        room = math.sqrt(max(largest ** 2 - (present ** 2 * across) ** 2, 0.0))
+        low = max(low, (-present ** 2 * along - room) / speed)
+        high = min(high, (-present ** 2 * along + _KEPT * room) / speed)
+    rate = max(min(high, (most - present) / dt), low)
+    after = min(max(present + rate * dt, _LEAST), 1.0)
+    if after > 1.0 - 1e-9:
+        after = 1.0
+    tempo[1] = (after - present) / dt
+    tempo[0] = after
+
+
+@kernel
+def _bound(target, out, table, parts, dt):
+    """
+    Move bounded references towards targets by one tick.
+
+    :param out: the bounded references of the last tick; changed
+    :param parts: what is bounded; see `_SIZE`
+    :returns: whether they are bounded now
+    """
+    size = table[-1, FIRST] + table[-1, COUNT]
+    way, desired, velocity, step = np.empty(size), np.empty(size), np.empty(size), np.empty(3)
+    _velocities_to(target, out, table, way, desired, velocity)
+    free = True
+    for part in parts:
+        n, at, speed, acceleration = abs(int(part[_SIZE])), int(part[_AT]), part[2], part[3]
+        for i in range(n):
+            step[i] = way[at + i] - 0.5 * dt * (velocity[at + i] + desired[at + i])
+        free = free and norm(n, step) <= acceleration * dt * dt
+        for i in range(n):
+            step[i] = desired[at + i] - velocity[at + i]
+        free = free and norm(n, step) <= _TOLERANCE * acceleration * dt
+        free = free and norm(n, desired[at:at + n]) <= _TOLERANCE * speed
+    if free:
+        for i in range(out.size):
+            out[i] = target[i]
+        return False
+    # What is left when the targets and the references have gone on for this tick. The rate with
+    # which it is closed is the same for all parts, and so is every other factor here: what belongs
+    # together stays together.
+    rate = 1.0 / CATCH_UP_S
+    for part in parts:
+        n, at, speed, acceleration = abs(int(part[_SIZE])), int(part[_AT]), part[2], part[3]
+        for i in range(n):
+            way[at + i] -= dt * desired[at + i]
+        left = norm(n, way[at:at + n])
+        if left > 1e-12:
+            rate = min(rate, CATCH_UP_SHARE * speed / left, math.sqrt(acceleration / left))
+    share = 1.0
+    for part in parts:
+        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        for i in range(n):
+            desired[at + i] += rate * way[at + i]
+        fast = norm(n, desired[at:at + n])
+        if fast > part[_SPEED]:
+            share = min(share, part[_SPEED] / fast)
+    change = 1.0
+    for part in parts:
+        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        for i in range(n):
+            step[i] = share * desired[at + i] - velocity[at + i]
+        much = norm(n, step)
+        if much > part[_ACCELERATION] * dt:
+            change = min(change, part[_ACCELERATION] * dt / much)
+    for i in range(size):
+        way[i] = change * (share * desired[i] - velocity[i])
+    _write(target, out, table, way, dt)
+    return True
+
+
+@kernel
+def _write(target, out, table, change, dt):
+    """Change the velocities of bounded references, and let them move for a tick."""
+    for row in table:
+        at, n, first = row[TARGET], row[COUNT], row[FIRST]
+        if row[KIND] == OF_JOINTS:
+            for i in range(n):
+                out[at + n + i] += change[first + i]
+                out[at + i] += dt * out[at + n + i]
+                out[at + 3 * n + 1 + i] = change[first + i] / dt
+                out[at + 2 * n + i] = target[at + 2 * n + i]
+            out[at + 3 * n] = target[at + 3 * n]
+            continue
+        for i in range(6):
+            out[at + TWIST + i] += change[first + i]
+            out[at + ACCELERATION + i] = change[first + i] / dt
+        for i in range(at + STIFFNESS, at + TARGET_SIZE):
+            out[i] = target[i]
+        one = out[at:at + TARGET_SIZE]
+        extrapolate_pose(one, dt, one[POSE:POSE + 7])
+

@@ -8,7 +8,6 @@ import numpy as np
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.manifolds.poses import compose, inverse, POSE_SIZE
 from gdmp_ros.playback.kinematics import ArmKinematics
-from gdmp_ros.playback.pair_skill import one_of_two
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
@@ -39,7 +38,7 @@ class GoalCheck:
     def place_for(self, skill: StreamedSkill, pose: np.ndarray, near: np.ndarray, side: int = 0
                   ) -> np.ndarray:
         """
-        Place of a skill with the tool at a pose; of two tools, the other one follows.
+        Place of a skill with a tool at a pose; of two tools, the other one follows.
 
         :param near: the place before
         :param side: which of two tools: 0 or 1
@@ -48,8 +47,9 @@ class GoalCheck:
         if side and skill.kind is not Kind.TWO_TOOLS:
             raise ManifoldError('the skill is not one of two arms')
         if skill.kind is Kind.TWO_TOOLS:
-            place = one_of_two(pose, side)
-            self.check_workspace(skill, skill.whole(place, near))
+            point = skill.changed(skill.changed(skill.skill.goal, near), pose, side=side)
+            place = skill.place_of(point)
+            self.check_workspace(skill, place)
             return place
         self.settings.check_goal(pose)
         if skill.kind is Kind.TOOL:

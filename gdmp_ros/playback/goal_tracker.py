@@ -69,6 +69,8 @@ class GoalTracker:
         :returns: the goal at present
         """
         dt = time - self._time
+        if self._count and -TIME_OUT <= dt < 0.0:
+            return self._at(now, self._moves)  # it comes late: a newer one is known
         self._seen = pose
         if self._count == 0 or not 0.0 <= dt <= TIME_OUT:
             self._begin(pose, time)

@@ -5,8 +5,10 @@ from typing import Protocol
 
 from gdmp_ros.control.gripper import GripperCommand, GripperState
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import State
 
+#: States in which commands are carried out; in others, what has been begun is awaited.
+_EXECUTED = (State.MOVING, State.FINISHED)
 #: Without an answer for this time the gripper has failed [s].
 TIMEOUT_S = 10.0
 
@@ -48,6 +50,8 @@ class GripperCommands:
         """
         self._waited += dt
         state = self._link.state()
+        if state is not None and state.commands < self._before:
+            return 'it was restarted, and does not know the command'
         if state is None or state.commands == self._before or state.moving:
             if self._waited < TIMEOUT_S:
                 return None
@@ -73,7 +77,7 @@ class GripperSequence:
 
     def waits_for_more(self, player: Player) -> bool:
         """Whether commands of the skill that moves have not been carried out."""
-        return player.status is Status.MOVING and (
+        return player.rollout is not None and (
             player.motion != self._motion or self._next < len(player.playing.skill.events))
 
     def advance(self, player: Player, dt: float) -> None:
@@ -81,11 +85,13 @@ class GripperSequence:
         if player.motion != self._motion:
             self._motion, self._next, self._waits, self.problem = player.motion, 0, False, ''
         rollout, events = player.rollout, player.playing.skill.events
-        if rollout is None or self._next == len(events) or player.status is not Status.MOVING:
+        if rollout is None or self._next == len(events):
             return
         event = events[self._next]
         if not self._waits:
-            if rollout.progress < event.progress:
+            # The motion ends a little before or after a progress of 1.
+            if player.state not in _EXECUTED or not (
+                    rollout.progress >= event.progress or rollout.finished):
                 return
             self._waits = True
             player.wait(True)
@@ -98,4 +104,4 @@ class GripperSequence:
         player.wait(False)
         if problem:
             self.problem = f'gripper: {problem}'
-            player.stop()
+            player.end()

@@ -10,7 +10,7 @@ from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Request
 from gdmp_ros.playback.streamed_skill import Kind
 
 
@@ -49,7 +49,10 @@ class MotionCommands:
         """
         player = self._executing()
         place = self._goals.place_for(player.playing, pose, player.goal, side)
-        if player.playing.kind is not Kind.TOOL:
+        if player.playing.kind is Kind.TWO_TOOLS:
+            player.go_to(pose, side=side)
+            return
+        if player.playing.kind is Kind.JOINTS:
             player.go_to(place)
             return
         goal = self._tracker.update(pose, now - age, now)
@@ -103,9 +106,7 @@ class MotionCommands:
 
     def _executing(self) -> Player:
         player = self._loaded()
-        status = player.status
-        if status is Status.IDLE or (player.rollout is None and status is Status.HOLDING):
-            raise ParameterError('no skill is being executed; start one first')
+        player.check(Request.GOAL)
         return player
 
     def _rhythmic(self) -> Player:

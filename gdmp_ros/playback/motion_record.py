@@ -7,7 +7,7 @@ import numpy as np
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import Kind
 
 #: Most samples: a motion of two hours.

@@ -2,11 +2,15 @@
 Plays a skill tick by tick, as references for an impedance controller.
 
 One thread calls `Player.tick`. Requests may come from any thread: they wait in one queue, and the
-next tick carries them out in the order in which they came.
+next tick carries them out in the order in which they came. What a request does in which state is
+in `gdmp_ros.playback.states`.
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,28 +18,81 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.playback.approach import Approach
+from gdmp_ros.playback.goal_tracker import moved_on
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.reference_source import ReferenceSource
 from gdmp_ros.playback.refusals import Refusals
-from gdmp_ros.playback.requests import (
-    AFTER_HOLD,
-    AFTER_PAUSE,
-    AFTER_RESUME,
-    AFTER_START,
-    AFTER_STOP,
-    Requests,
-    Status,
-    UNCHANGED,
-)
-from gdmp_ros.playback.streamed import streamed
+from gdmp_ros.playback.states import after, Request, State, Status, TABLE
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+
+#: Requests that may wait for the next tick.
+MAX_WAITING = 1000
+#: Smallest initial tempo of a motion that takes over from another one.
+LEAST_SPEED = 0.1
+# Looked up once: this is done in every tick.
+_FREE, _ENDS = (State.MOVING, State.FINISHED), (State.STOPPING, State.RESTARTING, State.WAITING)
+
+
+class Goal(NamedTuple):
+    """
+    Where a motion is to end, as far as it is given.
+
+    :ivar place: None: as before
+    :ivar side: of two tools, the one that the place is of; None: of all
+    :ivar stiffness: None: as before
+    :ivar twist: with which the place moves on [m/s, rad/s]; None if it rests
+    """
+
+    place: np.ndarray | None = None
+    side: int | None = None
+    stiffness: np.ndarray | None = None
+    twist: np.ndarray | None = None
+
+
+@dataclass
+class _Pending:
+    """
+    A motion that has not begun, and what has been asked of it meanwhile.
+
+    :ivar measured: where the robot is; None to begin where the reference is
+    :ivar number: of the motion
+    :ivar cycles: of a rhythmic motion, before it comes to rest at its centre
+    :ivar wanted: whether it is still to begin, asked by the tick that begins it
+    :ivar place_since: time of the player at which the place of the goal was set [s]
+    """
+
+    tool: StreamedSkill
+    rollout: Rollout
+    measured: np.ndarray | None
+    number: int
+    cycles: float | None
+    wanted: Callable[[], bool]
+    goal: Goal = Goal()
+    place_since: float = 0.0
+    amplitude: float | None = None
+    frequency: float | None = None
+
+
+class _Waiting(NamedTuple):
+    """A request that the next tick carries out."""
+
+    request: Request
+    carry_out: Callable[..., None]
+    arguments: tuple[Any, ...]
 
 
 class Player:
     """
     Holds, starts, follows goals, pauses and stops.
 
+    Only the thread that ticks changes anything but the queue.
+
     :ivar tool: the skill and settings of the next start
+    :ivar playing: skill and settings of the present motion
+    :ivar rollout: the present motion, also while its goal is held; only to be read
+    :ivar target: the reference of the last tick; None before the first one
+    :ivar motion: number of the motion that was begun last (see `start`), 0 before the first
     """
 
     def __init__(self, skill: Skill, settings: PlayerSettings, refusals: Refusals | None = None):
@@ -45,65 +102,73 @@ class Player:
         :param refusals: counts requests that turn out to be impossible
         :raises DataError: if the skill is neither one of a pose nor of joints
         """
-        self.tool = streamed(skill, settings)
+        self.tool = self.playing = StreamedSkill(skill, settings)
         self.refusals = refusals or Refusals()
-        self._source, self._started = ReferenceSource(self.tool, self.refusals.add), 0
-        self._requests = Requests(self.refusals)
+        self.rollout: Rollout | None = None
+        self.target: np.ndarray | None = None
+        self.motion = self._started = 0
+        self._state = State.IDLE
+        self._queue: deque[_Waiting] = deque()
+        self._pending: _Pending | None = None
+        self._approach: Approach | None = None
+        self._time = 0.0
+        # Point where the motion ends, or where it was set if it moves on with the twist.
+        self._goal: np.ndarray | None = None
+        self._goal_twist: np.ndarray | None = None
+        # Tempo of all motions; of the present one only; cycles after which it ends.
+        self._speed, self._waits = 1.0, False
+        self._own_speed: float | None = None
+        self._cycles: float | None = None
+        # Whether the reference has a wrench that no motion asks for any more.
+        self._releases = False
+        self._numbers = np.empty(0)
         self._measured: tuple[np.ndarray, Kind] | None = None
         self._copy_wanted = False
         self._copy: Rollout | None = None
 
-    @property
-    def status(self) -> Status:
-        """What the player does, as if the waiting requests had been carried out."""
-        return self._requests.status_after(self._source.status)
+    # What it does
 
     @property
-    def motion(self) -> int:
-        """Number of the motion that was begun last (see `start`), 0 before the first."""
-        return self._source.motion
+    def state(self) -> State:
+        """What the player does, as if the waiting requests had been carried out."""
+        state = self._state
+        for item in tuple(self._queue):
+            state = after(state, item.request)
+        return state
+
+    @property
+    def status(self) -> Status:
+        """`state`, as the server reports it."""
+        return self.state.status
 
     @property
     def mode(self) -> StreamMode:
-        """What the stream of references says of itself."""
-        return self._source.mode
+        """What the stream of references says of itself: an arm begins to follow motions only."""
+        rests = self._state is State.RESTING or (self._state is State.FINISHED
+                                                 and self._goal_twist is None)
+        holds = rests or self.rollout is None or self.target is None
+        return StreamMode.HOLDING if holds else StreamMode.STREAMING
 
     @property
     def stops_phase(self) -> bool:
         """Whether the present motion uses the measured pose (`observe`)."""
-        return self._source.playing.settings.phase_stopping > 0.0
+        return self.playing.settings.phase_stopping > 0.0
 
     @property
     def speed_rate(self) -> float:
         """Largest rate of change of the tempo of the present motion [1/s]."""
-        return self._source.playing.settings.speed_rate
-
-    @property
-    def target(self) -> np.ndarray | None:
-        """The reference of the last tick; None before the first one."""
-        return self._source.target
-
-    @property
-    def rollout(self) -> Rollout | None:
-        """The present motion, also while its goal is held; only to be read."""
-        return self._source.rollout
-
-    @property
-    def playing(self) -> StreamedSkill:
-        """Skill and settings of the present motion."""
-        return self._source.playing
+        return self.playing.settings.speed_rate
 
     @property
     def joints(self) -> int:
         """Number of the joints of which the references are; 0: they are of the tool."""
-        playing = self._source.playing
-        return playing.manifold.point_size if playing.kind is Kind.JOINTS else 0
+        return self.playing.manifold.point_size if self.playing.kind is Kind.JOINTS else 0
 
     @property
     def period(self) -> float:
         """Duration of the present motion at tempo 1, of the skill before there is one [s]."""
-        rollout = self._source.rollout
-        return self._source.playing.skill.duration if rollout is None else rollout.duration
+        rollout = self.rollout
+        return self.playing.skill.duration if rollout is None else rollout.duration
 
     @property
     def joint_names(self) -> list[str]:
@@ -112,35 +177,58 @@ class Player:
 
     @property
     def goal(self) -> np.ndarray:
-        """Goal of the motion, of the skill before there is one: a pose or a posture."""
+        """Goal of the motion, of the skill before there is one: a place."""
         goal = self._present_goal()
         if goal is None:
             return self.tool.place_of(self.tool.skill.goal)
-        return self._source.playing.place_of(goal)
+        return self.playing.place_of(goal)
 
     @property
     def place(self) -> np.ndarray | None:
         """Where the reference of the last tick is."""
-        target = self._source.target
-        return None if target is None else self._source.playing.place_in(target)
+        target = self.target
+        return None if target is None else self.playing.place_in(target)
+
+    def distances(self) -> list[float]:
+        """Distance of each factor from the goal: m, rad, and geodesic for the stiffness."""
+        target, goal = self.target, self._present_goal()
+        if self.rollout is None or target is None or goal is None:
+            return []
+        return self.playing.distances(target, goal)
+
+    def _present_goal(self) -> np.ndarray | None:
+        rollout = self.rollout
+        return self._goal if rollout is None or self._goal_twist is None else rollout.goal
+
+    # Requests
 
     def load(self, skill: Skill) -> None:
         """Use another skill from the next start on."""
-        self.tool = streamed(skill, self.tool.settings)
+        self.tool = StreamedSkill(skill, self.tool.settings)
 
     def configure(self, settings: PlayerSettings) -> None:
         """Use other settings from the next start on."""
-        self.tool = streamed(self.tool.skill, settings)
+        self.tool = StreamedSkill(self.tool.skill, settings)
 
     def forget(self) -> None:
         """Stream nothing until there is something to hold; only while no tick is made."""
-        self._source.hold(None)
+        self._queue.clear()
+        self._hold(None)
+
+    def allows(self, request: Request) -> bool:
+        """Whether the state of the player allows a request."""
+        return not isinstance(TABLE[self.state][request], str)
+
+    def check(self, request: Request) -> None:
+        """:raises ParameterError: if the state of the player refuses a request"""
+        reason = TABLE[self.state][request]
+        if isinstance(reason, str):
+            raise ParameterError(reason)
 
     def hold(self, place: np.ndarray) -> None:
         """Hold a pose (x, y, z, qw, qx, qy, qz), or positions of the joints."""
         tool = self.tool
-        target = tool.first_target(place)
-        self._requests.add(lambda: self._source.hold(target, tool), AFTER_HOLD)
+        self._ask(Request.HOLD, self._hold, tool.first_target(place), tool)
 
     def start(self, measured: np.ndarray | None, goal_place: np.ndarray | None = None,
               goal_stiffness: np.ndarray | None = None, duration: float | None = None,
@@ -150,7 +238,7 @@ class Player:
 
         :param measured: where the robot is; None starts at the start of the skill
         :param goal_place: instead of that of the skill
-        :param goal_stiffness: factor (`ToolSkill.stiffness_factor`) instead of that of the skill
+        :param goal_stiffness: factor (`StreamedSkill.stiffness_factor`) instead of the skill's
         :param duration: instead of that of the skill [s]
         :param tolerances: at the goal [m, rad]
         :param cycles: of a rhythmic skill, before it comes to rest at its centre; None: until its
@@ -166,38 +254,36 @@ class Player:
         return self.begin(tool, rollout, measured, cycles)
 
     def begin(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None,
-              cycles: float | None = None, still: Callable[[], bool] = lambda: True) -> int:
+              cycles: float | None = None, wanted: Callable[[], bool] = lambda: True) -> int:
         """
         Begin a motion that has been prepared.
 
         :param rollout: of the skill of ``tool``
         :param measured: where the robot is; None where the reference is, or at the skill's start
         :param cycles: see `start`
-        :param still: asked by the tick; nothing happens if it is not wanted any more
+        :param wanted: asked by the tick; nothing happens if it is not wanted any more
         :returns: number of the motion
         """
         number = self._started + 1
-
-        def begin() -> None:
-            if still():
-                self._source.begin(tool, rollout, measured, number, cycles)
-        self._requests.add(begin, AFTER_START)
+        self._ask(Request.START, self._start,
+                  _Pending(tool, rollout, measured, number, cycles, wanted))
         self._started = number
         return number
 
-    def go_to(self, place: np.ndarray, twist: np.ndarray | None = None) -> None:
+    def go_to(self, place: np.ndarray, twist: np.ndarray | None = None, side: int | None = None
+              ) -> None:
         """
         Switch the goal.
 
         :param place: pose, positions of the joints, or poses of two tools
         :param twist: with which it moves on, linear and angular [m/s, rad/s]; None if it rests
+        :param side: of two tools, the one whose pose is given: the other one follows
         """
-        self._requests.add(lambda: self._source.retarget(place, None, twist), UNCHANGED)
+        self._ask(Request.GOAL, self._retarget, Goal(place, side, None, twist))
 
     def goal_stiffness(self, factor: np.ndarray) -> None:
-        """Switch the stiffness goal (`ToolSkill.stiffness_factor`)."""
-        source = self._source
-        self._requests.add(lambda: source.retarget(None, factor, source.goal_twist), UNCHANGED)
+        """Switch the stiffness goal (`StreamedSkill.stiffness_factor`)."""
+        self._ask(Request.GOAL, self._retarget, Goal(stiffness=factor))
 
     def set_speed(self, scale: float) -> None:
         """
@@ -206,43 +292,41 @@ class Player:
         :raises ParameterError: outside 0 … 2
         """
         check_range('speed', scale, 0.0, MAX_SPEED)
-        self._requests.add(lambda: self._source.set_speed(scale), UNCHANGED)
+        self._ask(Request.SPEED, self._set_speed, scale)
 
     def set_amplitude(self, amplitude: float) -> None:
         """Change the amplitude of a rhythmic motion (`Rollout.set_amplitude`)."""
-        self._requests.add(lambda: self._source.set_amplitude(amplitude), UNCHANGED)
+        self._ask(Request.AMPLITUDE, self._set_amplitude, amplitude)
 
     def set_frequency(self, frequency: float) -> None:
         """Change the frequency of this rhythmic motion [Hz]; the tempo of others stays."""
-        self._requests.add(lambda: self._source.set_frequency(frequency), UNCHANGED)
+        self._ask(Request.AMPLITUDE, self._set_frequency, frequency)
 
     def pause(self, paused: bool) -> None:
         """Come to a smooth stop on the path, or continue."""
-        self._requests.add(lambda: self._source.pause(paused),
-                           AFTER_PAUSE if paused else AFTER_RESUME)
-
-    def wait(self, waits: bool) -> None:
-        """Stop on the path until something else has happened, or go on; the status stays."""
-        self._requests.add(lambda: self._source.wait(waits), UNCHANGED)
+        if paused:
+            self._ask(Request.PAUSE, self._pause)
+        else:
+            self._ask(Request.RESUME, self._resume)
 
     def stop(self) -> None:
         """Come to a smooth stop on the path and hold there."""
-        self._requests.add(self._source.stop, AFTER_STOP)
+        self._ask(Request.STOP, self._stop)
+
+    def end(self) -> None:
+        """Stop what is executed; at rest nothing happens."""
+        if self.allows(Request.STOP):
+            self.stop()
+
+    def wait(self, waits: bool) -> None:
+        """Stop on the path until something else has happened, or go on; only for the ticks."""
+        self._waits = waits
+        if self.rollout is not None and self._state is State.MOVING:
+            self.rollout.set_speed(self._tempo)
 
     def observe(self, measured: np.ndarray) -> None:
         """Use where the robot is for phase stopping at the next tick."""
-        self._measured = measured, self._source.playing.kind
-
-    def distances(self) -> list[float]:
-        """Distance of each factor from the goal: m, rad, and geodesic for the stiffness."""
-        target, goal = self._source.target, self._present_goal()
-        if self._source.rollout is None or target is None or goal is None:
-            return []
-        return self._source.playing.distances(target, goal)
-
-    def _present_goal(self) -> np.ndarray | None:
-        rollout, source = self._source.rollout, self._source
-        return source.goal if rollout is None or source.goal_twist is None else rollout.goal
+        self._measured = measured, self.playing.kind
 
     def request_copy(self) -> None:
         """Let the next tick copy the motion for `taken_copy`."""
@@ -253,6 +337,13 @@ class Player:
         rollout, self._copy = self._copy, None
         return rollout
 
+    def _ask(self, request: Request, carry_out: Callable[..., None], *arguments: Any) -> None:
+        if len(self._queue) >= MAX_WAITING:
+            raise ParameterError(f'{MAX_WAITING} requests are waiting: no tick carries them out')
+        self._queue.append(_Waiting(request, carry_out, arguments))
+
+    # Ticks
+
     def tick(self, dt: float) -> np.ndarray | None:
         """
         Carry out the requests, and let ``dt`` seconds pass.
@@ -260,14 +351,250 @@ class Player:
         :returns: numbers of the target, valid until the next tick; None while there is nothing to
             hold
         """
-        if self._requests.waiting:
-            self._requests.carry_out()
-        rollout = self._source.rollout
-        if rollout is not None:
-            measured, self._measured = self._measured, None
-            # Not if a motion of the other kind has begun since.
-            if measured is not None and measured[1] is self._source.playing.kind:
-                self._source.observe(measured[0])
-            if self._copy_wanted:
-                self._copy_wanted, self._copy = False, rollout.copy()
-        return self._source.tick(dt)
+        if self._queue:
+            self._carry_out()
+        self._time += dt
+        target, rollout = self.target, self.rollout
+        if target is None:
+            return None
+        if self._approach is not None:
+            if self._approach.advance(dt, target):
+                self._approach = None
+                self._rested()
+        elif rollout is not None:
+            self._advance(rollout, target, dt)
+        elif self._state is State.RESTARTING:
+            self._rested()
+        if self._releases:
+            self._releases = self.playing.release(target, dt)
+        return target
+
+    def _carry_out(self) -> None:
+        while self._queue:
+            # Removed afterwards: until then `state` still counts it.
+            request, carry_out, arguments = self._queue[0]
+            next_state = TABLE[self._state][request]
+            try:
+                if isinstance(next_state, str):
+                    raise ParameterError(next_state)
+                carry_out(*arguments)
+            except GdmpError as error:
+                self.refusals.add(str(error))
+            self._queue.popleft()
+
+    def _advance(self, rollout: Rollout, target: np.ndarray, dt: float) -> None:
+        measured, self._measured = self._measured, None
+        # Not if a motion of the other kind has begun since.
+        if (measured is not None and measured[1] is self.playing.kind
+                and self.playing.settings.phase_stopping):
+            # Stiffness and wrench are not measured: those of the reference are taken.
+            rollout.observe(self.playing.changed(rollout.state.point, measured[0]))
+        if self._copy_wanted:
+            self._copy_wanted, self._copy = False, rollout.copy()
+        self.playing.advance(rollout, dt, self._numbers, target)
+        if self._cycles is not None and rollout.progress >= self._cycles:
+            self._cycles = None
+            rollout.set_amplitude(0.0)
+        if self._state in _FREE:
+            self._state = State.FINISHED if rollout.finished else State.MOVING
+        elif self._state in _ENDS and rollout.speed == 0.0:
+            self.rollout, self._releases = None, True
+            self.playing.stop(target)
+            self._rested()
+
+    def _rested(self) -> None:
+        """Go on when the reference has come to rest without a motion."""
+        if self._state is State.STOPPING:
+            self._state = State.RESTING
+        elif self._state is State.APPROACHING:
+            self._begin(self._pending, None)
+        elif self._state is State.RESTARTING:
+            pending = self._pending
+            if pending is not None and self._is_far(pending.measured):
+                self._go_to_robot(pending)
+            else:
+                self._begin(pending, None if pending is None else pending.measured)
+
+    # What requests do
+
+    def _hold(self, target: np.ndarray | None, tool: StreamedSkill | None = None) -> None:
+        """Hold a reference at rest; None: nothing."""
+        if tool is not None:
+            self.playing = tool
+        self.target, self.rollout, self._goal, self._goal_twist = target, None, None, None
+        self._approach, self._pending = None, None
+        self._state = State.IDLE if target is None else State.RESTING
+
+    def _start(self, pending: _Pending) -> None:
+        """Begin a motion: at the robot, or where the reference is if it moves or is near."""
+        if not pending.wanted():
+            return
+        self._check_kind(pending)
+        far = self._is_far(pending.measured)
+        if self._approach is not None and far:
+            self._approach.stop()
+            self._pending, self._state = pending, State.RESTARTING
+        elif far and self._state in (State.STOPPING, State.RESTARTING, State.WAITING):
+            # The robot does not follow: come to rest first, then go there.
+            self._pending, self._state = pending, State.RESTARTING
+        elif far and self._state in (State.RESTING, State.FINISHED):
+            self._go_to_robot(pending)
+        else:
+            self._approach = None
+            self._begin(pending, pending.measured)
+
+    def _check_kind(self, pending: _Pending) -> None:
+        """
+        Prepare for a motion that is not of the kind of the present reference.
+
+        :raises ParameterError: if that moves
+        """
+        if pending.tool.kind is self.playing.kind:
+            return
+        if self._state not in (State.IDLE, State.RESTING, State.FINISHED):
+            self.motion = pending.number
+            raise ParameterError(f'a motion of {self.playing.kind.value} is being executed: stop '
+                                 'it first')
+        # The motion begins where the robot is.
+        self._hold(None)
+
+    def _go_to_robot(self, pending: _Pending) -> None:
+        """Begin to go to the robot from a reference at rest."""
+        if self.target is None or pending.measured is None:
+            raise RuntimeError('there is no reference, or no robot')
+        self._approach = self.playing.approach(self.target, pending.measured)
+        self.rollout, self._pending, self._releases = None, pending, True
+        self._state, self.motion = State.APPROACHING, pending.number
+
+    def _begin(self, pending: _Pending | None, measured: np.ndarray | None) -> None:
+        """Begin a motion at the reference, or at the robot if there is none."""
+        self._pending = None
+        if pending is None:
+            raise RuntimeError('there is no motion to begin')
+        tool, rollout = pending.tool, pending.rollout
+        try:
+            target = self._begin_at(tool, rollout, measured)
+        except GdmpError as error:
+            # What is executed comes to rest.
+            self._stop()
+            self.motion = pending.number
+            self.refusals.add(str(error))
+            return
+        self._waits, self._own_speed, self._cycles = False, None, pending.cycles
+        rollout.set_speed(self._speed)
+        self.playing, self.rollout, self.target = tool, rollout, target
+        self._goal, self._goal_twist, self._state = rollout.goal, None, State.MOVING
+        self._numbers = np.empty(rollout.state_size)
+        try:
+            self._ask_of_begun(pending)
+        except GdmpError as error:
+            self.refusals.add(str(error))
+        # Set last: a thread that reads the new number then also reads the new motion.
+        self.motion = pending.number
+
+    def _ask_of_begun(self, pending: _Pending) -> None:
+        """Carry out what was asked before the motion began."""
+        goal = pending.goal
+        if goal.place is not None and goal.twist is not None:
+            goal = goal._replace(place=moved_on(goal.place, goal.twist,
+                                                self._time - pending.place_since))
+        if goal.place is not None or goal.stiffness is not None:
+            self._retarget(goal)
+        if pending.amplitude is not None:
+            self._set_amplitude(pending.amplitude)
+        if pending.frequency is not None:
+            self._set_frequency(pending.frequency)
+
+    def _begin_at(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None
+                  ) -> np.ndarray:
+        """Begin at the present reference, or where the robot is; returns the target to fill."""
+        target = self.target
+        if target is None:
+            rollout.begin(tool.start_at(measured), speed=0.0)
+            target = tool.first_target(tool.place_of(tool.skill.start))
+        else:
+            start, motion = tool.point_of(target), tool.motion_of(target)
+            if motion is None:
+                rollout.begin(start, speed=0.0)
+            else:
+                rollout.begin(start, *motion, max(LEAST_SPEED, min(self._speed, 1.0)))
+        self._releases = tool.releases
+        tool.take_over(target)
+        return target
+
+    def _is_far(self, measured: np.ndarray | None) -> bool:
+        return (measured is not None and self.target is not None
+                and not self.playing.is_near(self.target, measured))
+
+    def _retarget(self, goal: Goal) -> None:
+        """Switch the goal of the motion, or of the one that has not begun."""
+        pending, rollout = self._pending, self.rollout
+        if pending is not None:
+            if goal.place is None:
+                pending.goal = pending.goal._replace(stiffness=goal.stiffness)
+            else:
+                pending.goal = goal._replace(stiffness=pending.goal.stiffness)
+                pending.place_since = self._time
+            return
+        if rollout is None:
+            return
+        twist = self._goal_twist if goal.place is None else goal.twist
+        velocity = None if twist is None else self.playing.tangent_of_twist(twist)
+        rollout.retarget(self.playing.changed(rollout.goal, goal.place, goal.stiffness, goal.side),
+                         velocity)
+        self._goal, self._goal_twist = rollout.goal, twist
+
+    def _set_speed(self, scale: float) -> None:
+        self._speed, self._own_speed = scale, None
+        if self.rollout is not None and self._state in _FREE:
+            self.rollout.set_speed(self._tempo)
+
+    def _set_amplitude(self, amplitude: float) -> None:
+        if self._pending is not None:
+            self._pending.amplitude = amplitude
+        elif self.rollout is not None:
+            self.rollout.set_amplitude(amplitude)
+
+    def _set_frequency(self, frequency: float) -> None:
+        if self._pending is not None:
+            self._pending.frequency = frequency
+        elif self.rollout is not None:
+            if self._state in _FREE and not self._waits:
+                self.rollout.set_frequency(frequency)
+            self._own_speed = frequency * self.rollout.duration
+
+    @property
+    def _tempo(self) -> float:
+        """Tempo that is wanted now."""
+        target = self._speed if self._own_speed is None else self._own_speed
+        return 0.0 if self._waits else target
+
+    def _pause(self) -> None:
+        if self._pending is not None:
+            self._state = State.WAITING
+            if self._approach is not None:
+                self._approach.stop()
+        elif self.rollout is not None:
+            self._state = State.PAUSED
+            self.rollout.set_speed(0.0)
+
+    def _resume(self) -> None:
+        if self._state is State.WAITING:
+            # At rest it goes to the robot from where it is.
+            self._state = State.RESTARTING
+        elif self._state is State.PAUSED and self.rollout is not None:
+            self._state = State.MOVING
+            self.rollout.set_speed(self._tempo)
+
+    def _stop(self) -> None:
+        if self._pending is not None:
+            # It ends before it has begun.
+            self.motion, self._pending = self._pending.number, None
+        if self._approach is not None:
+            self._approach.stop()
+        if self.rollout is not None:
+            self.rollout.set_speed(0.0)
+        if self._approach is not None or self.rollout is not None:
+            self._state = State.STOPPING
+        else:
+            self._state = State.IDLE if self.target is None else State.RESTING

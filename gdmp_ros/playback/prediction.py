@@ -7,7 +7,7 @@ from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.tool_skill import ToolSkill
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 #: A prediction ends after this many durations of the motion.
 LONGEST = 5
@@ -72,7 +72,7 @@ def likely_path(skill: Skill, first: np.ndarray, last: np.ndarray, count: int
     :returns: poses, shape ``(count + 1, 7)``; covariances as in `Tube`
     :raises DataError: if the skill is not one of pose and stiffness, or of a single take
     """
-    tool, progress = ToolSkill(skill, PlayerSettings()), np.linspace(0.0, 1.0, count + 1)
+    tool, progress = StreamedSkill(skill, PlayerSettings()), np.linspace(0.0, 1.0, count + 1)
     goal = skill.goal.copy()
     goal[:7] = last
     path = Rollout(skill, start=tool.start_at(first), goal=goal, duration=1.0).sample(progress)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
@@ -40,8 +41,8 @@ def rehearse(skill: Skill, settings: PlayerSettings) -> None:
     player.tick(_DT)
     player.hold(start)
     player.start(goal)  # by way of the robot
-    bounds = tool.bounds(StreamSettings())
+    bounds = StreamBounds(StreamSettings())
     for _ in range(2):
         target = player.tick(_DT)
         if target is not None:
-            bounds.apply(target, _DT)
+            bounds.apply(tool, target, _DT)

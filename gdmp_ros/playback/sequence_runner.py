@@ -14,8 +14,7 @@ from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperSequence
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.rehearsal import rehearse
-from gdmp_ros.playback.requests import Status
-from gdmp_ros.playback.streamed import streamed
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 _MOVING = (Status.MOVING, Status.PAUSED, Status.STOPPING)
@@ -112,7 +111,7 @@ class SequenceRunner:
         result: dict[int, PreparedStep] = {}
         for index, step in enumerate(sequence.steps):
             if isinstance(step, MotionStep):
-                tool = streamed(step.skill, settings)
+                tool = StreamedSkill(step.skill, settings)
                 rollout = step.rollout(options=tool.options(0.0, None))
                 check(tool, tool.place_of(rollout.goal))
                 result[index] = PreparedStep(tool, rollout)
@@ -151,6 +150,11 @@ class SequenceRunner:
             run.course.signal(name)
 
     @property
+    def running(self) -> bool:
+        """Whether a sequence is being executed."""
+        return self._run is not None
+
+    @property
     def status(self) -> SequenceStatus | None:
         """Where the sequence is, or the last one ended; None before the first one."""
         run = self._last
@@ -184,7 +188,7 @@ class SequenceRunner:
         if isinstance(step, MotionStep):
             result = run.prepared[run.course.index]
             run.motion = player.begin(result.tool, result.rollout, run.measured,
-                                      still=lambda: self._run is run)
+                                      wanted=lambda: self._run is run)
             run.measured = None
         elif isinstance(step, GripperStep) and self.gripper is not None:
             self.gripper.begin(GripperCommand(*step.command[1:]))
@@ -219,7 +223,7 @@ class SequenceRunner:
     def _fail(self, run: _Run, player: Player, problem: str) -> None:
         run.gripper_failed = True
         self._end(run, problem)
-        player.stop()
+        player.end()
 
     def _end(self, run: _Run, problem: str) -> None:
         run.problem = problem

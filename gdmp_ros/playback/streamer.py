@@ -11,7 +11,7 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.playback.bounded_stream import BoundedStream
+from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.goal_check import GoalCheck, no_second_arm
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
 from gdmp_ros.playback.kinematics import ArmKinematics
@@ -22,11 +22,10 @@ from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
-from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
+from gdmp_ros.playback.states import Request, Status
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed import streamed
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.realtime.loop import NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
@@ -84,7 +83,7 @@ class Streamer:
         self.sequence = SequenceRunner(commands, self.gripper)
         self._inputs = inputs
         self._used: Measured | None = None
-        self.bounds = BoundedStream(settings)
+        self.bounds = StreamBounds(settings)
         self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
         self._goals = GoalCheck(settings, kinematics, second_base)
         self.commands = MotionCommands(self._goals, self.loaded)
@@ -122,7 +121,7 @@ class Streamer:
         :raises GdmpError: if it is neither one of a pose, nor of two, nor of joints, or nothing
             is measured for such a skill; the present skill stays
         """
-        self._inputs.of(streamed(skill, self._player_settings).kind)
+        self._inputs.of(StreamedSkill(skill, self._player_settings).kind)
         rehearse(skill, self._player_settings)
         if self.player is None:
             self.player = Player(skill, self._player_settings, self.refusals)
@@ -162,9 +161,10 @@ class Streamer:
             factor = player.tool.stiffness_factor(goal_stiffness)
         tool = player.tool
         measured = self._start_place(tool)
+        self._check_kind(player, tool)
         goal = tool.place_of(tool.skill.goal)
         if goal_pose is not None:
-            goal = tool.whole(self._goals.place_for(tool, goal_pose, goal), goal)
+            goal = self._goals.place_for(tool, goal_pose, goal)
         self._goals.check_reach(tool, goal)
         self.sequence.cancel(OTHER_MOTION)
         self.commands.begin()
@@ -186,27 +186,50 @@ class Streamer:
         measured = self._start_place(tool)
         if self.player is None:
             self.player = Player(tool.skill, self._player_settings, self.refusals)
-        moves = self.player.status not in (Status.IDLE, Status.HOLDING)
-        if moves and tool.kind is not self.player.playing.kind:
-            raise ParameterError(f'a motion of {self.player.playing.kind.value} is being '
-                                 'executed: stop it first')
+        moves = self._check_kind(self.player, tool)
         self.commands.begin()
         self.robot.begin()
         self.sequence.begin(prepared, measured)
         if moves and not prepared.moves_first:
-            self.player.stop()
+            self.player.end()
+
+    @staticmethod
+    def _check_kind(player: Player, tool: StreamedSkill) -> bool:
+        """
+        Whether something moves.
+
+        :raises ParameterError: if that is of another kind than a skill
+        """
+        moves = player.status not in (Status.IDLE, Status.HOLDING)
+        if moves and tool.kind is not player.playing.kind:
+            raise ParameterError(f'a motion of {player.playing.kind.value} is being executed: '
+                                 'stop it first')
+        return moves
 
     def pause(self, paused: bool) -> None:
-        """Come to a smooth stop on the path, or continue; a sequence waits with it."""
-        player = self.loaded()
+        """
+        Come to a smooth stop on the path, or continue; a sequence waits with it.
+
+        :raises ParameterError: if nothing is executed
+        """
+        player, request = self.loaded(), Request.PAUSE if paused else Request.RESUME
+        if not self.sequence.running:
+            player.check(request)
         self.sequence.paused = paused
-        player.pause(paused)
+        if player.allows(request):
+            player.pause(paused)
 
     def stop_motion(self) -> None:
-        """Stop a motion, and a sequence, smoothly."""
+        """
+        Stop a motion, and a sequence, smoothly.
+
+        :raises ParameterError: if nothing is executed
+        """
         player = self.loaded()
+        if not self.sequence.running:
+            player.check(Request.STOP)
         self.sequence.cancel('stopped')
-        player.stop()
+        player.end()
 
     @property
     def now(self) -> float:
@@ -266,7 +289,7 @@ class Streamer:
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
             self.commands.pass_time(now_ns / NS, player)
-        target = player.tick(dt)
+        target = player.tick(dt * self.bounds.tempo)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
         self.sequence.advance(player, dt)

@@ -12,7 +12,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop

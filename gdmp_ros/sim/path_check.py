@@ -14,8 +14,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.streamed import streamed
-from gdmp_ros.playback.streamed_skill import Kind
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
 
 #: A pose is reached if the tool comes this close [m, rad].
@@ -351,7 +350,7 @@ def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES
     :returns: what was found, and the positions of the tool [m], shape ``(poses, 3)``
     :raises DataError: if it is neither a skill of a pose nor of as many joints as the arm has
     """
-    tool = streamed(skill, PlayerSettings())
+    tool = StreamedSkill(skill, PlayerSettings())
     if tool.kind is Kind.TWO_TOOLS:
         raise DataError('the skill is one of two arms: check the skill of each, in the frame of '
                         'its own base')

@@ -14,10 +14,10 @@ from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds.poses import compose
-from gdmp_ros.playback.pair_skill import is_of_two_arms
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
+from gdmp_ros.playback.streamed_skill import is_of_two_arms
 from gdmp_ros.sim.arm import advance, Arm, Extra, PANDA, Robot
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import LONGEST_S

@@ -13,10 +13,11 @@ import viser
 from gdmp_ros.data import runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import likely_path
-from gdmp_ros.playback.tool_skill import ToolSkill
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import DURATIONS
 from gdmp_ros.sim.urdf import Shape, shapes
@@ -79,7 +80,8 @@ class ShownMotion:
 
 def check_shown(skill: Skill) -> None:
     """:raises DataError: unless it is a skill of a pose"""
-    ToolSkill(skill, PlayerSettings())
+    if StreamedSkill(skill, PlayerSettings()).kind is not Kind.TOOL:
+        raise DataError(f'the skill is on {skill.manifold!r}, expected the pose of a tool')
 
 
 def of_skill(skill: Skill) -> ShownMotion:

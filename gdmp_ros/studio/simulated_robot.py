@@ -22,7 +22,7 @@ from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock

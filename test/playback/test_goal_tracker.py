@@ -32,6 +32,15 @@ def test_position_and_velocity_are_estimated_with_jitter_and_drop_outs(rng):
             assert np.abs(goal.twist - BELT).max() < 0.02
 
 
+def test_a_pose_that_comes_late_does_not_stop_the_goal(rng):
+    tracker = GoalTracker()
+    for arrival, pose in messages(rng, 2.0, lost=0.0):
+        goal = tracker.update(pose, arrival, arrival)
+    late = tracker.update(moved_on(POSE, BELT, arrival - 0.02), arrival - 0.01, arrival + 0.005)
+    assert np.abs(late.twist - goal.twist).max() < 1e-9
+    np.testing.assert_allclose(late.pose, moved_on(goal.pose, goal.twist, 0.005), atol=1e-9)
+
+
 def test_the_first_poses_count_alike(rng):
     """The estimate is the line of least squares through them."""
     times, tracker = 0.005 * np.arange(8), GoalTracker()

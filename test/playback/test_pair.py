@@ -19,11 +19,9 @@ from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.pair_skill import one_of_two, PairSkill
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamed import streamed
-from gdmp_ros.playback.streamed_skill import Kind
+from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from test.lockstep.clock import SteppedClock
 
 HOME = np.array([0.4, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0])
@@ -48,21 +46,21 @@ def skills():
 
 @pytest.mark.parametrize('side', [0, 1])
 def test_the_other_tool_follows_a_goal_or_stays_without_couplings(skills, side):
-    joined, coupled = (PairSkill(skill, PlayerSettings()) for skill in skills)
+    joined, coupled = (StreamedSkill(skill, PlayerSettings()) for skill in skills)
     near = coupled.place_of(coupled.skill.goal)
     pose = near[7 * side:7 * side + 7] + [0.05, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0]
-    place = coupled.whole(one_of_two(pose, side), near)
+    place = coupled.place_of(coupled.changed(coupled.skill.goal, pose, side=side))
     np.testing.assert_allclose(place[7 * side:7 * side + 7], pose, atol=1e-12)
     relation = skills[1].couplings[0]
     assert relation.deviation(skills[1].manifold, place)[0] < 1e-9
     other = slice(7, 14) if side == 0 else slice(0, 7)
     assert np.abs(place[other] - near[other]).max() > 0.01
-    alone = joined.whole(one_of_two(pose, side), near)
+    alone = joined.place_of(joined.changed(joined.skill.goal, pose, side=side))
     np.testing.assert_array_equal(alone[other], near[other])
 
 
 def test_the_workspace_of_the_second_arm_is_in_its_own_frame(skills):
-    pair = streamed(skills[0], PlayerSettings())
+    pair = StreamedSkill(skills[0], PlayerSettings())
     goals = GoalCheck(StreamSettings(), None, lambda: BASE)
     near = pair.place_of(skills[0].goal)
     # Beyond the workspace of the first arm, within that of the second one.
@@ -76,7 +74,7 @@ def test_the_workspace_of_the_second_arm_is_in_its_own_frame(skills):
         goals.place_for(pair, outside, near, 1)
     with pytest.raises(ParameterError, match='no second arm'):
         GoalCheck(StreamSettings(), None).check(pair, near)
-    tool = streamed(one_arm(HOME), PlayerSettings())
+    tool = StreamedSkill(one_arm(HOME), PlayerSettings())
     with pytest.raises(ManifoldError, match='not one of two arms'):
         goals.place_for(tool, HOME, HOME, 1)
 

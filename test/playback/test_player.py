@@ -16,11 +16,11 @@ from gdmp_ros import (
     UnitQuaternion,
 )
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.channels import APPROACH_ACCELERATION
+from gdmp_ros.playback.player import MAX_WAITING, Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
-from gdmp_ros.playback.requests import MAX_WAITING
-from gdmp_ros.playback.tool_skill import ToolSkill
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 SETTINGS = PlayerSettings()
 DT = 1e-3
@@ -108,8 +108,88 @@ def test_what_is_asked_on_the_way_to_the_robot_is_done(player, skill, after):
     player.start(robot)
     run(player, after)
     player.stop()
-    stopped = run(player, 10)
+    stopped = run(player, 600)
     assert player.status == 'holding' and not stopped[-1, 7:19].any()
+
+
+def largest_acceleration(rows):
+    return np.linalg.norm(np.diff(rows[:, 7:10], axis=0), axis=1).max() / DT
+
+
+def test_the_way_to_the_robot_is_left_smoothly(player, skill):
+    """By a stop, and by another start of which the robot is elsewhere."""
+    robots = [pose_of(skill) + [x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for x in (0.2, -0.2)]
+    player.hold(pose_of(skill))
+    rows = [run(player, 3)]
+    player.start(robots[0])
+    rows.append(run(player, 250))
+    assert np.linalg.norm(rows[-1][-1, 7:10]) > 0.3
+    player.start(robots[1])
+    rows.append(run(player, 400))
+    player.stop()
+    assert player.status == 'stopping'
+    rows.append(run(player, 600))
+    assert player.status == 'holding' and player.motion == 2
+    assert largest_acceleration(np.vstack(rows)) < 1.01 * APPROACH_ACCELERATION['position']
+
+
+def test_a_pause_on_the_way_to_the_robot_pauses_there(player, skill):
+    player.hold(pose_of(skill))
+    run(player, 3)
+    robot = pose_of(skill) + [0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    player.start(robot)
+    rows = [run(player, 200)]
+    player.pause(True)
+    rows.append(run(player, 1000))
+    assert player.status == 'paused' and player.mode is StreamMode.HOLDING
+    assert not rows[-1][500:, 7:19].any() and rows[-1][-1, 0] < robot[0] - 0.05
+    player.go_to(skill.goal[:7] + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+    player.pause(False)
+    assert player.status == 'moving'
+    while player.mode is StreamMode.HOLDING:
+        rows.append(run(player, 1))
+    np.testing.assert_allclose(rows[-1][-1, :7], robot, atol=1e-6)
+    assert largest_acceleration(np.vstack(rows)) < 1.01 * APPROACH_ACCELERATION['position']
+    np.testing.assert_allclose(player.goal[1], skill.goal[1] + 0.05)
+
+
+def test_a_goal_after_a_stop_and_a_start_is_that_of_the_new_motion(player, skill):
+    player.start(pose_of(skill))
+    run(player, 1500)
+    player.stop()
+    run(player, 20)
+    player.start(pose_of(skill))
+    run(player, 5)
+    goal = skill.goal[:7] + [0.0, 0.07, 0.0, 0.0, 0.0, 0.0, 0.0]
+    player.go_to(goal)
+    run(player, 3000)
+    assert player.motion == 2
+    np.testing.assert_allclose(player.goal, goal)
+
+
+def test_a_motion_that_is_stopped_before_it_begins_has_ended(player, skill):
+    player.start(pose_of(skill))
+    run(player, 1500)
+    player.stop()
+    player.start(pose_of(skill))
+    run(player, 20)
+    assert player.motion == 1
+    player.stop()
+    run(player, 1000)
+    assert player.motion == 2 and player.status == 'holding' and player.rollout is None
+
+
+def test_requests_that_a_state_does_not_allow_are_refused_with_the_reason(player, skill):
+    player.hold(pose_of(skill))
+    for ask in (player.stop, lambda: player.pause(True), lambda: player.go_to(skill.goal[:7])):
+        before = player.refusals.count
+        ask()
+        run(player, 1)
+        assert player.refusals.count == before + 1
+        assert player.refusals.last == 'no skill is being executed; start one first'
+    player.end()
+    run(player, 1)
+    assert player.refusals.count == 3
 
 
 def test_a_motion_that_follows_a_stop_begins_at_a_robot_that_did_not_follow(player, skill):
@@ -223,7 +303,7 @@ def test_stiffness_goals_that_do_not_fit_are_refused(player):
         player.tool.stiffness_factor(other)
     with pytest.raises(ManifoldError, match='smallest eigenvalue'):
         player.tool.stiffness_factor(np.diag([1.0, -1.0, 1.0]))
-    with pytest.raises(ManifoldError, match='5 numbers, expected 9 or 36'):
+    with pytest.raises(ManifoldError, match='5 numbers, expected 9 .translation. or 36'):
         player.tool.stiffness_factor(np.ones(5))
 
 
@@ -373,13 +453,13 @@ def test_a_pause_before_the_next_tick_pauses_the_new_motion(player, skill):
 def test_a_motion_starts_at_the_newest_reference(player, skill, monkeypatch):
     player.start(None)
     rows = [run(player, 1500)]
-    made = ToolSkill.options
+    made = StreamedSkill.options
 
     def slow(*arguments):
         """While the new motion is prepared the old one goes on, as under load."""
         rows.append(run(player, 20))
         return made(*arguments)
-    monkeypatch.setattr(ToolSkill, 'options', slow)
+    monkeypatch.setattr(StreamedSkill, 'options', slow)
     player.start(rows[0][-1, :7].copy())
     rows.append(run(player, 500))
     path = np.vstack(rows)

@@ -14,7 +14,7 @@ from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.util.profiles import minimum_jerk
@@ -30,6 +30,7 @@ class Hand:
 
     def __init__(self):
         self.sent, self.asked, self.fails, self.known = [], 0, '', True
+        self.needs, self.before = 50, 0
 
     def send(self, command):
         self.sent.append(command)
@@ -37,8 +38,9 @@ class Hand:
 
     def state(self):
         self.asked += 1
-        done = self.asked > 50
-        return GripperState(0.0, 0.08, not done, False, len(self.sent),
+        done = self.asked > self.needs
+        return GripperState(0.0, 0.08, not done, False,
+                            len(self.sent) + self.before,
                             self.fails if done else '') if self.known else None
 
 
@@ -236,6 +238,62 @@ def test_the_gripper_commands_of_skills_are_carried_out_before_the_next_step(str
     stream.hand.known = False
     with pytest.raises(ParameterError, match='no state of one is known'):
         stream.begin_sequence(sequence)
+
+
+@pytest.mark.parametrize('progress', [0.95, 1.0])
+def test_a_gripper_command_near_the_end_is_awaited(stream, skills, progress):
+    first, second, _ = skills
+    stream.hand.needs, stream.hand.fails = 1000, 'it is jammed'
+    grasp = first.with_events([GripperEvent(progress, 0.01, 0.0, 0.1)])
+    stream.begin_sequence(SkillSequence([MotionStep('grasp', grasp), MotionStep('back', second)]))
+    run(stream, 2000)
+    status = stream.sequence.status
+    assert status.running and status.step == 1 and len(stream.hand.sent) == 1
+    run(stream, 1000)
+    assert stream.sequence.status.problem == 'gripper: it is jammed'
+    # Executed alone.
+    stream.use(grasp, 'grasp')
+    stream.begin()
+    run(stream, 2000)
+    assert stream.player.rollout.finished and stream.gripper.waits_for_more(stream.player)
+    run(stream, 1000)
+    assert stream.gripper.problem == 'gripper: it is jammed'
+
+
+def test_a_gripper_that_was_restarted_has_not_carried_out_a_command(stream, skills):
+    first, second, _ = skills
+    stream.hand.before = 7
+    stream.begin_sequence(SkillSequence([
+        MotionStep('there', first), GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1)),
+        MotionStep('back', second)]))
+    while not stream.hand.sent:
+        run(stream, 10)
+    stream.hand.before = -1
+    run(stream, 200)
+    status = stream.sequence.status
+    assert status.gripper_failed and 'restarted' in status.problem and status.step == 2
+
+
+def test_what_is_asked_before_a_motion_begins_belongs_to_it(stream, skills):
+    """A start far from the reference, and one near it on the way: nothing stays in a queue."""
+    first, _, wipe = skills
+    stream.use(first, 'first')
+    stream.begin()
+    run(stream, 1500)
+    player = stream.player
+    player.stop()
+    run(stream, 500)
+    stream.use(wipe, 'wipe')
+    player.start(HOME)
+    run(stream, 100)
+    assert player.rollout is None
+    player.start(np.array(player.place))
+    run(stream, 1)
+    player.set_amplitude(0.5)
+    player.set_frequency(1.5)
+    run(stream, 3000)
+    assert player.rollout.amplitude == pytest.approx(0.5, abs=1e-3)
+    assert player.rollout.frequency == pytest.approx(1.5, rel=1e-3)
 
 
 def test_an_amplitude_of_zero_ends_a_step_too(stream, skills):

@@ -14,8 +14,8 @@ from gdmp_ros.demo.tray import (
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
-from gdmp_ros.playback.pair_skill import one_of_two, PairSkill
 from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute
 from gdmp_ros.sim.path_check import check_skill, PathChecker
@@ -42,7 +42,7 @@ def test_the_arms_keep_the_relation_while_the_goal_of_one_is_switched(skills, si
         nonlocal switched
         if done > 0.5 and not switched:
             switched = True
-            player.go_to(one_of_two(goal, side))
+            player.go_to(goal, side=side)
     moments = list(arms.execute(skill, switch))
     reference, measured = (np.max([coupling.deviation(skill.manifold, points)
                                    for points in column], axis=0)
@@ -74,7 +74,7 @@ def test_a_stream_of_one_arm_refuses_a_skill_of_two(skills):
     with pytest.raises(DataError, match='two arms'):
         check_skill(skills[1], PathChecker(Arm()))
     with pytest.raises(ManifoldError, match='moves on'):
-        PairSkill(skills[1], PlayerSettings()).tangent_of_twist(np.zeros(6))
+        StreamedSkill(skills[1], PlayerSettings()).tangent_of_twist(np.zeros(6))
 
 
 def test_a_world_needs_two_arms_and_the_skill_two_tools(skills):

@@ -15,8 +15,8 @@ from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.distance import Distance
-from gdmp_ros.playback.requests import Status
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -174,7 +174,7 @@ class ExecuteAction(ServerAction):
         if execution is None or player is None:
             return
         if self._is_newly_cancelled(execution):
-            player.stop()
+            player.end()
         if motion > execution.motion:
             self._finish(ExecuteSkill.Result.PREEMPTED, 'another motion was started')
         elif motion == execution.motion:
@@ -182,6 +182,8 @@ class ExecuteAction(ServerAction):
 
     def _judge(self, execution: _Execution, state: ServerState) -> None:
         holding, gripper = state.status == Status.HOLDING, self._streamer.gripper
+        player = self._streamer.player
+        awaited = gripper is not None and player is not None and gripper.waits_for_more(player)
         if gripper is not None and gripper.problem:
             self._finish(ExecuteSkill.Result.GRIPPER_FAILED, gripper.problem)
             return
@@ -201,7 +203,7 @@ class ExecuteAction(ServerAction):
         elif holding and state.finished and 'not_settled' in state.flags:
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
                          'the goal was not reached within its tolerance in time')
-        elif holding and state.finished:
+        elif holding and state.finished and not awaited:
             self._judge_robot_at_goal(execution)
         else:
             self._rested_since = self._streamer.time
@@ -239,7 +241,7 @@ class ExecuteAction(ServerAction):
 
     def _give_up(self, code: int, text: str) -> None:
         if self._streamer.player is not None:
-            self._streamer.player.stop()
+            self._streamer.player.end()
         self._finish(code, text)
 
     async def _execute(self, handle: Any) -> ExecuteSkill.Result:

@@ -14,7 +14,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction, Tube
-from gdmp_ros.playback.requests import Status
+from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import Punctuality

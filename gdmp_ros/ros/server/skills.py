@@ -18,7 +18,7 @@ from gdmp_ros.dmp.primitive import check_connection
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.learning.correction import Correction, correction, FollowedMotion
-from gdmp_ros.playback.pair_skill import is_of_two_arms
+from gdmp_ros.playback.streamed_skill import is_of_two_arms
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_message
