@@ -263,7 +263,8 @@ class ToolChannel:
         if values.size == 9 and size == 3:
             return matrix.check_point(values.reshape(3, 3))
         if values.size != 36:
-            expected = '9 (translation) or 36' if size == 3 else '36'
+            expected = ('9 or 36 (9: the 3×3 translational stiffness)' if size == 3
+                        else '36')
             raise ManifoldError(f'stiffness goal has {values.size} numbers, expected {expected}')
         full = SymmetricPositiveDefinite(6).check_point(values.reshape(6, 6))
         if size == 6:

@@ -77,8 +77,9 @@ class GripperSequence:
 
     def waits_for_more(self, player: Player) -> bool:
         """Whether commands of the skill that moves have not been carried out."""
-        return player.rollout is not None and (
-            player.motion != self._motion or self._next < len(player.playing.skill.events))
+        events = player.playing.skill.events
+        return player.rollout is not None and bool(events) and (
+            player.motion != self._motion or self._next < len(events))
 
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""

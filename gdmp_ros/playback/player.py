@@ -115,6 +115,8 @@ class Player:
         # Point where the motion ends, or where it was set if it moves on with the twist.
         self._goal: np.ndarray | None = None
         self._goal_twist: np.ndarray | None = None
+        # Time for which a goal that moves has waited with the motion [s].
+        self._goal_waited = 0.0
         # Tempo of all motions; of the present one only; cycles after which it ends.
         self._speed, self._waits = 1.0, False
         self._own_speed: float | None = None
@@ -344,16 +346,20 @@ class Player:
 
     # Ticks
 
-    def tick(self, dt: float) -> np.ndarray | None:
+    def tick(self, dt: float, tempo: float = 1.0) -> np.ndarray | None:
         """
         Carry out the requests, and let ``dt`` seconds pass.
 
+        :param tempo: part of them that passes for the motion; a goal that moves does not wait
         :returns: numbers of the target, valid until the next tick; None while there is nothing to
             hold
         """
         if self._queue:
             self._carry_out()
         self._time += dt
+        if self._goal_twist is not None and (tempo < 1.0 or self._goal_waited):
+            self._move_goal(dt, tempo)
+        dt *= tempo
         target, rollout = self.target, self.rollout
         if target is None:
             return None
@@ -368,6 +374,14 @@ class Player:
         if self._releases:
             self._releases = self.playing.release(target, dt)
         return target
+
+    def _move_goal(self, dt: float, tempo: float) -> None:
+        """Move a goal on that has waited with the motion, as soon as that does not wait."""
+        self._goal_waited += (1.0 - tempo) * dt
+        rollout, twist, waited = self.rollout, self._goal_twist, self._goal_waited
+        if tempo == 1.0 and rollout is not None and twist is not None:
+            self._retarget(Goal(moved_on(self.playing.place_of(rollout.goal), twist, waited),
+                                twist=twist))
 
     def _carry_out(self) -> None:
         while self._queue:
@@ -484,6 +498,7 @@ class Player:
         rollout.set_speed(self._speed)
         self.playing, self.rollout, self.target = tool, rollout, target
         self._goal, self._goal_twist, self._state = rollout.goal, None, State.MOVING
+        self._goal_waited = 0.0
         self._numbers = np.empty(rollout.state_size)
         try:
             self._ask_of_begun(pending)
@@ -543,6 +558,8 @@ class Player:
         rollout.retarget(self.playing.changed(rollout.goal, goal.place, goal.stiffness, goal.side),
                          velocity)
         self._goal, self._goal_twist = rollout.goal, twist
+        if goal.place is not None:
+            self._goal_waited = 0.0
 
     def _set_speed(self, scale: float) -> None:
         self._speed, self._own_speed = scale, None

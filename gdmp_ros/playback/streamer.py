@@ -289,7 +289,7 @@ class Streamer:
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
             self.commands.pass_time(now_ns / NS, player)
-        target = player.tick(dt * self.bounds.tempo)
+        target = player.tick(dt, self.bounds.tempo)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
         self.sequence.advance(player, dt)

@@ -97,7 +97,7 @@ def test_two_tools_that_belong_together_stay_together():
     assert np.allclose(first[7:10] - first[:3], [0.0, 0.6, 0.0])
     shown = []
     for _ in range(4000):
-        target = player.tick(DT * bounds.tempo)
+        target = player.tick(DT, bounds.tempo)
         shown.append(bounds.apply(player.playing, target, DT).copy())
     shown = np.array(shown)
     assert bounds.bounded > 100

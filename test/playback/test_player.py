@@ -303,7 +303,7 @@ def test_stiffness_goals_that_do_not_fit_are_refused(player):
         player.tool.stiffness_factor(other)
     with pytest.raises(ManifoldError, match='smallest eigenvalue'):
         player.tool.stiffness_factor(np.diag([1.0, -1.0, 1.0]))
-    with pytest.raises(ManifoldError, match='5 numbers, expected 9 .translation. or 36'):
+    with pytest.raises(ManifoldError, match='5 numbers, expected 9 or 36'):
         player.tool.stiffness_factor(np.ones(5))
 
 
