@@ -1,5 +1,5 @@
 """
-Random sequences of requests to a server without ROS, beside a model of what the documentation says.
+Random sequences of requests to a server without ROS, beside a model of its documentation.
 
 The model knows docs/nodes.md: which request is accepted in which status, and what the last one
 asks for. The reference stays within its bounds in every tick, no request is lost without a reason,
@@ -7,10 +7,11 @@ and at the end the reference is where the last request says.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     initialize,
@@ -78,7 +79,8 @@ class Clock:
 def _skills() -> dict[str, Skill]:
     s = np.linspace(0.0, 1.0, 120)
     made = {}
-    for name, duration, way in (('short', 0.5, [0.0, 0.25, -0.05]), ('long', 2.0, [0.1, -0.2, 0.1]),
+    for name, duration, way in (('short', 0.5, [0.0, 0.25, -0.05]),
+                                ('long', 2.0, [0.1, -0.2, 0.1]),
                                 ('grasp', 1.0, [0.05, 0.1, 0.0])):
         points = np.tile(HOME, (len(s), 1))
         points[:, :3] += minimum_jerk(s)[:, None] * way
@@ -302,13 +304,21 @@ class Requests(RuleBasedStateMachine):
             assert np.abs(reference[TWIST:TWIST + 6]).max() < 1e-2
 
 
-def run(sequences: int, steps: int = 25) -> None:
+def run(sequences: int, steps: int = 25, tried: Callable[[], None] = lambda: None,
+        shortest: bool = True) -> None:
     """
     Try random sequences of requests.
 
     :param steps: most requests of a sequence
+    :param tried: called after each sequence
+    :param shortest: whether to look for the shortest sequence that does not hold
     :raises AssertionError: with the shortest sequence of which the documentation does not hold
     """
-    run_state_machine_as_test(Requests, settings=settings(
+    class Told(Requests):
+        def teardown(self) -> None:
+            super().teardown()
+            tried()
+    run_state_machine_as_test(Told, settings=settings(
         max_examples=sequences, stateful_step_count=steps, deadline=None, database=None,
+        phases=(Phase.generate, Phase.shrink) if shortest else (Phase.generate,),
         derandomize=True, suppress_health_check=list(HealthCheck)))

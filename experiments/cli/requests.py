@@ -1,0 +1,50 @@
+"""Try random sequences of requests to a server, beside a model of what the documentation says.
+
+Start, stop, pause, goals, tempo, amplitude, other skills, a robot that is far or lost, a gripper
+that jams; during every state. The reference stays within its bounds in every tick, no request is
+lost without a reason, and at the end the reference is where the last request says.
+
+examples:
+  python -m experiments requests
+  python -m experiments requests --sequences 200 --json requests.json
+
+Exit code 1 if a sequence does not hold; the shortest one that was found is printed.
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import traceback
+
+from gdmp_ros.cli.arguments import integer
+from gdmp_ros.util.files import write_json
+from gdmp_ros.util.optional_imports import optional_import
+from gdmp_ros.util.terminal import progress
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('--sequences', type=integer(1, 100_000), default=2000, metavar='N',
+                        help='sequences that are tried (default %(default)s)')
+    parser.add_argument('--steps', type=integer(1, 1000), default=25, metavar='N',
+                        help='most requests of a sequence (default %(default)s)')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Try the sequences; 0 if all hold."""
+    with optional_import(': pip install hypothesis'):
+        from experiments.requests import run as try_sequences
+    problem = ''
+    try:
+        with progress('sequences of requests', options.sequences) as step:
+            try_sequences(options.sequences, options.steps, step)
+    except (AssertionError, ExceptionGroup) as error:
+        traceback.print_exception(error, file=sys.stderr)
+        problem = str(error) or type(error).__name__
+    if options.json:
+        write_json(options.json, [{'case': 'requests', 'asked': options.sequences,
+                                   'measured': problem or 'all hold', 'holds': not problem}])
+    print(f'{options.sequences} sequences: ' + (problem or 'all hold'))
+    return 1 if problem else 0
