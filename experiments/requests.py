@@ -31,6 +31,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.states import ENDED
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.util.profiles import minimum_jerk
@@ -142,7 +143,9 @@ class Requests(RuleBasedStateMachine):
                 step = reference[POSE:POSE + 3] - self.before[POSE:POSE + 3] - DT * mean
                 assert math.sqrt(step @ step) <= limits.stream_acceleration * DT * DT * ROUNDING
             self.before = reference
-        assert self.stream.refusals.count == 0, self.stream.refusals.last
+        # What was accepted in the last tick of a motion is refused with a reason by the next one.
+        for reason in self.stream.refusals.take_new():
+            assert reason == ENDED, reason
         return reference
 
     @property
@@ -226,11 +229,11 @@ class Requests(RuleBasedStateMachine):
 
     @rule(y=st.floats(-0.4, 0.4), z=st.floats(0.2, 0.7), age=st.sampled_from([0.0, 0.02, 0.2]))
     def goal_pose(self, y: float, z: float, age: float) -> None:
-        """A goal, perhaps a late one: accepted while something is executed or stops."""
+        """A goal, perhaps a late one: accepted until a motion has ended, also while it stops."""
         self.look()
         pose = self.goal.copy() if self.executing else HOME.copy()
         pose[1:3] = y, z
-        accepted = self.executing or self.status == 'stopping'
+        accepted = (self.executing and self.status != 'holding') or self.status == 'stopping'
         now = self.stream.now
         self.ask(accepted, self.stream.commands.goal_pose, pose, now, age)
         if accepted and self.executing:

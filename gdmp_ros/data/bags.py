@@ -30,6 +30,7 @@ from gdmp_ros.data.columns import usable
 from gdmp_ros.data.tables import SUFFIXES
 from gdmp_ros.errors import DataError, GdmpError, GdmpWarning
 from gdmp_ros.manifolds.poses import compose, IDENTITY
+from gdmp_ros.util.names import indices_of
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -96,14 +97,15 @@ def joint_positions(message: Any, names: Sequence[str] = ()) -> np.ndarray:
     Positions of a JointState [rad].
 
     :param names: of the joints that are wanted, in their order; by default all as they come
-    :raises DataError: if one is missing, or a number is not finite
+    :raises DataError: if one is missing or there twice, or a number is not finite
     """
-    result = dict(zip(message.name, message.position))
-    missing = [name for name in names if name not in result]
-    if missing:
-        raise DataError(f'joint {missing[0]!r} is missing; there are '
-                        f'{", ".join(message.name) or "none"}')
-    position = np.array([result[name] for name in names] if names else message.position, float)
+    position = np.array(message.position, float)
+    if names:
+        chosen = indices_of(names, message.name, 'joint')
+        if len(message.position) != len(message.name):
+            raise DataError(f'{len(message.position)} positions for {len(message.name)} names of '
+                            'joints')
+        position = position[chosen]
     if not np.isfinite(position).all():
         raise DataError('a position of a joint is NaN or infinite')
     return position

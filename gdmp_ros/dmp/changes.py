@@ -12,8 +12,9 @@ from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.forcing import basis, design_matrix
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, P, Primitive
 from gdmp_ros.dmp.variation import Variation
-from gdmp_ros.errors import GdmpWarning, ParameterError
-from gdmp_ros.manifolds import Product
+from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
+from gdmp_ros.manifolds import Euclidean, Product
+from gdmp_ros.util.names import indices_of
 from gdmp_ros.util.numeric import numbers
 
 #: Largest deviation of a turn from an orthogonal matrix.
@@ -288,6 +289,45 @@ def coupled(primitive: P, coupling: Coupling) -> P:
                           'demonstrations do not keep the relation', GdmpWarning, stacklevel=2)
     moved = between(primitive, *ends)
     return replace(moved, couplings=(*primitive.couplings, coupling))
+
+
+def joints_in_order(primitive: P, names: Sequence[str]) -> P:
+    """
+    Return a primitive of joints with the joints of an arm, in its order.
+
+    Joints are known by their names, which its provenance has (``joints``); one without names, or
+    of something else, is returned as it is. The fingers of a hand are left out, with a warning.
+
+    :param names: of the joints of the arm
+    :raises DataError: if a joint is missing, there twice, or unknown to the arm
+    """
+    known = list(getattr(primitive, 'provenance', {}).get('joints', ()))
+    if primitive.manifold.names != ('joints',) or not known or known == list(names):
+        return primitive
+    chosen = indices_of(names, known, 'the joint')
+    left = [name for index, name in enumerate(known) if index not in chosen]
+    unknown = [name for name in left if 'finger' not in name.lower()]
+    if unknown or len(set(chosen)) < len(chosen):
+        raise DataError(f'the skill is of the joints {", ".join(known)}; the arm has '
+                        f'{", ".join(names)}')
+    if left:
+        warnings.warn(f'{", ".join(left)}: left out, no joint of the arm', GdmpWarning,
+                      stacklevel=2)
+    size, manifold = len(known), Product(Euclidean(len(chosen)), names=('joints',))
+    variation = primitive.variation
+    if variation is not None:
+        def rows(array: np.ndarray) -> np.ndarray:
+            blocks = array.reshape(-1, size, *array.shape[1:])[:, chosen]
+            return blocks.reshape(-1, *array.shape[1:])
+        variation = replace(variation.mapped(rows), noise=variation.noise[chosen])
+    segments = primitive.segments
+    if len(segments.ends):
+        segments = replace(segments, waypoints=segments.waypoints[:, chosen])
+    start = primitive.start[chosen]
+    return replace(primitive, manifold=manifold, start=start, goal=primitive.goal[chosen],
+                   frame=manifold.frame(start), velocity=primitive.velocity[chosen],
+                   weights=primitive.weights[:, chosen], segments=segments, variation=variation,
+                   provenance={**primitive.provenance, 'joints': [known[k] for k in chosen]})
 
 
 def half(primitive: P, number: int) -> P:

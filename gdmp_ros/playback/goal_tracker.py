@@ -57,7 +57,8 @@ class GoalTracker:
         self._velocity = np.zeros(6)
         self._time = 0.0
         self._count = 0
-        self._moves = False
+        # How long it moves on without a new pose [s], and whether its twist was given.
+        self._moves, self._timeout, self._given = False, TIME_OUT, False
 
     def update(self, pose: np.ndarray, time: float, now: float) -> MovingGoal:
         """
@@ -68,6 +69,8 @@ class GoalTracker:
         :param now: the present, not before ``time``
         :returns: the goal at present
         """
+        if self._given:
+            self.reset()
         dt = time - self._time
         if self._count and -TIME_OUT <= dt < 0.0:
             return self._at(now, self._moves)  # it comes late: a newer one is known
@@ -78,17 +81,33 @@ class GoalTracker:
             self._correct(pose, time, dt)
         return self._at(now, self._known_to_move())
 
+    def follow(self, pose: np.ndarray, twist: np.ndarray, now: float, timeout: float) -> None:
+        """
+        Use a goal with a twist that is known, until another one comes or the time is over.
+
+        :param pose: at present
+        """
+        self.reset()
+        # Tangents on S³ are half the rotation vector.
+        self._pose, self._seen, self._time, self._timeout = pose, pose, now, timeout
+        self._velocity = np.concatenate([twist[:3], 0.5 * twist[3:]])
+        self._moves, self._given = bool(twist.any()), True
+
+    def present(self, now: float) -> MovingGoal | None:
+        """Where the goal is while it moves; None if it rests."""
+        return self._at(now, True) if self._moves else None
+
     def expired(self, now: float) -> MovingGoal | None:
         """The goal at rest where it was last seen, once, if its poses have ended."""
-        if not self._moves or now - self._time <= TIME_OUT:
+        if not self._moves or now - self._time <= self._timeout:
             return None
-        stopped = self._at(now, False)
+        stopped = MovingGoal(self._at(now, True).pose if self._given else self._seen, None)
         self.reset()
         return stopped
 
     def reset(self) -> None:
         """Forget the goal."""
-        self._moves, self._count = False, 0
+        self._moves, self._count, self._timeout, self._given = False, 0, TIME_OUT, False
 
     def _begin(self, pose: np.ndarray, time: float) -> None:
         self._pose, self._time = pose, time
@@ -125,6 +144,6 @@ class GoalTracker:
     def _at(self, now: float, moving: bool) -> MovingGoal:
         if not moving:
             return MovingGoal(self._seen, None)
-        pose = self._predicted(min(max(now - self._time, 0.0), TIME_OUT))
+        pose = self._predicted(min(max(now - self._time, 0.0), self._timeout))
         # Tangents on S³ are half the rotation vector.
         return MovingGoal(pose, np.concatenate([self._velocity[:3], 2.0 * self._velocity[3:]]))

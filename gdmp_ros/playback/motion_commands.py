@@ -8,18 +8,24 @@ import numpy as np
 from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.playback.goal_check import GoalCheck
-from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
+from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, MovingGoal
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.states import Request
+from gdmp_ros.playback.states import Request, State
 from gdmp_ros.playback.streamed_skill import Kind
 
 
 class MotionCommands:
     """Checks commands for the motion that is executed, and passes them to the player."""
 
-    def __init__(self, goals: GoalCheck, loaded: Callable[[], Player]):
-        """:param loaded: returns the player, or raises a `ParameterError` without a skill"""
-        self._goals, self._loaded = goals, loaded
+    def __init__(self, goals: GoalCheck, loaded: Callable[[], Player],
+                 refuse: Callable[[str], None]):
+        """
+        Prepare.
+
+        :param loaded: returns the player, or raises a `ParameterError` without a skill
+        :param refuse: called with the reason when a goal is not followed any more
+        """
+        self._goals, self._loaded, self._refuse = goals, loaded, refuse
         self._tracker = GoalTracker()
 
     def begin(self) -> None:
@@ -28,12 +34,22 @@ class MotionCommands:
 
     def pass_time(self, now: float, player: Player) -> None:
         """
-        Let the goal rest whose poses have ended.
+        Let the goal rest whose poses have ended, or that moves out of the workspace.
 
         :param now: of the clock of the ticks [s]
         """
-        ended = self._tracker.expired(now)
-        if ended is not None and player.playing.kind is Kind.TOOL:
+        if player.playing.kind is not Kind.TOOL or not player.allows(Request.GOAL):
+            return
+        ended, present = self._tracker.expired(now), self._tracker.present(now)
+        if present is not None:
+            try:
+                self._goals.settings.check_goal(present.pose)
+                return
+            except ManifoldError as error:
+                self._refuse(f'the goal that moves on rests: {error}')
+            ended = MovingGoal(self._goals.settings.inside(present.pose), None)
+            self._tracker.reset()
+        if ended is not None:
             player.go_to(ended.pose)
 
     def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0, side: int = 0) -> None:
@@ -58,11 +74,16 @@ class MotionCommands:
         goal = self._tracker.update(pose, now - age, now)
         player.go_to(goal.pose, goal.twist)
 
-    def moving_goal(self, pose: np.ndarray, twist: np.ndarray, age: float = 0.0) -> None:
+    def moving_goal(self, pose: np.ndarray, twist: np.ndarray, now: float, age: float = 0.0
+                    ) -> None:
         """
-        Switch the pose goal to one that moves on with a given twist, until the next goal.
+        Switch the pose goal to one that moves on with a given twist.
 
-        :param twist: linear and angular velocity [m/s, rad/s]
+        It rests when there is no other one in time (`StreamSettings.moving_goal_timeout`), or at
+        the border of the workspace.
+
+        :param twist: linear and angular velocity [m/s, rad/s], not faster than the stream may be
+        :param now: of the clock of the ticks [s]
         :param age: time since the goal was there [s]
         :raises GdmpError: as `goal_pose`, or if a number is not finite
         """
@@ -73,8 +94,10 @@ class MotionCommands:
         if player.playing.kind is not Kind.TOOL:
             raise ManifoldError(f'a skill of {player.playing.kind.value} does not follow a goal '
                                 'that moves on')
-        self._tracker.reset()
-        player.go_to(moved_on(pose, twist, age), twist)
+        self._goals.settings.check_twist(twist)
+        present = moved_on(pose, twist, age)
+        self._tracker.follow(present, twist, now, self._goals.settings.moving_goal_timeout)
+        player.go_to(present, twist)
 
     def goal_stiffness(self, numbers: Sequence[float]) -> None:
         """
@@ -107,6 +130,9 @@ class MotionCommands:
     def _executing(self) -> Player:
         player = self._loaded()
         player.check(Request.GOAL)
+        if player.state is State.FINISHED and not self._goals.settings.follow_goal_after_end:
+            raise ParameterError('the motion has ended; start a motion, or set '
+                                 'follow_goal_after_end')
         return player
 
     def _rhythmic(self) -> Player:

@@ -146,8 +146,7 @@ class Player:
     @property
     def mode(self) -> StreamMode:
         """What the stream of references says of itself: an arm begins to follow motions only."""
-        rests = self._state is State.RESTING or (self._state is State.FINISHED
-                                                 and self._goal_twist is None)
+        rests = self._state in (State.RESTING, State.FINISHED)
         holds = rests or self.rollout is None or self.target is None
         return StreamMode.HOLDING if holds else StreamMode.STREAMING
 
@@ -389,9 +388,10 @@ class Player:
             request, carry_out, arguments = self._queue[0]
             next_state = TABLE[self._state][request]
             try:
-                if isinstance(next_state, str):
+                if not isinstance(next_state, str):
+                    carry_out(*arguments)
+                elif request is not Request.STOP:  # at rest a stop has nothing to do
                     raise ParameterError(next_state)
-                carry_out(*arguments)
             except GdmpError as error:
                 self.refusals.add(str(error))
             self._queue.popleft()
@@ -410,7 +410,9 @@ class Player:
             self._cycles = None
             rollout.set_amplitude(0.0)
         if self._state in _FREE:
-            self._state = State.FINISHED if rollout.finished else State.MOVING
+            # A motion whose goal moves is executed until it is stopped, or the goal rests.
+            ended = rollout.finished and self._goal_twist is None
+            self._state = State.FINISHED if ended else State.MOVING
         elif self._state in _ENDS and rollout.speed == 0.0:
             self.rollout, self._releases = None, True
             self.playing.stop(target)

@@ -27,6 +27,12 @@ class StreamSettings:
     stream_angular_acceleration: float = setting(
         20.0, 'largest angular acceleration of the references; 0: no bound', 'rad/s^2', 0.0,
         200.0)
+    follow_goal_after_end: bool = setting(
+        False, 'whether a goal that comes after the end of a motion moves the arm; otherwise it '
+        'is refused')
+    moving_goal_timeout: float = setting(
+        1.0, 'time without a new message after which a goal of ~/moving_goal rests', 's', 0.05,
+        3600.0)
     workspace_min: tuple[float, float, float] = setting(
         (-0.2, -0.8, 0.02), 'lowest goal position accepted', 'm', -10.0, 10.0)
     workspace_max: tuple[float, float, float] = setting(
@@ -38,6 +44,25 @@ class StreamSettings:
             if low >= high:
                 raise ParameterError(f'workspace_min {axis} is {low:g} m, expected less than '
                                      f'workspace_max {axis}, {high:g} m')
+
+    def inside(self, pose: np.ndarray) -> np.ndarray:
+        """Pose with its position moved into the workspace."""
+        return np.concatenate([np.clip(pose[:3], self.workspace_min, self.workspace_max),
+                               pose[3:]])
+
+    def check_twist(self, twist: np.ndarray) -> None:
+        """
+        Check the twist of a goal that moves on.
+
+        :raises ManifoldError: if it is faster than the stream may be
+        """
+        for name, part, limit, unit in (('speed', twist[:3], self.stream_speed, 'm/s'),
+                                        ('angular speed', twist[3:], self.stream_angular_speed,
+                                         'rad/s')):
+            fast = float(np.linalg.norm(part))
+            if limit and fast > limit:
+                raise ManifoldError(f'the {name} of the goal is {fast:.3g} {unit}, expected at '
+                                    f'most stream_{name.replace(" ", "_")}, {limit:g} {unit}')
 
     def check_goal(self, pose: np.ndarray, arm: str = '') -> None:
         """

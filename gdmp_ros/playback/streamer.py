@@ -86,7 +86,7 @@ class Streamer:
         self.bounds = StreamBounds(settings)
         self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
         self._goals = GoalCheck(settings, kinematics, second_base)
-        self.commands = MotionCommands(self._goals, self.loaded)
+        self.commands = MotionCommands(self._goals, self.loaded, self.refusals.add)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
                   robot_settings: RobotSettings) -> None:

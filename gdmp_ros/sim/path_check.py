@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import singular_value
+from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
@@ -253,6 +254,11 @@ class PathChecker:
         self._arm, self._reach = arm, Reach(arm, tool)
         self._pairs = _pairs(arm.model)
 
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints of the arm."""
+        return list(self._arm.names)
+
     def check(self, times: np.ndarray, poses: np.ndarray,
               posture: np.ndarray | None = None) -> PathCheck:
         """
@@ -350,6 +356,7 @@ def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES
     :returns: what was found, and the positions of the tool [m], shape ``(poses, 3)``
     :raises DataError: if it is neither a skill of a pose nor of as many joints as the arm has
     """
+    skill = joints_in_order(skill, checker.joint_names)
     tool = StreamedSkill(skill, PlayerSettings())
     if tool.kind is Kind.TWO_TOOLS:
         raise DataError('the skill is one of two arms: check the skill of each, in the frame of '

@@ -41,6 +41,19 @@ def test_a_pose_that_comes_late_does_not_stop_the_goal(rng):
     np.testing.assert_allclose(late.pose, moved_on(goal.pose, goal.twist, 0.005), atol=1e-9)
 
 
+def test_a_given_twist_ends_after_its_time():
+    tracker = GoalTracker()
+    tracker.follow(POSE, BELT, 5.0, 1.0)
+    assert tracker.expired(5.9) is None
+    np.testing.assert_allclose(tracker.present(5.9).pose, moved_on(POSE, BELT, 0.9))
+    ended = tracker.expired(6.5)
+    np.testing.assert_allclose(ended.pose, moved_on(POSE, BELT, 1.0))
+    assert ended.twist is None and tracker.present(6.6) is None
+    # Poses after it are another goal.
+    tracker.follow(POSE, BELT, 7.0, 1.0)
+    assert tracker.update(POSE, 7.1, 7.1).twist is None
+
+
 def test_the_first_poses_count_alike(rng):
     """The estimate is the line of least squares through them."""
     times, tracker = 0.005 * np.arange(8), GoalTracker()
@@ -111,6 +124,6 @@ def test_the_reference_follows_a_goal_on_a_belt(given, rng):
             lags.append(np.linalg.norm(target[:3] - expected))
     assert max(lags) <= 1e-3
     assert np.abs(np.diff(accelerations[10:8000], axis=0)).max() <= 0.02
-    assert player.status == 'holding' and player.rollout.flags == set()
+    assert player.status == 'moving' and player.rollout.finished and player.rollout.flags == set()
     if not given:
         assert player.distances()[0] < 0.001

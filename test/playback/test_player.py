@@ -20,6 +20,7 @@ from gdmp_ros.playback.channels import APPROACH_ACCELERATION
 from gdmp_ros.playback.player import MAX_WAITING, Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
+from gdmp_ros.playback.states import Request
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 SETTINGS = PlayerSettings()
@@ -181,15 +182,17 @@ def test_a_motion_that_is_stopped_before_it_begins_has_ended(player, skill):
 
 def test_requests_that_a_state_does_not_allow_are_refused_with_the_reason(player, skill):
     player.hold(pose_of(skill))
-    for ask in (player.stop, lambda: player.pause(True), lambda: player.go_to(skill.goal[:7])):
+    for ask in (lambda: player.pause(True), lambda: player.go_to(skill.goal[:7])):
         before = player.refusals.count
         ask()
         run(player, 1)
         assert player.refusals.count == before + 1
         assert player.refusals.last == 'no skill is being executed; start one first'
+    with pytest.raises(ParameterError, match='no skill is being executed'):
+        player.check(Request.STOP)
     player.end()
     run(player, 1)
-    assert player.refusals.count == 3
+    assert player.refusals.count == 2
 
 
 def test_a_motion_that_follows_a_stop_begins_at_a_robot_that_did_not_follow(player, skill):

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from gdmp_ros import ParameterError
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from test.lockstep.clock import SteppedClock
@@ -105,6 +107,7 @@ def test_the_phase_stops_while_the_robot_is_held(skill, source):
 LOADING = """
 from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
+from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
@@ -152,3 +155,55 @@ def test_no_tick_loads_a_kernel(skill, tmp_path):
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           check=False)
     assert done.stdout == '0\n', done.stdout + done.stderr
+
+
+def advance(streamer, count):
+    """Let time go on from the last tick."""
+    for tick in range(streamer.ticks + 1, streamer.ticks + 1 + count):
+        target = streamer.tick(tick * PERIOD_NS, 0.05)
+    return target
+
+
+def test_a_goal_after_the_end_is_refused_unless_it_is_to_be_followed(skill, source):
+    for follow in (False, True):
+        source.pose = skill.start[:7].copy()
+        streamer = streamer_of(skill, source)
+        streamer.configure(StreamSettings(follow_goal_after_end=follow),
+                           PlayerSettings(phase_stopping=0.0), RobotSettings())
+        advance(streamer, READ_EVERY)
+        streamer.begin()
+        advance(streamer, round(2000 * skill.duration))
+        assert streamer.player.status == 'holding' and streamer.player.rollout.finished
+        goal = skill.goal[:7] + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+        if not follow:
+            with pytest.raises(ParameterError, match='ended; start a motion, or set follow_goal'):
+                streamer.commands.goal_pose(goal, streamer.now)
+            continue
+        streamer.commands.goal_pose(goal, streamer.now)
+        np.testing.assert_allclose(advance(streamer, 6000)[:3], goal[:3], atol=1e-3)
+
+
+@pytest.mark.parametrize('speed', [0.15, 0.6])
+def test_a_goal_that_moves_on_rests_in_time_and_in_the_workspace(skill, source, speed):
+    source.pose = skill.start[:7].copy()
+    streamer = streamer_of(skill, source)
+    streamer.configure(StreamSettings(), PlayerSettings(phase_stopping=0.0), RobotSettings())
+    advance(streamer, READ_EVERY)
+    streamer.begin()
+    advance(streamer, 200)
+    goal, twist = skill.goal[:7].copy(), np.array([0.0, speed, 0.0, 0.0, 0.0, 0.0])
+    goal[1] = 0.4
+    streamer.commands.moving_goal(goal, twist, streamer.now)
+    advance(streamer, 500)
+    assert streamer.player.status == 'moving'
+    reference = advance(streamer, round(3000 * skill.duration))
+    assert streamer.player.status == 'holding'
+    expected = min(0.4 + speed, StreamSettings().workspace_max[1])
+    assert reference[1] == pytest.approx(expected, abs=0.5 * READ_EVERY * 1e-3 * speed + 0.03)
+    assert reference[1] <= StreamSettings().workspace_max[1] + 1e-3
+    assert (streamer.refusals.count > 0) == (speed == 0.6)
+    with pytest.raises(GdmpError, match='speed of the goal is 50 m/s, expected at most stream_sp'):
+        streamer.begin()
+        advance(streamer, 50)
+        streamer.commands.moving_goal(skill.goal[:7], np.array([50.0, 0, 0, 0, 0, 0]),
+                                      streamer.now)

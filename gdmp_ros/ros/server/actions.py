@@ -203,7 +203,8 @@ class ExecuteAction(ServerAction):
         elif holding and state.finished and 'not_settled' in state.flags:
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
                          'the goal was not reached within its tolerance in time')
-        elif holding and state.finished and not awaited:
+        elif (state.finished and state.status in (Status.HOLDING, Status.MOVING)
+              and not awaited):
             self._judge_robot_at_goal(execution)
         else:
             self._rested_since = self._streamer.time

@@ -126,7 +126,8 @@ class GoalTopics:
     def _use_moving(self, data: bytes, age: float) -> None:
         message = deserialized(data, MovingGoal)
         twist = np.array(vector_numbers(message.twist.linear, message.twist.angular))
-        self._commands.moving_goal(*self._base.moving(message, twist), self._age(data, age))
+        self._commands.moving_goal(*self._base.moving(message, twist), self._streamer.now,
+                                   self._age(data, age))
 
     def _use_stiffness(self, data: bytes, age: float) -> None:
         self._commands.goal_stiffness(deserialized(data, Float64MultiArray).data)

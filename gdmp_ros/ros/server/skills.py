@@ -14,6 +14,7 @@ from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill
 import numpy as np
 
+from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.primitive import check_connection
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
@@ -46,8 +47,15 @@ class SkillLoader:
 
         :returns: why the arm cannot follow it to its own goal; empty if it can. Another goal may
             be reached: nothing is refused
-        :raises DataError: if it is neither one of a pose nor of joints; the present skill stays
+        :raises DataError: if it is neither one of a pose nor of joints, or the joints are not
+            those of the arm; the present skill stays
         """
+        if self._checker is not None:
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter('always')
+                skill = joints_in_order(skill, self._checker.joint_names)
+            for item in told:
+                self._logger.warning(f'{name}: {item.message}')
         self._streamer.use(skill, name)
         self._loaded = skill, name
         return self._check(skill, name)
