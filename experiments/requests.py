@@ -29,6 +29,7 @@ from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
+from gdmp_ros.playback.channels import APPROACH_ACCELERATION
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.states import ENDED
@@ -112,6 +113,7 @@ class Requests(RuleBasedStateMachine):
                                PlayerSettings(phase_stopping=0.0), gripper=self.hand)
         self.stream.activate(MS)
         self.before: np.ndarray | None = None
+        self.way: np.ndarray | None = None
         # What the documentation says: what is executed, whether it is paused, and its goal.
         self.executing, self.paused = False, False
         self.loaded = self.present = 'long'
@@ -130,6 +132,7 @@ class Requests(RuleBasedStateMachine):
             if target is None:
                 continue
             reference = target.copy()
+            self.check_way()
             for first, speed, acceleration in (
                     (0, limits.stream_speed, limits.stream_acceleration),
                     (3, limits.stream_angular_speed, limits.stream_angular_acceleration)):
@@ -147,6 +150,16 @@ class Requests(RuleBasedStateMachine):
         for reason in self.stream.refusals.take_new():
             assert reason == ENDED, reason
         return reference
+
+    def check_way(self) -> None:
+        """Without a motion the reference keeps the bounds of its way to the robot."""
+        player, before = self.stream.loaded(), self.way
+        self.way = None
+        if player.rollout is None and player.target is not None:
+            self.way = player.target[TWIST:TWIST + 3].copy()
+            if before is not None:
+                change = float(np.linalg.norm(self.way - before))
+                assert change <= APPROACH_ACCELERATION['position'] * DT * ROUNDING
 
     @property
     def status(self) -> str:

@@ -25,6 +25,8 @@ ARGUMENTS = (
 def start(context):
     """Make the nodes."""
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    # Looked up before anything is started.
+    FindPackageShare('tf2_ros').perform(context)
     numbers = given['second_base'].split()
     if len(numbers) != 6:
         raise ValueError(f"second_base is {given['second_base']!r}, expected 6 numbers")

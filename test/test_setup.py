@@ -1,7 +1,9 @@
 """Errors and progress of the set-up; generated files agree with the code."""
+import ast
 import importlib.util
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -122,6 +124,28 @@ def test_configuration_files_and_the_page_of_parameters_are_those_of_the_nodes()
     for node, (_, specs) in parameter_tables.NODES.items():
         document = yaml.safe_load((ROOT / 'config' / f'{node}.yaml').read_text())
         assert document[f'/**/{node}']['ros__parameters'] == {s.name: s.default for s in specs}
+
+
+def test_the_package_names_what_it_imports_and_launches():
+    """Packages of ROS that are imported, or of which a launch file starts something."""
+    text = (ROOT / 'package.xml').read_text()
+    known = set(re.findall(r'<(?:exec_)?depend>([^<]+)<', text))
+    ours = {'gdmp_ros', 'launch'}
+    wanted = set()
+    for path in [*(ROOT / 'gdmp_ros').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = ([alias.name for alias in node.names] if isinstance(node, ast.Import) else
+                     [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
+            wanted |= {name.partition('.')[0] for name in names}
+        wanted |= set(re.findall(r"package='(\w+)'", path.read_text()))
+    folders = [Path(folder) for folder in sys.path if Path(folder).is_dir()]
+    of_ros = {name for name in wanted - ours if re.search(
+        r'(_msgs|_interfaces|^rcl|^rclpy|^tf2|^ament|^rosidl|^launch)', name) and (
+        name == 'tf2_ros' or any((folder / name).is_dir() for folder in folders))}
+    assert of_ros and of_ros <= known, of_ros - known
+    for module, package in (('yaml', 'python3-yaml'), ('numpy', 'python3-numpy'),
+                            ('scipy', 'python3-scipy'), ('psutil', 'python3-psutil')):
+        assert module not in wanted or package in known
 
 
 def test_versions_agree():

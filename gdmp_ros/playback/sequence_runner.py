@@ -144,10 +144,15 @@ class SequenceRunner:
             run.problem = reason
 
     def signal(self, name: str) -> None:
-        """Tell the present step that something has happened."""
+        """
+        Tell the present step that something has happened.
+
+        :raises ParameterError: if no sequence is executed
+        """
         run = self._run
-        if run is not None:
-            run.course.signal(name)
+        if run is None:
+            raise ParameterError(f'signal {name!r}: no sequence is being executed')
+        run.course.signal(name)
 
     @property
     def running(self) -> bool:

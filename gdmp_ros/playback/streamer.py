@@ -24,7 +24,7 @@ from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
-from gdmp_ros.playback.states import Request, Status
+from gdmp_ros.playback.states import Request, State, Status
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.realtime.loop import NS, RunningLoop
@@ -34,6 +34,11 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 READ_EVERY = 50
 #: Time between two looks at a motion that is to stop [ns].
 LOOK_NS = 5_000_000
+
+
+#: Why a motion ends when the measured poses do.
+ROBOT_LOST = 'the measured pose of the robot has ended: the motion was stopped; start another one'
+_EXECUTED = (State.APPROACHING, State.MOVING, State.PAUSED, State.WAITING, State.RESTARTING)
 
 
 class Streamer:
@@ -49,6 +54,7 @@ class Streamer:
     :ivar sequence: executes sequences
     :ivar record: how the robot followed the last motion
     :ivar active: whether ticks are made
+    :ivar lost_motion: number of the last motion that ended because the robot was lost
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
     :ivar time: that the motions have had, without jumps [s]
@@ -83,6 +89,7 @@ class Streamer:
         self.sequence = SequenceRunner(commands, self.gripper)
         self._inputs = inputs
         self._used: Measured | None = None
+        self.lost_motion = 0
         self.bounds = StreamBounds(settings)
         self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
         self._goals = GoalCheck(settings, kinematics, second_base)
@@ -307,6 +314,11 @@ class Streamer:
         if reference is not None:
             self.robot.update(self.time, measured.place if measured is not None and known else
                               None, reference, player.status is Status.MOVING)
+        if not known and self.robot.seen and player.state in _EXECUTED:
+            self.lost_motion = player.motion
+            self.refusals.add(ROBOT_LOST)
+            self.sequence.cancel(ROBOT_LOST)
+            player.end()
         if measured is None or measured is self._used:
             return
         self._used = measured

@@ -42,6 +42,11 @@ class LatenessRecorder:
         self.ticks = 0
         self.missed = 0
 
+    @property
+    def rate_hz(self) -> float:
+        """Ticks per second that are asked for."""
+        return 1e9 / self._period
+
     def add(self, deadline_ns: int, now_ns: int) -> None:
         """Count a tick; deadlines skipped since the last one count as missed."""
         if self.ticks:

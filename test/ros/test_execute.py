@@ -29,8 +29,9 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     assert code == 0 and 'the goal is switched to' in out
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
-    code, out, _ = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
-    assert code == 0 and 'the new goal was refused: goal_pose: goal x is 5.000 m' in out
+    code, out, err = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
+    assert code == 1 and 'stopped' in out
+    assert 'the new goal was refused: goal_pose: goal x is 5.000 m' in err.splitlines()[-1]
     code, _, err = execute('--tempo', '7')
     assert code == 2 and '--tempo: is 7, expected' in err
     code, _, err = execute('nowhere.json')

@@ -144,8 +144,16 @@ def test_a_robot_that_is_lost_on_the_way_is_not_at_the_goal(nodes, skill):
     nodes.wait_progress(0.4)
     lost[0] = True
     result = nodes.client.result(30.0)
-    assert result.error_code == RESULT.GOAL_TOLERANCE_VIOLATED
+    assert result.error_code == RESULT.BLOCKED
     assert 'measured pose of the robot has ended' in result.error_string
+    # It stopped where it was, and a new start decides.
+    nodes.client.wait_status('holding', 5.0)
+    assert nodes.references[-1].twist.linear.y == 0.0 and nodes.state.progress < 0.9
+    lost[0] = False
+    nodes.spend(1.0)
+    assert nodes.state.status == 'holding'
+    nodes.client.execute()
+    nodes.wait_progress(0.2)
 
 
 def test_a_server_holds_the_measured_pose_when_it_is_activated(running):

@@ -176,6 +176,5 @@ def _switch(client: ServerClient, position: Sequence[float]) -> None:
         client.state.refused > refused or bool(client.state.goal) and np.allclose(
             messages.pose_numbers(client.state.goal[0])[:3], position)), 5.0)
     if client.state is not None and client.state.refused > refused:
-        print(f'the new goal was refused: {client.state.last_refusal}')
-    else:
-        print(f'the goal is switched to {", ".join(f"{value:g}" for value in position)} m')
+        raise GdmpError(f'the new goal was refused: {client.state.last_refusal}')
+    print(f'the goal is switched to {", ".join(f"{value:g}" for value in position)} m')

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 import shutil
 from typing import Any
@@ -48,10 +49,7 @@ class TakeRecorder(ManagedNode):
     def configure(self) -> None:
         self._state, self._kept = RecorderState(status='waiting'), None
         self._folder = Path(self.parameters.folder).expanduser().absolute()
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
+        _check_folder(self._folder)
         topics = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
         self._rare = self._named('rare')
         self._topics = {**topics, **self._named('also'), **self._rare}
@@ -109,6 +107,10 @@ class TakeRecorder(ManagedNode):
         if self._writer is not None:
             raise ParameterError(f'{self._state.take} is being recorded: stop or discard it first')
         name = takes.next_name(self._folder, self.parameters.prefix)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
         self._tap.begin()
         self._writer = BagWriter(self._folder / name, self.parameters.storage).open()
         self._begun = self.clock.now()
@@ -192,6 +194,14 @@ class TakeRecorder(ManagedNode):
                 self.get_logger().warning(reply.message)
             return reply
         return answer
+
+
+def _check_folder(folder: Path) -> None:
+    """:raises DataError: if a folder that may not exist yet cannot be made or written"""
+    present = next(one for one in (folder, *folder.parents) if one.exists())
+    if not present.is_dir() or not os.access(present, os.W_OK):
+        raise DataError(f'{folder}: cannot write takes: {present} is no folder that can be '
+                        'written')
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.distance import Distance
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION
 from gdmp_ros.playback.states import Status
-from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.playback.streamer import ROBOT_LOST, Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.server.report import ServerReport
@@ -190,6 +190,9 @@ class ExecuteAction(ServerAction):
         if holding and self._cancelling:
             self._finish(ExecuteSkill.Result.CANCELED, 'stopped on request')
             return
+        if self._streamer.lost_motion == execution.motion:
+            self._finish(ExecuteSkill.Result.BLOCKED, ROBOT_LOST)
+            return
         # Only a motion has factors.
         if holding and not state.factors:
             self._finish(ExecuteSkill.Result.CANCELED, 'stopped by service')
@@ -274,6 +277,10 @@ class ExecuteAction(ServerAction):
         if not goal.use_goal_pose:
             return None
         header = goal.goal_pose.header
+        if not header.frame_id:
+            header.frame_id = self._base.name
+            self._node.get_logger().info(
+                f'{self.name}: a goal without a frame is in {header.frame_id}')
         if not self._base.knows(header):
             await self._node.wait_until(lambda: self._base.knows(header), 0.02,
                                         self._node.get_parameter('tf_timeout').value)
@@ -351,7 +358,10 @@ class SequenceAction(ServerAction):
             self._finish(*problem)
 
     def _on_signal(self, message: String) -> None:
-        self._streamer.sequence.signal(message.data)
+        try:
+            self._streamer.sequence.signal(message.data)
+        except ParameterError as error:
+            self._streamer.refusals.add(str(error))
 
     async def _execute(self, handle: Any) -> ExecuteSequence.Result:
         result, request = ExecuteSequence.Result(), handle.request

@@ -29,6 +29,8 @@ PLAN_EVERY = 5
 DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
 FIGURES_EVERY, WINDOW = 10, 1000
+#: Parts of the rate that is asked for, below which there is a warning, and an error.
+ENOUGH, LEAST = 0.99, 0.95
 #: Shorter jumps are messages on /clock that were lost; nothing to act on [s].
 NOTABLE_JUMP_S = 0.05
 #: Oldest status of the arm that counts [s].
@@ -182,6 +184,11 @@ class ServerReport:
             node.get_logger().error(text, throttle_duration_sec=5.0)
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
+        share = figures.rate_hz / self._streamer.lateness.rate_hz
+        if member is not None and figures.ticks >= WINDOW and share < ENOUGH:
+            level = max(level, DiagnosticStatus.ERROR if share < LEAST else DiagnosticStatus.WARN)
+            text = (f'{text}; {figures.rate_hz:.1f} Hz of '
+                    f'{self._streamer.lateness.rate_hz:g} Hz')
         if self._reports % DIAGNOSTICS_EVERY == 0:
             self._publishers = node.participant.publishers('~/reference')
         if len(self._publishers) > 1:
@@ -209,6 +216,9 @@ def _add_motion(message: ServerState, player: Player) -> set[str]:
     if rollout is None:
         return set()
     message.progress, message.speed = rollout.progress, rollout.speed
+    if not rollout.skill.rhythmic:
+        # Beyond its end a motion follows its goal.
+        message.progress = min(message.progress, 1.0)
     message.phase = rollout.phase
     message.rhythmic = rollout.skill.rhythmic
     message.amplitude, message.frequency = rollout.amplitude, rollout.frequency
