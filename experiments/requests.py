@@ -34,7 +34,7 @@ from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.states import ENDED
 from gdmp_ros.playback.stream_settings import StreamSettings
-from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.playback.streamer import ROBOT_LOST, Streamer
 from gdmp_ros.util.profiles import minimum_jerk
 
 MS, DT = 1_000_000, 1e-3
@@ -117,7 +117,7 @@ class Requests(RuleBasedStateMachine):
         # What the documentation says: what is executed, whether it is paused, and its goal.
         self.executing, self.paused = False, False
         self.loaded = self.present = 'long'
-        self.goal, self.speed = np.empty(7), 1.0
+        self.goal, self.speed, self.motion = np.empty(7), 1.0, 0
 
     def _read(self) -> tuple[np.ndarray, float] | None:
         return None if self.robot is None else (self.robot.copy(), 0.0)
@@ -148,7 +148,7 @@ class Requests(RuleBasedStateMachine):
             self.before = reference
         # What was accepted in the last tick of a motion is refused with a reason by the next one.
         for reason in self.stream.refusals.take_new():
-            assert reason == ENDED, reason
+            assert reason in (ENDED, ROBOT_LOST) or 'not rhythmic' in reason, reason
         return reference
 
     def check_way(self) -> None:
@@ -190,7 +190,9 @@ class Requests(RuleBasedStateMachine):
     def look(self) -> None:
         """A motion may have ended by itself only for a reason that is told."""
         gripper = self.stream.gripper
-        if self.executing and gripper is not None and gripper.problem:
+        if self.executing and gripper is not None and gripper.problem(self.motion):
+            self.executing = self.paused = False
+        if self.executing and self.motion == self.stream.lost_motion:
             self.executing = self.paused = False
         if self.executing:
             assert self.status == ('paused' if self.paused else self.status)
@@ -207,8 +209,12 @@ class Requests(RuleBasedStateMachine):
         """A motion is started: accepted if the robot is known."""
         self.look()
         known = self.robot is not None and self.stream.robot_is_known()
-        self.ask(known, self.stream.begin)
-        if known:
+        try:
+            self.motion = self.stream.begin()
+        except ParameterError as error:
+            assert not known and str(error)
+        else:
+            assert known
             self.executing, self.paused, self.present = True, False, self.loaded
             self.goal = SKILLS[self.loaded].goal[:7].copy()
 

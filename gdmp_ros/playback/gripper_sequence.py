@@ -63,17 +63,17 @@ class GripperCommands:
 
 
 class GripperSequence:
-    """
-    Carries out the events of the skill that is played; one thread calls `advance`.
-
-    :ivar problem: why the gripper of this motion failed; empty if it did not
-    """
+    """Carries out the events of the skill that is played; one thread calls `advance`."""
 
     def __init__(self, commands: GripperCommands):
         self._commands = commands
-        self.problem = ''
+        self._problem = ''
         self._motion = self._next = 0
         self._waits = False
+
+    def problem(self, motion: int) -> str:
+        """Why the gripper of a motion failed; empty if it did not, or the motion is another."""
+        return self._problem if motion == self._motion else ''
 
     def waits_for_more(self, player: Player) -> bool:
         """Whether commands of the skill that moves have not been carried out."""
@@ -84,7 +84,7 @@ class GripperSequence:
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""
         if player.motion != self._motion:
-            self._motion, self._next, self._waits, self.problem = player.motion, 0, False, ''
+            self._motion, self._next, self._waits, self._problem = player.motion, 0, False, ''
         rollout, events = player.rollout, player.playing.skill.events
         if rollout is None or self._next == len(events):
             return
@@ -104,5 +104,5 @@ class GripperSequence:
         self._waits, self._next = False, self._next + 1
         player.wait(False)
         if problem:
-            self.problem = f'gripper: {problem}'
+            self._problem = f'gripper: {problem}'
             player.end()

@@ -214,9 +214,10 @@ class SequenceRunner:
             return run.course.hold_ended(step, dt)
         if isinstance(step, MotionStep):
             if self._events is not None and step.skill.events:
-                if self._events.problem:
-                    self._fail(run, player, self._events.problem)
-                if self._events.problem or self._events.waits_for_more(player):
+                failed = self._events.problem(run.motion)
+                if failed:
+                    self._fail(run, player, failed)
+                if failed or self._events.waits_for_more(player):
                     return False
             return rollout is not None and run.course.motion_ended(step, rollout)
         problem = '' if self.gripper is None else self.gripper.outcome(dt)

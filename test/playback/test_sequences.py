@@ -257,7 +257,13 @@ def test_a_gripper_command_near_the_end_is_awaited(stream, skills, progress):
     run(stream, 2000)
     assert stream.player.rollout.finished and stream.gripper.waits_for_more(stream.player)
     run(stream, 1000)
-    assert stream.gripper.problem == 'gripper: it is jammed'
+    motion = stream.player.motion
+    assert stream.gripper.problem(motion) == 'gripper: it is jammed'
+    # The next motion has none.
+    stream.use(first, 'first')
+    stream.begin()
+    run(stream, 10)
+    assert stream.player.motion == motion + 1 and not stream.gripper.problem(motion + 1)
 
 
 def test_a_gripper_that_was_restarted_has_not_carried_out_a_command(stream, skills):

@@ -184,8 +184,9 @@ class ExecuteAction(ServerAction):
         holding, gripper = state.status == Status.HOLDING, self._streamer.gripper
         player = self._streamer.player
         awaited = gripper is not None and player is not None and gripper.waits_for_more(player)
-        if gripper is not None and gripper.problem:
-            self._finish(ExecuteSkill.Result.GRIPPER_FAILED, gripper.problem)
+        failed = '' if gripper is None else gripper.problem(execution.motion)
+        if failed:
+            self._finish(ExecuteSkill.Result.GRIPPER_FAILED, failed)
             return
         if holding and self._cancelling:
             self._finish(ExecuteSkill.Result.CANCELED, 'stopped on request')
