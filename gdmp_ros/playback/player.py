@@ -93,6 +93,7 @@ class Player:
     :ivar rollout: the present motion, also while its goal is held; only to be read
     :ivar target: the reference of the last tick; None before the first one
     :ivar motion: number of the motion that was begun last (see `start`), 0 before the first
+    :ivar started: number of the motion that was asked for last; it may not have begun yet
     """
 
     def __init__(self, skill: Skill, settings: PlayerSettings, refusals: Refusals | None = None):
@@ -106,7 +107,7 @@ class Player:
         self.refusals = refusals or Refusals()
         self.rollout: Rollout | None = None
         self.target: np.ndarray | None = None
-        self.motion = self._started = 0
+        self.motion = self.started = 0
         self._state = State.IDLE
         self._queue: deque[_Waiting] = deque()
         self._pending: _Pending | None = None
@@ -265,10 +266,10 @@ class Player:
         :param wanted: asked by the tick; nothing happens if it is not wanted any more
         :returns: number of the motion
         """
-        number = self._started + 1
+        number = self.started + 1
         self._ask(Request.START, self._start,
                   _Pending(tool, rollout, measured, number, cycles, wanted))
-        self._started = number
+        self.started = number
         return number
 
     def go_to(self, place: np.ndarray, twist: np.ndarray | None = None, side: int | None = None

@@ -315,7 +315,7 @@ class Streamer:
             self.robot.update(self.time, measured.place if measured is not None and known else
                               None, reference, player.status is Status.MOVING)
         if not known and self.robot.seen and player.state in _EXECUTED:
-            self.lost_motion = player.motion
+            self.lost_motion = player.started
             self.refusals.add(ROBOT_LOST)
             self.sequence.cancel(ROBOT_LOST)
             player.end()
