@@ -32,7 +32,7 @@ from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.playback.channels import APPROACH_ACCELERATION
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.states import ENDED
+from gdmp_ros.playback.states import ENDED, NOTHING_EXECUTED
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import ROBOT_LOST, Streamer
 from gdmp_ros.util.profiles import minimum_jerk
@@ -148,7 +148,8 @@ class Requests(RuleBasedStateMachine):
             self.before = reference
         # What was accepted in the last tick of a motion is refused with a reason by the next one.
         for reason in self.stream.refusals.take_new():
-            assert reason in (ENDED, ROBOT_LOST) or 'not rhythmic' in reason, reason
+            assert reason in (ENDED, ROBOT_LOST) or 'not rhythmic' in reason or (
+                reason == NOTHING_EXECUTED and not self.executing), reason
         return reference
 
     def check_way(self) -> None:
