@@ -19,6 +19,8 @@ def main(timeout: str) -> int:
             print(f'ended with {result.error_code} {result.error_string}', flush=True)
             if last or result.error_code == result.SUCCESSFUL:
                 break
+            client.wait('the robot', lambda: client.state is not None
+                        and 'no_robot' not in client.state.flags, 60.0)
         print('done', flush=True)
     except GdmpError as error:
         print(f'error: {error}', flush=True)

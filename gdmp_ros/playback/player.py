@@ -179,8 +179,12 @@ class Player:
 
     @property
     def goal(self) -> np.ndarray:
-        """Goal of the motion, of the skill before there is one: a place."""
-        goal = self._present_goal()
+        """Goal of the motion, also before it begins; of the skill without one: a place."""
+        goal, pending = self._present_goal(), self._pending
+        if pending is not None:
+            asked = pending.goal
+            return pending.tool.place_of(pending.tool.changed(
+                pending.rollout.goal, asked.place, side=asked.side))
         if goal is None:
             return self.tool.place_of(self.tool.skill.goal)
         return self.playing.place_of(goal)

@@ -145,6 +145,8 @@ def test_a_pause_on_the_way_to_the_robot_pauses_there(player, skill):
     assert player.status == 'paused' and player.mode is StreamMode.HOLDING
     assert not rows[-1][500:, 7:19].any() and rows[-1][-1, 0] < robot[0] - 0.05
     player.go_to(skill.goal[:7] + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+    run(player, 1)
+    np.testing.assert_allclose(player.goal[1], skill.goal[1] + 0.05)
     player.pause(False)
     assert player.status == 'moving'
     while player.mode is StreamMode.HOLDING:
