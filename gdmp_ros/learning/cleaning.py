@@ -30,6 +30,8 @@ NEXT, WRONG = 8, 3
 #: A sample at an end is wrong if it is this many standard errors away from its prediction, and
 #: this many of the largest of the next steps.
 SIGNIFICANT, LARGE = 10.0, 3.0
+#: Less than this part of the motion is no wrong sample, however smooth the others are.
+SMALL = 1e-3
 #: Noise of coordinates that do not move, of the size of the points.
 ROUNDING = 1e-12
 #: Samples from which the noise is estimated where there are few, and orders of the differences.
@@ -228,23 +230,24 @@ def _wrong(curve: np.ndarray, times: np.ndarray, demonstration: Demonstration) -
         # Where nothing moves, there is rounding.
         noise = max(float(np.median(spread)) / _MEDIAN,
                     ROUNDING * max(1.0, float(np.abs(demonstration.flat_points[:, part]).max())))
+        least = SMALL * float(np.linalg.norm(np.ptp(curve[WRONG:, columns], axis=0)))
         for first in range(WRONG, result, -1):
             after = slice(first, first + NEXT)
             if _is_wrong(samples[first - 1], samples[after], times[first - 1], times[after],
-                         noise):
+                         noise, least):
                 result = first
                 break
     return result
 
 
 def _is_wrong(sample: np.ndarray, following: np.ndarray, at: float, times: np.ndarray,
-              noise: float) -> bool:
+              noise: float, least: float) -> bool:
     """Whether a sample is far from the parabola through the next ones."""
     (expected, _, _), covariance = _parabola(np.abs(times - at), following)
     away = float(np.linalg.norm(sample - expected))
     error = noise * math.sqrt((1.0 + covariance[0, 0]) * len(sample))
     step = float(np.linalg.norm(np.diff(following, axis=0), axis=1).max())
-    return away > SIGNIFICANT * error and away > LARGE * step
+    return away > max(SIGNIFICANT * error, LARGE * step, least)
 
 
 def _tell_gaps(demonstration: Demonstration, name: str) -> None:

@@ -28,6 +28,16 @@ def test_rounding_of_what_does_not_move_is_not_suspicious(count):
         assert cleaned(clean, 'demonstration 0') is clean
 
 
+def test_a_step_that_is_too_small_to_matter_is_not_suspicious():
+    """A simulated arm that sags a little at the very beginning."""
+    clean = shown(200)
+    points = clean.points.copy()
+    points[0, 2] += 5e-5
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        cleaned(Demonstration(clean.times, points, clean.manifold), 'demonstration 0')
+
+
 @pytest.mark.parametrize('at', [0, -1])
 def test_a_wrong_sample_at_an_end_is_replaced_and_named(at):
     clean = shown(120)
