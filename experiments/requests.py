@@ -189,7 +189,7 @@ class Requests(RuleBasedStateMachine):
         self.look()
 
     def look(self) -> None:
-        """A motion may have ended by itself only for a reason that is told."""
+        """A motion ends by itself for two reasons only: the gripper failed, the robot was lost."""
         gripper = self.stream.gripper
         if self.executing and gripper is not None and gripper.problem(self.motion):
             self.executing = self.paused = False

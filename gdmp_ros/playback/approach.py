@@ -23,8 +23,6 @@ class Approach:
     A straight way from rest to rest, of all channels with one tempo.
 
     Speed and acceleration are bounded also when it is stopped on the way.
-
-    :ivar stopping: whether it is to rest on the way
     """
 
     def __init__(self, start: np.ndarray, way: np.ndarray, table: np.ndarray, fastest: float,
@@ -40,11 +38,6 @@ class Approach:
         """
         self._start, self._way, self._table = start.copy(), way, table
         self._numbers = np.array([0.0, 0.0, fastest, largest, 0.0])
-
-    @property
-    def stopping(self) -> bool:
-        """Whether it is to rest on the way."""
-        return bool(self._numbers[_STOPS])
 
     def stop(self) -> None:
         """Come to rest on the way."""

@@ -208,7 +208,8 @@ def _bound(target, out, table, parts, dt):
     _velocities_to(target, out, table, way, desired, velocity)
     free = True
     for part in parts:
-        n, at, speed, acceleration = abs(int(part[_SIZE])), int(part[_AT]), part[2], part[3]
+        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        speed, acceleration = part[_SPEED], part[_ACCELERATION]
         for i in range(n):
             step[i] = way[at + i] - 0.5 * dt * (velocity[at + i] + desired[at + i])
         free = free and norm(n, step) <= acceleration * dt * dt
@@ -225,7 +226,8 @@ def _bound(target, out, table, parts, dt):
     # together stays together.
     rate = 1.0 / CATCH_UP_S
     for part in parts:
-        n, at, speed, acceleration = abs(int(part[_SIZE])), int(part[_AT]), part[2], part[3]
+        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        speed, acceleration = part[_SPEED], part[_ACCELERATION]
         for i in range(n):
             way[at + i] -= dt * desired[at + i]
         left = norm(n, way[at:at + n])

@@ -8,7 +8,7 @@ import numpy as np
 from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.playback.goal_check import GoalCheck
-from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, MovingGoal
+from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.states import Request, State
 from gdmp_ros.playback.streamed_skill import Kind
@@ -40,17 +40,19 @@ class MotionCommands:
         """
         if player.playing.kind is not Kind.TOOL or not player.allows(Request.GOAL):
             return
-        ended, present = self._tracker.expired(now), self._tracker.present(now)
-        if present is not None:
-            try:
-                self._goals.settings.check_goal(present.pose)
-                return
-            except ManifoldError as error:
-                self._refuse(f'the goal that moves on rests: {error}')
-            ended = MovingGoal(self._goals.settings.inside(present.pose), None)
-            self._tracker.reset()
+        ended = self._tracker.expired(now)
         if ended is not None:
             player.go_to(ended.pose)
+            return
+        present = self._tracker.present(now)
+        if present is None:
+            return
+        try:
+            self._goals.settings.check_goal(present.pose)
+        except ManifoldError as error:
+            self._refuse(f'the goal that moves on rests: {error}')
+            self._tracker.reset()
+            player.go_to(self._goals.settings.inside(present.pose))
 
     def goal_pose(self, pose: np.ndarray, now: float, age: float = 0.0, side: int = 0) -> None:
         """

@@ -231,6 +231,17 @@ class Player:
         if isinstance(reason, str):
             raise ParameterError(reason)
 
+    def check_kind(self, tool: StreamedSkill, state: State | None = None) -> None:
+        """
+        Check that a skill is of the kind of what is executed.
+
+        :param state: in which it is to begin; by default that after the waiting requests
+        :raises ParameterError: if it is of another kind
+        """
+        if tool.kind is not self.playing.kind and not (state or self.state).at_rest:
+            raise ParameterError(f'a motion of {self.playing.kind.value} is being executed: stop '
+                                 'it first')
+
     def hold(self, place: np.ndarray) -> None:
         """Hold a pose (x, y, z, qw, qx, qy, qz), or positions of the joints."""
         tool = self.tool
@@ -450,7 +461,14 @@ class Player:
         """Begin a motion: at the robot, or where the reference is if it moves or is near."""
         if not pending.wanted():
             return
-        self._check_kind(pending)
+        try:
+            self.check_kind(pending.tool, self._state)
+        except ParameterError:
+            self.motion = pending.number
+            raise
+        if pending.tool.kind is not self.playing.kind:
+            # The motion begins where the robot is.
+            self._hold(None)
         far = self._is_far(pending.measured)
         if self._approach is not None and far:
             self._approach.stop()
@@ -464,21 +482,6 @@ class Player:
             self._approach = None
             self._begin(pending, pending.measured)
 
-    def _check_kind(self, pending: _Pending) -> None:
-        """
-        Prepare for a motion that is not of the kind of the present reference.
-
-        :raises ParameterError: if that moves
-        """
-        if pending.tool.kind is self.playing.kind:
-            return
-        if self._state not in (State.IDLE, State.RESTING, State.FINISHED):
-            self.motion = pending.number
-            raise ParameterError(f'a motion of {self.playing.kind.value} is being executed: stop '
-                                 'it first')
-        # The motion begins where the robot is.
-        self._hold(None)
-
     def _go_to_robot(self, pending: _Pending) -> None:
         """Begin to go to the robot from a reference at rest."""
         if self.target is None or pending.measured is None:
@@ -488,7 +491,7 @@ class Player:
         self._state, self.motion = State.APPROACHING, pending.number
 
     def _begin(self, pending: _Pending | None, measured: np.ndarray | None) -> None:
-        """Begin a motion at the reference, or at the robot if there is none."""
+        """Begin a motion at the reference; without one, where the robot is."""
         self._pending = None
         if pending is None:
             raise RuntimeError('there is no motion to begin')

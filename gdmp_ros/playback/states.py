@@ -36,6 +36,11 @@ class State(Enum):
         """As the server reports it."""
         return _STATUS[self]
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is executed and nothing comes to rest."""
+        return self.status in (Status.IDLE, Status.HOLDING)
+
 
 _STATUS = {State.IDLE: Status.IDLE, State.RESTING: Status.HOLDING,
            State.APPROACHING: Status.MOVING, State.RESTARTING: Status.MOVING,

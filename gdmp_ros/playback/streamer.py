@@ -168,7 +168,7 @@ class Streamer:
             factor = player.tool.stiffness_factor(goal_stiffness)
         tool = player.tool
         measured = self._start_place(tool)
-        self._check_kind(player, tool)
+        player.check_kind(tool)
         goal = tool.place_of(tool.skill.goal)
         if goal_pose is not None:
             goal = self._goals.place_for(tool, goal_pose, goal)
@@ -193,25 +193,13 @@ class Streamer:
         measured = self._start_place(tool)
         if self.player is None:
             self.player = Player(tool.skill, self._player_settings, self.refusals)
-        moves = self._check_kind(self.player, tool)
+        self.player.check_kind(tool)
+        moves = not self.player.state.at_rest
         self.commands.begin()
         self.robot.begin()
         self.sequence.begin(prepared, measured)
         if moves and not prepared.moves_first:
             self.player.end()
-
-    @staticmethod
-    def _check_kind(player: Player, tool: StreamedSkill) -> bool:
-        """
-        Whether something moves.
-
-        :raises ParameterError: if that is of another kind than a skill
-        """
-        moves = player.status not in (Status.IDLE, Status.HOLDING)
-        if moves and tool.kind is not player.playing.kind:
-            raise ParameterError(f'a motion of {player.playing.kind.value} is being executed: '
-                                 'stop it first')
-        return moves
 
     def pause(self, paused: bool) -> None:
         """
@@ -267,7 +255,7 @@ class Streamer:
         """Stop a motion smoothly, and wait until it has stopped."""
         player = self.player
         self.sequence.cancel('the node was deactivated')
-        if player is None or player.status in (Status.IDLE, Status.HOLDING):
+        if player is None or player.state.at_rest:
             return
         player.stop()
         clock = self._inputs.clock

@@ -1,1 +1,1 @@
-"""Exchange of files with other programs, each in a virtual environment of its own."""
+"""Exchange of files with other programs, each in its own virtual environment."""

@@ -35,7 +35,8 @@ def test_a_step_that_is_too_small_to_matter_is_not_suspicious():
     points[0, 2] += 5e-5
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        cleaned(Demonstration(clean.times, points, clean.manifold), 'demonstration 0')
+        sagging = Demonstration(clean.times, points, clean.manifold)
+        assert cleaned(sagging, 'demonstration 0') is sagging
 
 
 @pytest.mark.parametrize('at', [0, -1])
