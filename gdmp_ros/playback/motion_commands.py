@@ -138,7 +138,8 @@ class MotionCommands:
         return player
 
     def _rhythmic(self) -> Player:
-        player = self._executing()
+        player = self._loaded()
+        player.check(Request.AMPLITUDE)
         if not player.playing.skill.rhythmic:
             raise ParameterError('the skill that is being executed is not rhythmic')
         return player

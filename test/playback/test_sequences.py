@@ -302,6 +302,17 @@ def test_what_is_asked_before_a_motion_begins_belongs_to_it(stream, skills):
     assert player.rollout.frequency == pytest.approx(1.5, rel=1e-3)
 
 
+def test_a_rhythmic_motion_that_has_ended_goes_on_with_another_amplitude(stream, skills):
+    stream.use(skills[2], 'wipe')
+    stream.begin(cycles=1.0)
+    run(stream, 6000)
+    assert stream.player.status is Status.HOLDING and stream.player.rollout.finished
+    stream.commands.amplitude(0.5)
+    run(stream, 3000)
+    assert stream.player.status is Status.MOVING
+    assert stream.player.rollout.amplitude == pytest.approx(0.5, abs=1e-2)
+
+
 def test_an_amplitude_of_zero_ends_a_step_too(stream, skills):
     first, _, wipe = skills
     stream.begin_sequence(SkillSequence([MotionStep('wipe', wipe, until='never', amplitude=0.5),
