@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from experiments.reliability.trial_result import TrialResult
+from gdmp_ros.control.guard import NO_REFERENCE
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import lasa, runs
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -62,16 +63,33 @@ class FaultTrial(NodeTestbed):
     def __init__(self, folder: Path, environment: Mapping[str, str], skill: Path):
         super().__init__(folder, environment)
         self.skill = skill
+        self._arm_said = 0
 
     def start_server(self, name: str = SERVER, *arguments: object, **parameters: object) -> None:
         """Start a trajectory server with the skill; see `NodeTestbed.start_server`."""
         start: Any = super().start_server
         start(name, *arguments, **{'skill': str(self.skill), **parameters})
 
-    def succeeded(self, timeout: float = 60.0) -> bool:
-        """Wait for the end of the motion; whether it reached its goal."""
-        result = self.client.result(timeout)
-        return bool(result.error_code == result.SUCCESSFUL)
+    def execute(self, goal: Any = None) -> None:
+        """Begin a motion; see `gdmp_ros.ros.clients.server_client.ServerClient.execute`."""
+        # A trial may begin without an arm.
+        self._arm_said = len(self.log(self.arm.node)) if self.arm.node in self.children.processes \
+            else 0
+        self.client.execute(goal)
+
+    def lost_stream(self) -> bool:
+        """
+        Whether the arm had no references for longer than it waits, in the last motion.
+
+        It stops then, as it has to: a machine that holds the server up is enough for it.
+        """
+        return NO_REFERENCE in self.log(self.arm.node)[self._arm_said:]
+
+    def reaches_goal(self, outcome: TrialResult, what: str = 'the motion reaches its goal'
+                     ) -> None:
+        """Require that the motion ends at its goal: of speed if the arm lost the stream."""
+        result = self.client.result(60.0)
+        outcome.claim(what, result.error_code == result.SUCCESSFUL, self.lost_stream())
 
     def stays_and_begins_again(self, outcome: TrialResult) -> None:
         """
@@ -92,8 +110,8 @@ class FaultTrial(NodeTestbed):
             outcome.claim('the lost motion is reported as lost',
                           result.error_code in (result.BLOCKED, result.GOAL_TOLERANCE_VIOLATED))
         self.wait('the robot', lambda: 'no_robot' not in self.state.flags, 60.0)
-        self.client.execute()
-        outcome.claim('the next motion reaches its goal', self.succeeded())
+        self.execute()
+        self.reaches_goal(outcome, 'the next motion reaches its goal')
 
     def finish(self, outcome: TrialResult, distance: float | None = 0.002,
                follows: bool = True) -> runs.Run:
@@ -108,10 +126,11 @@ class FaultTrial(NodeTestbed):
         run = self.recorded()
         if follows:
             outcome.need('final distance from the last reference [m]',
-                         runs.final_distance(run), lambda v: v < 0.01)
+                         runs.final_distance(run), lambda v: v < 0.01, self.lost_stream())
         if distance is not None:
             final = float(np.abs(run.poses[-1, :3] - goal_of(self.skill)[:3]).max())
-            outcome.need('final distance from the goal [m]', final, lambda v: v < distance)
+            outcome.need('final distance from the goal [m]', final, lambda v: v < distance,
+                         self.lost_stream())
         outcome.need('references lost', runs.lost(run), lambda v: v == 0)
         judge_limits(run, outcome)
         return run

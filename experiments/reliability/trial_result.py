@@ -34,8 +34,8 @@ class TrialResult:
         if not (math.isfinite(value) and good(value)):
             (self.late if of_speed else self.failed).append(f'{name}: {value:.4g}')
 
-    def claim(self, what: str, holds: bool) -> None:
+    def claim(self, what: str, holds: bool, of_speed: bool = False) -> None:
         """Keep a claim that is true or false."""
         self.measured[what] = 'yes' if holds else 'no'
         if not holds:
-            self.failed.append(what)
+            (self.late if of_speed else self.failed).append(what)

@@ -23,6 +23,8 @@ from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.util.profiles import smoothstep
 
+#: Reason of a stop because the stream has ended without saying so.
+NO_REFERENCE = 'no reference for'
 #: After `ReferenceGuard.arm` a motion must begin within this time [s].
 ARMED_S = 10.0
 #: The usual delay of references is the mean of about so many, and of none before a gap [s].
@@ -207,6 +209,7 @@ class ReferenceGuard:
             self.mode = ArmMode.HOLD
         if self.following and self._age > self.settings.timeout + 1e-9:
             self._begin_stop()
+            self.reason = f'{NO_REFERENCE} {self.settings.timeout:g} s'
         if not self.following:
             self._slow_down(dt)
         elif not self._fresh:

@@ -197,15 +197,15 @@ def test_a_stream_that_holds_is_followed_on_but_arms_nothing(guard):
     assert stream(guard, NEAR, first=3000)
     assert stream(guard, NEAR, mode=StreamMode.HOLDING, first=3300)
     stream(guard, NEAR, 0.001, StreamMode.ENDED, first=3600)
-    assert not guard.following
+    assert not guard.following and guard.reason == ''
     assert not stream(guard, NEAR, mode=StreamMode.HOLDING, first=3601)
 
 
 def test_after_a_short_gap_the_same_motion_goes_on_and_after_a_long_one_it_does_not(guard):
     assert stream(guard, NEAR)
     wait(guard, 0.9)
-    assert not guard.following
-    assert stream(guard, (0.34, 0, 0.5), first=2200)
+    assert not guard.following and guard.reason == 'no reference for 0.1 s'
+    assert stream(guard, (0.34, 0, 0.5), first=2200) and guard.reason == ''
     wait(guard, 1.1)
     assert not stream(guard, (0.35, 0, 0.5), first=3600)
     assert 'begins 0.05 m from the robot' in guard.last_refusal

@@ -19,7 +19,7 @@ def simulated_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     trial.start(arm={'pace': 'fast'}, server={'use_sim_time': True})
     publisher = trial.client.publisher(Clock, '/clock')
     trial.wait('the server to subscribe', lambda: publisher.subscribers() > 0, 10.0)
-    trial.client.execute()
+    trial.execute()
     trial.wait_progress(0.2)
     stamp = trial.state.header.stamp
     now = stamp.sec * messages.NS + stamp.nanosec
@@ -28,7 +28,7 @@ def simulated_clock(trial: FaultTrial, quick: bool) -> TrialResult:
         for _ in range(5):
             publisher.publish(Clock(clock=messages.stamp_of(now + jump)))
             trial.spend(0.02)
-    outcome.claim('the motion reaches its goal', trial.succeeded())
+    trial.reaches_goal(outcome)
     outcome.claim('the server reports the time jump',
                   'the time jumped by' in trial.log(SERVER))
     trial.finish(outcome)
@@ -42,8 +42,8 @@ def mixed_clocks(trial: FaultTrial, quick: bool) -> TrialResult:
     trial.start_server()
     trial.wait_holding()
     trial.record()
-    trial.client.execute()
-    trial.succeeded()
+    trial.execute()
+    trial.client.result(60.0)
     outcome.claim('the arm reports the mixed clocks', 'simulated and wall time are mixed'
                   in trial.log(ARM))
     run = trial.finish(outcome, None, follows=False)
@@ -78,7 +78,7 @@ def wall_clock(trial: FaultTrial, quick: bool) -> TrialResult:
         'DONT_FAKE_MONOTONIC': '1'})
     trial.wait_holding()
     trial.record()
-    trial.client.execute()
+    trial.execute()
     trial.wait_progress(0.3)
     write_text(setting, '+3600')
     trial.wait('the arm to report the wrong stamps', lambda: (

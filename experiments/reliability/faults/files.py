@@ -18,7 +18,7 @@ def skill_file(trial: FaultTrial, quick: bool) -> TrialResult:
     shutil.copy(trial.skill, path)
     text = path.read_text()
     trial.start(server={'skill': str(path)})
-    trial.client.execute()
+    trial.execute()
     trial.wait_progress(0.1)
     for what, change in (('truncated', lambda: path.write_text(text[:len(text) // 2])),
                          ('changed', lambda: path.write_text(text.replace('[', '{', 3))),
@@ -27,9 +27,9 @@ def skill_file(trial: FaultTrial, quick: bool) -> TrialResult:
         reply = trial.call(LoadSkill, f'{SERVER}/load_skill', path=str(path))
         outcome.claim(f'{what}: refused, naming the file',
                       not reply.success and path.name in reply.message)
-    outcome.claim('the motion under way reaches its goal', trial.succeeded())
-    trial.client.execute()
-    outcome.claim('the skill in memory can be executed again', trial.succeeded())
+    trial.reaches_goal(outcome, 'the motion under way reaches its goal')
+    trial.execute()
+    trial.reaches_goal(outcome, 'the skill in memory can be executed again')
     trial.finish(outcome, None)
     return outcome
 
@@ -39,7 +39,7 @@ def bag_file(trial: FaultTrial, quick: bool) -> TrialResult:
     from gdmp_msgs.srv import LearnSkill
     outcome = TrialResult()
     trial.start()
-    trial.client.execute()
+    trial.execute()
     for storage in ('mcap', 'sqlite3'):
         bag = trial.folder / f'bag_{storage}'
         recordings.write(bag, lasa.robot_demonstrations('GShape')[0], FRAME, 10 ** 18,
@@ -53,7 +53,7 @@ def bag_file(trial: FaultTrial, quick: bool) -> TrialResult:
         reply = trial.call(LearnSkill, f'{SERVER}/learn_skill', bags=[str(bag)])
         outcome.claim(f'{storage} removed: refused, naming the bag',
                       not reply.success and bag.name in reply.message)
-    outcome.claim('the motion under way reaches its goal', trial.succeeded())
+    trial.reaches_goal(outcome, 'the motion under way reaches its goal')
     trial.finish(outcome, None)
     return outcome
 
@@ -82,7 +82,7 @@ def _fill(trial: FaultTrial, disk: Path, outcome: TrialResult) -> TrialResult:
     bag = disk / 'run'
     trial.record(bag, ['--keep-free', '6'])
     recorder = trial.children.processes[RECORDER]
-    trial.client.execute()
+    trial.execute()
     trial.wait('the disk to fill', lambda: recorder.poll() is not None, 60.0)
     outcome.need('exit code of the recorder', recorder.returncode, lambda v: v == 1)
     outcome.claim('it reports the reason', 'the disk is nearly full' in trial.log(RECORDER))
@@ -90,5 +90,5 @@ def _fill(trial: FaultTrial, disk: Path, outcome: TrialResult) -> TrialResult:
     outcome.need('references kept', len(run.sequences), lambda v: v > 2000)
     outcome.need('references lost', runs.lost(run), lambda v: v == 0)
     judge_limits(run, outcome)
-    outcome.claim('the motion reaches its goal', trial.succeeded())
+    trial.reaches_goal(outcome)
     return outcome

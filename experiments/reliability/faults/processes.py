@@ -22,15 +22,15 @@ def server_killed(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server killed (SIGKILL) in mid-motion and started again"""
     outcome = TrialResult()
     trial.start()
-    trial.client.execute()
+    trial.execute()
     trial.wait_progress(0.4)
     killed = time.time_ns()
     trial.children.kill(SERVER)
     trial.spend(3.0)
     trial.start_server()
     trial.wait_holding()
-    trial.client.execute()
-    outcome.claim('the next motion reaches its goal', trial.succeeded())
+    trial.execute()
+    trial.reaches_goal(outcome, 'the next motion reaches its goal')
     run = trial.recorded()
     before = run.reference_stamps < killed
     outcome.need('references lost before the fault',
@@ -50,9 +50,11 @@ def _until(run: Run, ns: int) -> Run:
 
 def simulation_killed(trial: FaultTrial, quick: bool) -> TrialResult:
     """Simulation killed (SIGKILL) under a moving server and started again"""
+    from gdmp_msgs.action import ExecuteSkill
     outcome = TrialResult()
     trial.start()
-    trial.client.execute()
+    # Long enough that the simulation is killed in mid-motion on any machine.
+    trial.execute(ExecuteSkill.Goal(duration=10.0))
     trial.wait_progress(0.3)
     ticks = trial.state.ticks
     trial.children.kill(ARM)
@@ -76,7 +78,7 @@ def server_stopped(trial: FaultTrial, quick: bool) -> TrialResult:
     outcome, gap = TrialResult(), GuardSettings().resume_time
     trial.start(server={'speed_rate': 5.0})
     for seconds in (0.05, 0.3) if quick else (0.05, 0.1, 0.2, 0.5, 1.5, 5.0):
-        trial.client.execute()
+        trial.execute()
         trial.wait_progress(0.4)
         process = trial.children.processes[SERVER]
         process.send_signal(signal.SIGSTOP)
@@ -85,7 +87,7 @@ def server_stopped(trial: FaultTrial, quick: bool) -> TrialResult:
         finally:
             process.send_signal(signal.SIGCONT)
         if seconds < gap:
-            outcome.claim(f'goal reached after a stop of {seconds:g} s', trial.succeeded())
+            trial.reaches_goal(outcome, f'goal reached after a stop of {seconds:g} s')
         else:
             trial.stays_and_begins_again(outcome)
     outcome.claim('the server reports the time jump',
@@ -99,7 +101,7 @@ def late_discovery(trial: FaultTrial, quick: bool) -> TrialResult:
     outcome = TrialResult()
     trial.start_server()
     trial.wait('the server', lambda: trial.client.state is not None, 120.0)
-    trial.client.execute()
+    trial.execute()
     result = trial.client.result(10.0)
     outcome.claim('a start without an arm is refused with the reason',
                   result.error_code == result.INVALID_GOAL
@@ -108,8 +110,8 @@ def late_discovery(trial: FaultTrial, quick: bool) -> TrialResult:
     trial.start_arm()
     trial.wait_holding()
     trial.record()
-    trial.client.execute()
-    outcome.claim('then the motion reaches its goal', trial.succeeded())
+    trial.execute()
+    trial.reaches_goal(outcome, 'then the motion reaches its goal')
     trial.finish(outcome, None)
     return outcome
 
@@ -155,12 +157,12 @@ def two_servers(trial: FaultTrial, quick: bool) -> TrialResult:
     outcome = TrialResult()
     trial.start()
     other = short_skill(trial.folder, name='Angle')
-    trial.client.execute(ExecuteSkill.Goal(duration=20.0))
+    trial.execute(ExecuteSkill.Goal(duration=20.0))
     trial.start_server('second_server', skill=str(other), extra=[
         '-r', '__node:=second_server', '-r', '~/reference:=/trajectory_server/reference'],
                        start_from='skill', execute_on_activate=True)
     trial.wait('the second server', lambda: 'does not follow' in trial.log(ARM), 60.0)
-    outcome.claim('the first reaches its goal', trial.succeeded())
+    trial.reaches_goal(outcome, 'the first reaches its goal')
     trial.spend(3.0)
     outcome.claim('the arm reports it', 'more than one publisher of references (published by '
                   '/second_server, /trajectory_server)' in trial.log(ARM))

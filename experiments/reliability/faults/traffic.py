@@ -22,7 +22,7 @@ def garbage_flood(trial: FaultTrial, quick: bool) -> TrialResult:
 def _flooded(trial: FaultTrial, what: str, seconds: float) -> TrialResult:
     outcome = TrialResult()
     trial.start()
-    trial.client.execute()
+    trial.execute()
     trial.wait_progress(0.1)
     trial.children.start('flood', 'experiments.reliability.flood', [what])
     trial.wait('the flood', lambda: 'flooding' in trial.log('flood'), 60.0)
@@ -36,7 +36,7 @@ def _flooded(trial: FaultTrial, what: str, seconds: float) -> TrialResult:
     ticks, missed = after.ticks - before.ticks, after.missed - before.missed
     outcome.need('fraction of missed ticks', missed / (ticks + missed),
                  lambda v: v < 0.25, of_speed=True)
-    outcome.claim('the motion reaches a goal', trial.succeeded())
+    trial.reaches_goal(outcome, 'the motion reaches a goal')
     if what == 'invalid':
         outcome.need('goals refused', after.refused - before.refused, lambda v: v > 100)
         outcome.claim('the server reports what it refuses', 'refused' in trial.log(SERVER))
