@@ -75,6 +75,7 @@ class ReferenceGuard:
         self._age, self._sequence, self._delay = math.inf, 0, 0.0
         # Sequence number of the last reference that was on time.
         self._on_time = 0
+        self._streams = StreamMode.HOLDING
         self._far = ''
         self.mode = ArmMode.HOLD
         self._robot = MeasuredMotion(pose.copy(), np.zeros(6))
@@ -88,6 +89,11 @@ class ReferenceGuard:
     def following(self) -> bool:
         """Whether references are followed."""
         return self.mode is ArmMode.FOLLOW
+
+    @property
+    def follows_motion(self) -> bool:
+        """Whether a motion is followed: not a stream that rests."""
+        return self.following and self._streams is StreamMode.STREAMING
 
     @property
     def in_joints(self) -> bool:
@@ -126,6 +132,7 @@ class ReferenceGuard:
         self.mode, self.reason, self._far = ArmMode.FOLLOW, '', ''
         self._fresh = self._resumable = True
         self._armed_s, self._age, self._sequence = 0.0, 0.0, origin.sequence
+        self._streams = StreamMode(origin.mode)
         return True
 
     def _even_out(self, kind: ReferenceKind, age: float) -> None:

@@ -21,12 +21,14 @@ PLACE, OFF = np.array([0.45, 0.0]), 0.003
 #: Clearance on each side of the peg [m]; how deep the peg is to go [m]: less was not inserted.
 CLEARANCE, DEPTH, INSERTED = 0.0005, 0.025, 0.02
 #: Height of the peg above the hole at the start [m], duration [s], stiffness along the axes.
-ABOVE, DURATION, STIFFNESS = 0.01, 3.0, (1200.0, 1200.0, 400.0, 40.0, 40.0, 40.0)
+ABOVE, DURATION, STIFFNESS = 0.01, 6.0, (1200.0, 1200.0, 400.0, 40.0, 40.0, 40.0)
 #: Between peg and hole, as of metal that is not greased.
 FRICTION = 0.3
 #: Force that costs nothing [N], and the cost of a newton more.
 FREE_FORCE, FORCE_COST = 40.0, 0.0005
 _SAMPLES = 200
+#: Of the search: two turns are less than twice the clearance apart, slow enough to fall in.
+TURNS, N_BASIS = 6, 45
 
 
 @dataclass
@@ -43,12 +45,12 @@ class Insertion(SimulatedTask):
         stiffness = np.diag(STIFFNESS).reshape(-1)
         points = np.tile([*PLACE, top + ABOVE, 0.0, 1.0, 0.0, 0.0, *stiffness], (_SAMPLES, 1))
         points[:, 2] -= (ABOVE + DEPTH) * minimum_jerk(s)
-        return Skill.learn(Demonstration(DURATION * s, points, tool_manifold(6)), 30,
+        return Skill.learn(Demonstration(DURATION * s, points, tool_manifold(6)), N_BASIS,
                            provenance={'shown': 'straight down'})
 
     def variables(self) -> Sequence[Variable]:
         """A spiral across the hole, the height, and stiffness along, across and for turns."""
-        return [Spiral(4, 0.003), Weights(4, {'position': 0.003}, (2,)),
+        return [Spiral(TURNS, OFF), Weights(4, {'position': 0.003}, (2,)),
                 Stiffness(1, 0.5, ((0, 1), (2,), (3, 4, 5)))]
 
     def off(self, seed: int) -> np.ndarray:

@@ -40,12 +40,15 @@ class GoalCheck:
         """
         Place of a skill with a tool at a pose; of two tools, the other one follows.
 
+        :param pose: four zeros for its rotation: that of ``near``
         :param near: the place before
         :param side: which of two tools: 0 or 1
         :raises GdmpError: if the pose lies outside the workspace, or there is no such place
         """
         if side and skill.kind is not Kind.TWO_TOOLS:
             raise ManifoldError('the skill is not one of two arms')
+        if not pose[3:].any():
+            pose = np.concatenate([pose[:3], self._pose_at(skill, near, side)[3:]])
         if skill.kind is Kind.TWO_TOOLS:
             point = skill.changed(skill.changed(skill.skill.goal, near), pose, side=side)
             place = skill.place_of(point)
@@ -54,9 +57,18 @@ class GoalCheck:
         self.settings.check_goal(pose)
         if skill.kind is Kind.TOOL:
             return pose
+        return self._known_kinematics().posture(pose, near)
+
+    def _pose_at(self, skill: StreamedSkill, place: np.ndarray, side: int) -> np.ndarray:
+        """Pose of a tool at a place of a skill."""
+        if skill.kind is Kind.JOINTS:
+            return self._known_kinematics().pose_at(place)
+        return place[side * POSE_SIZE:(side + 1) * POSE_SIZE]
+
+    def _known_kinematics(self) -> ArmKinematics:
         if self._kinematics is None:
             raise ManifoldError('a pose as goal of a skill of the joints needs reach_model')
-        return self._kinematics.posture(pose, near)
+        return self._kinematics
 
     def check(self, skill: StreamedSkill, place: np.ndarray) -> None:
         """:raises GdmpError: if a skill cannot have a place as goal"""

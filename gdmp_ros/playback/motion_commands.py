@@ -2,11 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
 from gdmp_ros.playback.player import Player
@@ -14,8 +16,24 @@ from gdmp_ros.playback.states import Request, State
 from gdmp_ros.playback.streamed_skill import Kind
 
 
+class LaterGoal(NamedTuple):
+    """
+    A goal that was asked for with the start of a motion, for later.
+
+    :ivar time: from which it holds, of the motions [s]
+    :ivar place: of the skill (`GoalCheck.place_for`)
+    """
+
+    time: float
+    place: np.ndarray
+
+
 class MotionCommands:
-    """Checks commands for the motion that is executed, and passes them to the player."""
+    """
+    Checks commands for the motion that is executed, and passes them to the player.
+
+    :ivar later: goal of the present motion whose time has not come; a newer one replaces it
+    """
 
     def __init__(self, goals: GoalCheck, loaded: Callable[[], Player],
                  refuse: Callable[[str], None]):
@@ -27,17 +45,29 @@ class MotionCommands:
         """
         self._goals, self._loaded, self._refuse = goals, loaded, refuse
         self._tracker = GoalTracker()
+        self.later: LaterGoal | None = None
 
-    def begin(self) -> None:
-        """Forget the goal of the motion before."""
+    def begin(self, later: LaterGoal | None = None) -> None:
+        """Forget the goal of the motion before; ``later`` is one of the new motion."""
         self._tracker.reset()
+        self.later = later
 
-    def pass_time(self, now: float, player: Player) -> None:
+    def pass_time(self, now: float, time: float, player: Player) -> None:
         """
-        Let the goal rest whose poses have ended, or that moves out of the workspace.
+        Use the goal whose time has come; let one rest whose poses have ended, or that moves out.
 
         :param now: of the clock of the ticks [s]
+        :param time: that the motions have had [s]
         """
+        later = self.later
+        if later is not None and not player.allows(Request.GOAL):
+            self.later = None
+        elif later is not None and time >= later.time:
+            if player.playing.kind is Kind.TWO_TOOLS:
+                player.go_to(later.place[:POSE_SIZE], side=0)
+            else:
+                player.go_to(later.place)
+            self.later = None
         if player.playing.kind is not Kind.TOOL or not player.allows(Request.GOAL):
             return
         ended = self._tracker.expired(now)
@@ -67,6 +97,7 @@ class MotionCommands:
         """
         player = self._executing()
         place = self._goals.place_for(player.playing, pose, player.goal, side)
+        self.later = None
         if player.playing.kind is Kind.TWO_TOOLS:
             player.go_to(pose, side=side)
             return
@@ -97,6 +128,7 @@ class MotionCommands:
             raise ManifoldError(f'a skill of {player.playing.kind.value} does not follow a goal '
                                 'that moves on')
         self._goals.settings.check_twist(twist)
+        self.later = None
         present = moved_on(pose, twist, age)
         self._tracker.follow(present, twist, now, self._goals.settings.moving_goal_timeout)
         player.go_to(present, twist)

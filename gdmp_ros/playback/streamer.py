@@ -16,7 +16,7 @@ from gdmp_ros.playback.goal_check import GoalCheck, no_second_arm
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
 from gdmp_ros.playback.kinematics import ArmKinematics
 from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
-from gdmp_ros.playback.motion_commands import MotionCommands
+from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
@@ -149,10 +149,13 @@ class Streamer:
 
     def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
               duration: float | None = None,
-              tolerances: tuple[float, float] | None = None, cycles: float | None = None) -> int:
+              tolerances: tuple[float, float] | None = None, cycles: float | None = None,
+              goal_after: float = 0.0) -> int:
         """
         Start the loaded skill.
 
+        :param goal_pose: four zeros for its rotation: that of the skill
+        :param goal_after: time after the start from which the pose is the goal [s]
         :param goal_stiffness: 9 or 36 numbers; None or empty for that of the skill
         :param cycles: of a rhythmic skill (`Player.start`)
         :returns: number of the motion (`Player.start`)
@@ -173,8 +176,11 @@ class Streamer:
         if goal_pose is not None:
             goal = self._goals.place_for(tool, goal_pose, goal)
         self._goals.check_reach(tool, goal)
+        later = None
+        if goal_pose is not None and goal_after > 0.0:
+            later, goal_pose = LaterGoal(self.time + goal_after, goal), None
         self.sequence.cancel(OTHER_MOTION)
-        self.commands.begin()
+        self.commands.begin(later)
         self.robot.begin()
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
                             tolerances, cycles)
@@ -283,7 +289,7 @@ class Streamer:
             return None
         if self.ticks % READ_EVERY == 0:
             self._use_pose(player)
-            self.commands.pass_time(now_ns / NS, player)
+            self.commands.pass_time(now_ns / NS, self.time, player)
         target = player.tick(dt, self.bounds.tempo)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)

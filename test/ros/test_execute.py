@@ -29,13 +29,46 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     assert code == 0 and 'the goal is switched to' in out
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
-    code, out, err = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
-    assert code == 1 and 'stopped' in out
-    assert 'the new goal was refused: goal_pose: goal x is 5.000 m' in err.splitlines()[-1]
+    motions = running.state.progress
+    code, _, err = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
+    assert code == 1 and 'goal x is 5.000 m, outside the workspace' in err.splitlines()[-1]
+    assert running.state.status == 'holding' and running.state.progress == motions
+    # Later than the end of the motion: it goes on to the goal that was asked for.
+    goal[1] -= 0.05
+    code, out, _ = execute('--goal-position', *[f'{value:.4f}' for value in goal],
+                           '--switch-at', '6')
+    assert code == 0 and 'the goal is switched to' in out
+    running.wait('the tool to be there',
+                 lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
     code, _, err = execute('--tempo', '7')
     assert code == 2 and '--tempo: is 7, expected' in err
     code, _, err = execute('nowhere.json')
     assert code == 1 and 'nowhere.json: no such skill, sequence or bag' in err
+
+
+def test_after_a_motion_the_arm_goes_home_and_executes_again(running, execute):
+    start = running.tool()
+    assert execute('--tempo', '2')[0] == 0
+    assert np.linalg.norm(running.tool()[:3] - start[:3]) > 0.05
+    code, _, err = gdmp('home')
+    assert code == 0, err
+    np.testing.assert_allclose(running.tool()[:3], start[:3], atol=0.002)
+    # What the server held before does not move the arm.
+    running.client.spend(1.0)
+    np.testing.assert_allclose(running.tool()[:3], start[:3], atol=0.002)
+    assert execute('--tempo', '2')[0] == 0
+
+
+def test_a_server_that_is_missing_or_doubled_is_named(running, execute):
+    code, _, err = execute('--server', 'left/trajectory_server', '--wait', '3')
+    assert code == 1
+    assert ('waiting for the state of left/trajectory_server, 2 s: no node of this name runs; '
+            'there are panda_sim, trajectory_server') in err
+    running.start_server('another', extra=['-r', '__node:=trajectory_server'])
+    code, _, err = execute()
+    assert code == 1 and '2 nodes of the name trajectory_server run' in err
+    running.children.stop('another')
+    assert execute('--tempo', '2')[0] == 0
 
 
 def test_ctrl_c_stops_the_motion_smoothly(running, execute):
@@ -80,9 +113,9 @@ def test_it_waits_for_the_robot_as_long_as_it_was_told(running, skill_file, exec
     assert running.transition(SERVER, CONFIGURE, ACTIVATE)
     running.client.wait_status('idle', 60.0)
     running.wait('the flag', lambda: 'no_robot' in running.state.flags)
-    code, out, _ = execute(skill_file, '--wait', '5')
+    code, out, err = execute(skill_file, '--wait', '5')
     assert code == 1 and 'waiting for the pose of the robot' in out
-    assert 'no measured pose has arrived on /panda_sim/measured_pose' in out
+    assert 'no measured pose has arrived on /panda_sim/measured_pose' in err
     begun = running.client.now()
 
     def come():

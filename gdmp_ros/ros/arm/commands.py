@@ -145,8 +145,9 @@ class ArmCommands:
             raise ParameterError(f'the arm is in a fault ({guard.reason}): call ~/recover first')
         if self.control.hand_guided:
             raise ParameterError('the arm is guided by hand: end it first (~/teach)')
-        if guard.following:
-            raise ParameterError('the arm follows references: stop their publisher first')
+        if guard.follows_motion:
+            raise ParameterError('the arm follows a motion: stop it first (~/stop of its server, '
+                                 'or of the arm)')
 
     def request_end_of_joint_motion(self, reason: str) -> None:
         """End motions of the joints at the next tick, if there are any."""

@@ -55,8 +55,7 @@ def execute(request: ExecuteRequest) -> int:
     """
     client = ServerClient(request.server)
     try:
-        client.wait(f'the state of {request.server}', lambda: client.state is not None,
-                    request.wait)
+        client.find_server(request.wait)
         for kind, name, fields in (
                 (LoadSkill, 'load_skill', {'path': request.skill} if request.skill else None),
                 (SetSpeed, 'set_speed', {'scale': request.speed} if request.speed is not None
@@ -74,7 +73,7 @@ def execute(request: ExecuteRequest) -> int:
             if request.sequence:
                 client.execute_sequence(request.sequence, request.first_step)
                 return _follow_sequence(client)
-            client.execute(ExecuteSkill.Goal(cycles=request.cycles))
+            client.execute(_goal(request))
             return _follow(client, request)
         except BaseException:  # rclpy turns a KeyboardInterrupt into other exceptions
             if client.cancel():
@@ -117,16 +116,19 @@ def _wait_for_robot(client: ServerClient, timeout: float) -> None:
 
 
 def _follow(client: ServerClient, request: ExecuteRequest) -> int:
-    """Switch the goal at its time, and show the progress until the end."""
+    """Show the progress until the end, and when the goal is switched."""
     with progress('executing', 100) as step:
-        if request.position is not None:
-            client.spend(request.after)
-            _switch(client, request.position)
-        show = rising(step)
+        show, position = rising(step), request.position
         while not client.done():
             client.spend(0.1)
             show(100.0 * min(_share(client, request), 1.0))
+            if position is not None and _has_goal(client, position):
+                print('the goal is switched to '
+                      f'{", ".join(f"{value:g}" for value in position)} m')
+                position = None
     result = client.result(10.0)
+    if result.error_code == result.INVALID_GOAL:
+        raise GdmpError(result.error_string)
     left = ', '.join(f'{name} {value:.2g}{_UNITS.get(name, "")}'
                      for name, value in zip(result.factors, result.distance_to_goal))
     reached = result.error_code == ExecuteSkill.Result.SUCCESSFUL
@@ -164,17 +166,19 @@ def _follow_sequence(client: ServerClient) -> int:
     return 0 if done else 1
 
 
-def _switch(client: ServerClient, position: Sequence[float]) -> None:
+def _goal(request: ExecuteRequest) -> ExecuteSkill.Goal:
+    """The request as a goal of the action: the server checks all of it before anything moves."""
+    goal = ExecuteSkill.Goal(cycles=request.cycles)
+    if request.position is not None:
+        goal.use_goal_pose, goal.goal_after = True, request.after
+        place, turned = goal.goal_pose.pose.position, goal.goal_pose.pose.orientation
+        place.x, place.y, place.z = map(float, request.position)
+        turned.w = 0.0  # the rotation stays that of the skill
+    return goal
+
+
+def _has_goal(client: ServerClient, position: Sequence[float]) -> bool:
+    """Whether the server has a goal at this position [m]."""
     state = client.state
-    if state is None or not state.goal:
-        raise GdmpError('the server has no goal to switch')
-    goal = messages.pose_numbers(state.goal[0])
-    goal[:3] = position
-    refused = state.refused
-    client.goal_pose(np.asarray(goal), state.header.frame_id)
-    client.wait('the goal to be switched', lambda: client.state is not None and (
-        client.state.refused > refused or bool(client.state.goal) and np.allclose(
-            messages.pose_numbers(client.state.goal[0])[:3], position)), 5.0)
-    if client.state is not None and client.state.refused > refused:
-        raise GdmpError(f'the new goal was refused: {client.state.last_refusal}')
-    print(f'the goal is switched to {", ".join(f"{value:g}" for value in position)} m')
+    return state is not None and bool(state.goal) and np.allclose(
+        messages.pose_numbers(state.goal[0])[:3], position)

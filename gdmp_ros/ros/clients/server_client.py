@@ -27,6 +27,8 @@ DISCOVERY_S = 0.5
 START_UP_S = 120.0
 #: Longest time between two looks at what is waited for [s].
 LOOK_S = 0.02
+#: Name of the node of a `ServerClient`.
+CLIENT = 'server_client'
 #: Interval at which a wait is reported [s].
 REPORT_S = 2.0
 
@@ -69,21 +71,23 @@ class Client:
         return self.clock.now() / NS
 
     def wait(self, what: str, until: Callable[[], bool], timeout: float,
-             silent: bool = False) -> None:
+             silent: bool = False, why: Callable[[], str] = str) -> None:
         """
         Wait until a condition holds; say so on standard error every two seconds.
 
         :param silent: say nothing
+        :param why: what is known of the reason
         :raises GdmpError: after ``timeout`` seconds
         """
         began, said = self.now(), 0.0
         while not until():
             waited = self.now() - began
             if waited > timeout:
-                raise GdmpError(f'waited {timeout:g} s for {what}, without success')
+                raise GdmpError(f'waited {timeout:g} s for {what}, without success{_after(why())}')
             if waited - said >= REPORT_S and not silent:
                 said = waited
-                print(f'waiting for {what}, {waited:.0f} s', file=sys.stderr, flush=True)
+                print(f'waiting for {what}, {waited:.0f} s{_after(why())}', file=sys.stderr,
+                      flush=True)
             self._check()
             self.participant.spin(LOOK_S)
 
@@ -130,12 +134,14 @@ class ServerClient(Client):
     """
     Uses the topics and the action of a trajectory server.
 
+    :ivar server: name of its node, with its namespace
     :ivar state: newest state of the server, None before the first
     """
 
     def __init__(self, server: str = 'trajectory_server', check: Callable[[], None] | None = None):
         """:param check: called while waiting; may raise an exception"""
-        super().__init__('server_client', check)
+        super().__init__(CLIENT, check)
+        self.server = server
         self.state: ServerState | None = None
         self.subscribe(ServerState, f'{server}/state', self._on_state)
         self._publishers = {
@@ -152,6 +158,28 @@ class ServerClient(Client):
 
     def _on_state(self, message: ServerState) -> None:
         self.state = message
+
+    def find_server(self, timeout: float) -> None:
+        """
+        Wait for the state of the server.
+
+        :raises GdmpError: if there is none in time, or more than one of this name
+        """
+        topic = f'/{self.server.lstrip("/")}/state'
+        self.wait(f'the state of {self.server}', lambda: self.state is not None, timeout,
+                  why=self._others)
+        self.spend(DISCOVERY_S)
+        count = len(self.participant.publishers(topic))
+        if count > 1:
+            raise GdmpError(f'{count} nodes of the name {self.server} run in this DDS domain '
+                            '(ROS_DOMAIN_ID chooses another one): end all but one')
+
+    def _others(self) -> str:
+        """What runs instead of the server, for people."""
+        names = sorted({name.lstrip('/') for name in self.participant.nodes()})
+        found = [name for name in names if not name.rpartition('/')[2].startswith(('_', CLIENT))]
+        return (f'no node of this name runs; there are {", ".join(found)}' if found else
+                'no other node runs in this DDS domain: start it with gdmp up')
 
     def wait_status(self, status: str, timeout: float) -> None:
         """Wait until the server reports a status."""
@@ -254,6 +282,10 @@ class ServerClient(Client):
         publisher = self._publishers[topic]
         self.wait(f'the server to subscribe to {topic}', lambda: publisher.subscribers() > 0, 5.0)
         publisher.publish(message)
+
+
+def _after(reason: str) -> str:
+    return f': {reason}' if reason else ''
 
 
 def problem_of(state: ServerState | None) -> str:

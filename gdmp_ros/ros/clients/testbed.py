@@ -79,7 +79,8 @@ def up(settings: Bringup) -> None:
             _refuse_others(client, own=1)  # on a busy machine they are found later
             return ends.is_set() or _is_ready(client)
         client.wait(f'{SERVER} and the pose of the arm (--logs keeps what the nodes say)',
-                    is_ready, START_UP_S)
+                    is_ready, START_UP_S, why=lambda: (
+                        '' if client.state is None else client.state.last_refusal))
         if not ends.is_set():
             print(f'running: {ARM}, {SERVER}, {TAKE_RECORDER}; logs: {logs} (Ctrl-C ends them)',
                   flush=True)

@@ -95,8 +95,8 @@ class ServerAction:
         return self._streamer.active
 
     def _refused(self, handle: Any, error: GdmpError) -> Any:
-        """Result of a goal that cannot be executed."""
-        self._node.get_logger().warning(f'{self.name}: {error}')
+        """Result of a goal that cannot be executed; a rejection could not carry the reason."""
+        self._streamer.refusals.add(f'{self.name}: {error}')
         handle.abort()
         return self.kind.Result(error_code=self.kind.Result.INVALID_GOAL, error_string=str(error))
 
@@ -208,7 +208,7 @@ class ExecuteAction(ServerAction):
             self._finish(ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED,
                          'the goal was not reached within its tolerance in time')
         elif (state.finished and state.status in (Status.HOLDING, Status.MOVING)
-              and not awaited):
+              and not awaited and self._streamer.commands.later is None):
             self._judge_robot_at_goal(execution)
         else:
             self._rested_since = self._streamer.time
@@ -251,11 +251,11 @@ class ExecuteAction(ServerAction):
 
     async def _execute(self, handle: Any) -> ExecuteSkill.Result:
         result = ExecuteSkill.Result()
-        self._finish(ExecuteSkill.Result.PREEMPTED, 'a newer goal was accepted')
         try:
             motion = self._begin(handle.request, await self._goal_of(handle.request))
         except GdmpError as error:
             return self._refused(handle, error)
+        self._finish(result.PREEMPTED, 'a newer goal was accepted')
         request, settings = handle.request, self._streamer.robot.settings
         execution = _Execution(
             handle, motion, self._node.future(),
@@ -274,7 +274,11 @@ class ExecuteAction(ServerAction):
         return result
 
     async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
-        """Goal pose of a request, as soon as its frame is known; None if it has none."""
+        """
+        Goal pose of a request, as soon as its frame is known; None if it has none.
+
+        Four zeros for its rotation: that of the skill.
+        """
         if not goal.use_goal_pose:
             return None
         header = goal.goal_pose.header
@@ -285,12 +289,16 @@ class ExecuteAction(ServerAction):
         if not self._base.knows(header):
             await self._node.wait_until(lambda: self._base.knows(header), 0.02,
                                         self._node.get_parameter('tf_timeout').value)
+        turned = goal.goal_pose.pose.orientation
+        if not any((turned.w, turned.x, turned.y, turned.z)):
+            turned.w = 1.0
+            return np.concatenate([self._base.pose(goal.goal_pose)[:3], np.zeros(4)])
         return self._base.pose(goal.goal_pose)
 
     def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:
         tolerances = (f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
                       for what in ('position', 'rotation'))
-        for name in ('duration', 'cycles', *tolerances):
+        for name in ('duration', 'cycles', 'goal_after', *tolerances):
             value = getattr(goal, name)
             if not value >= 0.0:
                 raise ParameterError(f'{name} is {value!r}, expected a number >= 0')
@@ -299,7 +307,7 @@ class ExecuteAction(ServerAction):
         return self._streamer.begin(pose, goal.goal_stiffness, goal.duration or None,
                                     (goal.position_tolerance or POSITION_TOLERANCE,
                                      goal.rotation_tolerance or ROTATION_TOLERANCE),
-                                    goal.cycles or None)
+                                    goal.cycles or None, goal.goal_after)
 
 
 class _SequenceExecution(NamedTuple):
