@@ -77,7 +77,7 @@ def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
     for i in range(cycles):
         measured = loop.wait()
         if measured is None:
-            raise GdmpError(loop.stopped)
+            raise GdmpError(loop.states.reason)
         loop.must_follow(_on_circle(center, 1e-9 * (robot.arrived - begun)))
         loop.answer(measured)
         answered, last, worked = (time.monotonic_ns() - robot.arrived, worked,

@@ -1,28 +1,35 @@
-"""What an arm does in each tick: follow references, give way to a hand, identify its friction."""
+"""One arm, simulated or real: its states, its controller, and the motions of its joints."""
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.controller import ImpedanceController
-from gdmp_ros.control.joint_motion import JointMotion
+from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import JointLimits, Measurement
-from gdmp_ros.control.modes import ArmMode, StreamMode
+from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
 from gdmp_ros.control.tick import Tick
-from gdmp_ros.errors import DataError, ParameterError, RefusedError
+from gdmp_ros.errors import DataError, RefusedError
+
+#: In these the joints are moved.
+_OF_JOINTS = (State.MOVING, State.IDENTIFYING)
 
 
 class ArmControl:
     """
-    The controller of an arm, simulated or real, and what else may move the arm.
+    The controller of an arm, and what else may move it.
 
-    :ivar hand_guided: whether the arm only compensates gravity, to be guided by hand
-    :ivar joint_motion: motions of the joints, while they are made and after
+    :ivar states: what the arm does
+    :ivar joint_motion: motions of the joints, while they are made and after; None if they were
+        ended early
     :ivar joint_motion_problem: why they ended early; empty if they did not
     """
 
@@ -34,14 +41,16 @@ class ArmControl:
         :raises ParameterError: if the settings do not fit the joints
         """
         self.joints = joints
-        self.controller = ImpedanceController(joints, friction, settings)
-        self.hand_guided = False
+        self.states = ArmStates()
+        self.controller = ImpedanceController(joints, friction, settings, self.states)
+        self.states.watchers.append(self._entered)
         self.joint_motion: JointMotion | None = None
         self.joint_motion_problem = ''
+        self._planned: JointMotion | None = None
+        self._braking: Braking | None = None
 
     def hold(self, measured: Measurement) -> None:
         """Hold the arm where it is, as after the start."""
-        self.joint_motion = None
         self.controller.reset(measured)
 
     def warm_up(self, measured: Measurement, dt: float) -> None:
@@ -57,9 +66,7 @@ class ArmControl:
             # Otherwise a stream that begins soon would be taken for the one of this tick.
             guard.offer(target, Origin(guard.settings.frame, mode=StreamMode.ENDED))
             self.compute(measured, dt)
-        self.controller.hand_guide(measured, dt)
-        self.controller.move_joints(measured, measured.position, measured.velocity, dt,
-                                    ArmMode.MOVE)
+        self.controller.move_joints(measured, measured.position, measured.velocity, dt)
         self.controller.move_tool(measured.pose, measured.pose)
         self.hold(measured)
 
@@ -86,21 +93,82 @@ class ArmControl:
             guard = self.controller.guard
             raise RefusedError(f'the arm does not follow the reference: {guard.last_refusal}')
 
+    def do(self, request: Request, argument: Any = None) -> None:
+        """
+        Carry out what a user asks for.
+
+        :param argument: a motion of the joints, tool, payload or posture
+        :raises GdmpError: if it is refused, or fails
+        """
+        self.states.check(request)
+        match request:
+            case Request.ARM:
+                self.controller.guard.arm()
+            case Request.STOP:
+                self.controller.guard.stop('~/stop was called')
+            case Request.COMPLY:
+                self.states.take(request, '~/comply was called')
+            case Request.MOVE | Request.IDENTIFY:
+                self.move(argument)
+            case Request.RECOVER:
+                self.recover()
+            case Request.TOOL:
+                self.put_tool(argument)
+            case Request.PAYLOAD:
+                self.carry(argument)
+            case Request.REFILL:
+                self.controller.refill_tank()
+            case Request.POSTURE:
+                self.controller.posture.approach(argument)
+            case _:
+                self.states.take(request)
+
+    def recover(self) -> None:
+        """
+        End a fault; the arm goes on holding.
+
+        :raises GdmpError: if the arm does not recover
+        """
+        self.states.take(Request.RECOVER)
+
+    def put_tool(self, tool: Any) -> None:
+        """
+        Control another point of the tool's body; the arm goes on holding with the same wrench.
+
+        :raises ParameterError: while the arm moves
+        """
+        self.states.take(Request.TOOL)
+        self.use_tool(tool)
+
+    def use_tool(self, tool: Any) -> None:
+        """`put_tool` in any state."""
+        raise NotImplementedError
+
+    def check_payload(self) -> None:
+        """:raises GdmpError: if what the arm carries cannot change now"""
+
+    def carry(self, payload: Any) -> None:
+        """
+        Carry something from now on.
+
+        :raises GdmpError: if that is not possible now
+        """
+        raise NotImplementedError
+
+    def move(self, motion: JointMotion) -> None:
+        """
+        Begin motions of the joints, as soon as the arm rests.
+
+        :raises ParameterError: if the arm does something else
+        """
+        self.states.check(motion.request)
+        self._planned, self.joint_motion, self.joint_motion_problem = motion, None, ''
+        self.states.take(motion.request)
+
     @property
     def moves_joints(self) -> bool:
-        """Whether motions of the joints are being made."""
-        return self.joint_motion is not None and not self.joint_motion.done
-
-    def end_joint_motion(self, reason: str) -> None:
-        """End the motions of the joints, if there are any; the arm holds where it is."""
-        if self.moves_joints:
-            self.joint_motion, self.joint_motion_problem = None, reason
-
-    def check_tool(self) -> None:
-        """:raises ParameterError: while the tool cannot change"""
-        if self.controller.guard.following:
-            raise ParameterError('the arm follows references: stop their publisher, or call '
-                                 '~/stop, first')
+        """Whether motions of the joints are being made, or will be."""
+        return self._planned is not None or self.states.state in _OF_JOINTS
 
     def stand(self, measured: Measurement, dt: float) -> Tick:
         """What happens in ``dt`` seconds in which something else holds the arm, as its brakes."""
@@ -108,19 +176,60 @@ class ArmControl:
         controller.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                                  measured.velocity))
         return Tick(measured, twist, np.zeros(6), np.zeros(36), np.zeros(36),
-                    np.zeros_like(measured.position), np.zeros(6), controller.guard.mode, 0.0,
+                    np.zeros_like(measured.position), np.zeros(6), self.states.state.mode, 0.0,
                     controller.tank.energy, np.zeros(len(LIMITS)))
 
     def compute(self, measured: Measurement, dt: float) -> Tick:
         """Compute the torque for the next ``dt`` seconds."""
-        motion = self.joint_motion
-        if motion is not None and not motion.done:
-            result = self.controller.move_joints(measured, *motion.target(), dt, motion.mode)
-            try:
-                motion.add(measured, result.torque, dt)
-            except DataError as error:
-                self.end_joint_motion(str(error))
-            return result
-        if self.hand_guided:
-            return self.controller.hand_guide(measured, dt)
-        return self.controller.tick(measured, dt)
+        if self._planned is not None and self.states.state in _OF_JOINTS:
+            self.joint_motion, self._planned = self._planned, None
+            self.joint_motion.begin(measured.position)
+        motion = self._present_motion
+        if motion is None:
+            return self.controller.tick(measured, dt)
+        result = self.controller.move_joints(measured, *motion.target(), dt)
+        if motion is not self._present_motion:
+            return result  # a collision has ended it
+        try:
+            motion.add(measured, result.torque, dt)
+        except DataError as error:
+            # What holds the arm would be pushed on by joints that come to rest on their way.
+            self.joint_motion, self.joint_motion_problem = None, str(error)
+            self.states.take(Request.ARRIVED)
+        else:
+            if motion.done:
+                self.states.take(Request.ARRIVED)
+        return result
+
+    @property
+    def _present_motion(self) -> JointMotion | None:
+        """Of the joints, now."""
+        if self.states.state is State.STOPPING:
+            return self._braking
+        return self.joint_motion if self.states.state in _OF_JOINTS else None
+
+    def _entered(self, before: State) -> None:
+        """The state has changed, or what comes after it."""
+        state, then, motion = self.states.state, self.states.then, self.joint_motion
+        comes = state if state is not State.STOPPING else then
+        if self._planned is not None and comes not in _OF_JOINTS:
+            self._planned, self.joint_motion_problem = None, self._why_ended()
+        if state is before:
+            return
+        if before in _OF_JOINTS and motion is not None and not motion.done:
+            self.joint_motion, self.joint_motion_problem = None, self._why_ended()
+            if state is State.STOPPING:
+                self._braking = Braking(*motion.target(), self.controller.settings.guard.stop_time)
+        if state is not State.STOPPING:
+            self._braking = None
+        if state is State.FAULT:
+            self.controller.tank.empty()
+        if state is State.HOLDING and before is not State.STOPPING:
+            self.controller.take_posture()
+
+    def _why_ended(self) -> str:
+        return self.states.reason or _ENDED.get(self.states.state, 'it was ended')
+
+
+_ENDED = {State.GUIDED: 'the arm is guided by hand', State.COMPLIANT: 'the arm gives way',
+          State.INACTIVE: 'the node was deactivated'}

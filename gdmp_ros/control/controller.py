@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.contact import Contact
 from gdmp_ros.control.friction import friction_of, without_friction
 from gdmp_ros.control.guard import ReferenceGuard
@@ -11,18 +12,17 @@ from gdmp_ros.control.impedance import external_wrench
 from gdmp_ros.control.laws import ImpedanceLaw, JointImpedance, stiffness_at_tool, ToolImpedance
 from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE
 from gdmp_ros.control.measurement import JointLimits, Measurement
-from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.posture import Posture
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.tank import EnergyTank
-from gdmp_ros.control.target import STIFFNESS
+from gdmp_ros.control.target import STIFFNESS, TARGET_SIZE, TWIST
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.manifolds.linalg import is_finite
 
-#: Joint damping of an arm that gives way [Nm s/rad]: it stops, and a hand moves it.
-COMPLIANT_DAMPING = 5.0
+#: Joint damping of an arm that a hand moves [Nm s/rad]: without one it comes to rest.
+FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 
 
 class ImpedanceController:
@@ -33,13 +33,15 @@ class ImpedanceController:
     _limiter: TorqueLimiter
 
     def __init__(self, joints: JointLimits, friction: np.ndarray,
-                 settings: ControllerSettings | None = None):
+                 settings: ControllerSettings | None = None, states: ArmStates | None = None):
         """
         Prepare to control.
 
         :param friction: viscous friction of the model's joints [Nm s/rad], shape (n,)
+        :param states: of the arm
         :raises ParameterError: if the settings do not fit the joints
         """
+        self.states = states or ArmStates()
         self.counters, self.posture = LimitCounters(), Posture(joints)
         self.contact = Contact((settings or ControllerSettings()).contact)
         self._tool_law = ToolImpedance(self.posture, self.contact)
@@ -64,6 +66,10 @@ class ImpedanceController:
         friction_of(settings.friction, self._model_friction)
         self.posture.check(settings.posture)
 
+    def take_posture(self) -> None:
+        """Approach the posture of the settings again, if there is one."""
+        self.posture.use(self.settings.posture)
+
     def refill_tank(self) -> None:
         """Fill the energy tank as at the start, with the next tick."""
         self._refills = True
@@ -75,11 +81,12 @@ class ImpedanceController:
         self.posture.use(settings.posture)
         self._limiter = TorqueLimiter(self._joints, settings.limits)
         self._limiter.reset(measured.bias)
-        if hasattr(self, 'guard'):
-            self.guard.restart(measured.pose)
-        else:
+        if not hasattr(self, 'guard'):
             self.guard = ReferenceGuard(settings.guard, measured.pose, settings.damping_ratio,
-                                        len(measured.position))
+                                        len(measured.position), self.states)
+        self.guard.restart(MeasuredMotion(
+            measured.pose.copy(), np.zeros(6), measured.position.copy(),
+            np.zeros_like(measured.velocity)))
         self.tank = EnergyTank(settings.tank, self._credit)
         self._last_pose = measured.pose.copy()
         self.contact.reset()
@@ -87,9 +94,10 @@ class ImpedanceController:
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
         """Compute the torque for the next ``dt`` seconds."""
-        if self.guard.mode is ArmMode.COMPLIANT:
-            slowed = measured.bias - COMPLIANT_DAMPING * measured.velocity
-            return self._without_reference(measured, slowed, dt, ArmMode.COMPLIANT)
+        damping = FREE_DAMPING.get(self.states.state)
+        if damping is not None:
+            free = measured.bias - damping * measured.velocity
+            return self._without_reference(measured, free, np.zeros(6), dt)
         self._take_settings()
         violation = np.zeros(len(LIMITS))
         self.tank.measure(measured, self._law.stored(measured), dt)
@@ -104,7 +112,7 @@ class ImpedanceController:
         self.tank.draw(drawn)
         torque, wrench, commanded = law.respond(measured, self._external(measured), dt, violation)
         if is_finite(torque):
-            self._feel(measured, wrench, dt)
+            self._feel(wrench, self._law.motion(measured), dt)
             torque, spring = self._settle(measured, torque, twist, spring, dt, violation)
         else:
             torque, spring = self._limited(measured, self._recover(measured), dt, violation), 0.0
@@ -125,36 +133,28 @@ class ImpedanceController:
             self._law = law
         return law
 
-    def _feel(self, measured: Measurement, wrench: np.ndarray, dt: float) -> None:
-        collision = self.contact.update(wrench, self._law.motion(measured), dt)
-        if collision and self.guard.following:
+    def _feel(self, wrench: np.ndarray, motion: np.ndarray, dt: float) -> None:
+        """React to a collision with what the arm does because of a request."""
+        collision = self.contact.update(wrench, motion, dt)
+        if collision and self.states.state.moves:
             comply = self.settings.contact.collision_reaction == 'comply'
-            (self.guard.comply if comply else self.guard.stop)(collision)
+            self.states.take(Request.COMPLY if comply else Request.COLLISION, collision)
 
     @property
     def reference(self) -> np.ndarray:
         """The governed reference, of the tool or of the joints."""
         return self._law.reference.copy()
 
-    def hand_guide(self, measured: Measurement, dt: float) -> Tick:
-        """
-        Compute the torque for the next ``dt`` seconds of an arm that a person guides by hand.
-
-        Gravity is compensated and the limits stay in force; there is no stiffness and no
-        reference. From the next `tick` on the arm is held where it is.
-        """
-        return self._without_reference(measured, measured.bias, dt, ArmMode.GUIDED)
-
     def move_joints(self, measured: Measurement, position: np.ndarray, velocity: np.ndarray,
-                    dt: float, mode: ArmMode) -> Tick:
+                    dt: float) -> Tick:
         """
         Compute the torque for the next ``dt`` seconds of an arm that follows joint positions.
 
-        For slow motions without contact; the limits stay in force. From the next `tick` on the arm
-        is held where it is.
+        For slow motions; the limits and the reaction to collisions stay in force. From the next
+        `tick` on the arm is held where it is.
         """
-        return self._without_reference(measured, joint_torque(measured, position, velocity), dt,
-                                       mode)
+        return self._without_reference(measured, joint_torque(measured, position, velocity),
+                                       measured.jacobian @ velocity, dt)
 
     def move_tool(self, before: np.ndarray, after: np.ndarray) -> None:
         """
@@ -164,10 +164,15 @@ class ImpedanceController:
         :param after: pose of the new one
         """
         pose = self._tool_law.follow_tool(before, after, self.tank.energy)
-        self.guard.hold(pose, self.guard.mode)
+        self.guard.hold(pose)
 
-    def _without_reference(self, measured: Measurement, target: np.ndarray, dt: float,
-                           mode: ArmMode) -> Tick:
+    def _without_reference(self, measured: Measurement, target: np.ndarray, wanted: np.ndarray,
+                           dt: float) -> Tick:
+        """
+        Send a torque; gravity is compensated, and there is no stiffness.
+
+        :param wanted: twist of the tool that is wanted [m/s, rad/s]
+        """
         self._take_settings()
         twist = measured.jacobian @ measured.velocity
         violation = np.zeros(len(LIMITS))
@@ -175,12 +180,15 @@ class ImpedanceController:
         self.posture.hold(measured.position)
         self.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                            measured.velocity))
-        self.guard.hold(measured.pose, mode)
+        self.guard.hold(measured.pose)
         self._hold(measured)
         torque = self._limited(measured, target, dt, violation)
         self._sent(measured, torque, 0.0, dt, violation)
         wrench = external_wrench(measured, self._external(measured),
                                  self.settings.gains.singularity)
+        mode, motion = self.states.state.mode, np.zeros(TARGET_SIZE)
+        motion[TWIST:TWIST + 6] = wanted
+        self._feel(wrench, motion, dt)
         return Tick(measured, twist, wrench, np.zeros(36), np.zeros(36), torque, np.zeros(6),
                     mode, 0.0, self.tank.energy, violation)
 
@@ -203,7 +211,7 @@ class ImpedanceController:
         self._use(settings)
         last = self._limiter.last
         self._limiter = TorqueLimiter(self._joints, settings.limits)
-        self._limiter.reset(last)
+        self._limiter.sent(last)  # a smaller limit is no step of the torque
         self.guard.configure(settings.guard, settings.damping_ratio)
         self.tank.configure(settings.tank)
         self.contact.settings = settings.contact

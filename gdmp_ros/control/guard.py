@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import (
     continues,
@@ -31,11 +32,6 @@ ARMED_S = 10.0
 DELAY_SHARE, DELAY_GAP_S = 0.02, 0.05
 #: A reference that is further from its usual time is followed as it is [s].
 LARGEST_SHIFT_S = 0.02
-#: What the arm does instead of following references, and the reason of a fault.
-BUSY = {ArmMode.FAULT: 'the arm is in a fault ({}): call ~/recover',
-        ArmMode.GUIDED: 'the arm is guided by hand (~/teach)',
-        ArmMode.IDENTIFY: 'the friction of the joints is being identified (~/identify_friction)',
-        ArmMode.MOVE: 'the joints move to a posture (~/move_joints)'}
 
 
 class ReferenceGuard:
@@ -46,40 +42,40 @@ class ReferenceGuard:
     Accepted references are followed, and extrapolated between two of them. When they end, the
     motion slows down and the pose is held. A stream that is followed must not jump.
 
-    :ivar mode: ``HOLD``, ``FOLLOW``, ``GUIDED``, ``IDENTIFY``, ``MOVE`` (see `hold`),
-        ``COMPLIANT`` (`comply`) or ``FAULT`` (`fault`)
-    :ivar reason: of a stop, of a compliant arm or of a fault; empty if there is none
+    :ivar states: of the arm
     """
 
     def __init__(self, settings: GuardSettings, pose: np.ndarray, damping_ratio: float,
-                 joints: int = 0):
+                 joints: int = 0, states: ArmStates | None = None):
         """
         Hold a pose until the first reference.
 
         :param pose: (x, y, z, qw, qx, qy, qz)
         :param joints: number of joints, if references of the joints may be followed
+        :param states: of the arm; by default of one that does nothing but follow
         """
         self.settings = settings
+        self.states = states or ArmStates()
+        self.states.watchers.append(self._entered)
         self._tool = PoseReferences(pose, damping_ratio)
         self._joints = JointReferences(joints, damping_ratio)
         self._kind: ReferenceKind = self._tool
         self.forget_stream()
-        self.restart(pose)
+        self.restart(MeasuredMotion(pose.copy(), np.zeros(6)))
 
-    def restart(self, pose: np.ndarray) -> None:
-        """Hold a pose as after the start; a stream that runs already is not followed."""
-        self.refused = 0
-        self.last_refusal = self.reason = ''
+    def restart(self, robot: MeasuredMotion) -> None:
+        """Hold the robot as after the start; a stream that runs already is not followed."""
+        self.states.refused, self.states.last_refusal = 0, ''
         self._fresh = self._resumable = False
         self._armed_s = 0.0
         self._age, self._sequence, self._delay = math.inf, 0, 0.0
         # Sequence number of the last reference that was on time.
         self._on_time = 0
-        self._streams = StreamMode.HOLDING
         self._far = ''
-        self.mode = ArmMode.HOLD
-        self._robot = MeasuredMotion(pose.copy(), np.zeros(6))
-        self.hold(pose)
+        self._stop_progress = 1.0
+        self.states.take(Request.ACTIVATE)
+        self._robot = robot
+        self.hold(robot.pose)
 
     def forget_stream(self) -> None:
         """Take the next reference for the first one of its stream."""
@@ -88,12 +84,12 @@ class ReferenceGuard:
     @property
     def following(self) -> bool:
         """Whether references are followed."""
-        return self.mode is ArmMode.FOLLOW
+        return self.states.state.follows
 
     @property
-    def follows_motion(self) -> bool:
-        """Whether a motion is followed: not a stream that rests."""
-        return self.following and self._streams is StreamMode.STREAMING
+    def mode(self) -> ArmMode:
+        """What the arm does, as it is reported."""
+        return self.states.state.mode
 
     @property
     def in_joints(self) -> bool:
@@ -113,7 +109,7 @@ class ReferenceGuard:
             quaternion of an accepted one is normalised here
         :returns: whether it was accepted
         """
-        kind: ReferenceKind = self._tool if len(target) == TARGET_SIZE else self._joints
+        kind = self._kind_of(target)
         known = self._on_time > 0 and continues(origin.sequence, self._on_time)
         reason = refusal(origin, self.settings, known)
         if is_on_time(origin, self.settings):
@@ -126,21 +122,29 @@ class ReferenceGuard:
             if reason:
                 self.refuse(reason)
             return False
-        self._kind = kind
-        kind.target[:] = target
-        self._even_out(kind, origin.age)
-        self.mode, self.reason, self._far = ArmMode.FOLLOW, '', ''
+        self._even_out(kind, target, origin.age)
+        self._kind, self._far = kind, ''
+        self.states.take(_request(origin))
         self._fresh = self._resumable = True
         self._armed_s, self._age, self._sequence = 0.0, 0.0, origin.sequence
-        self._streams = StreamMode(origin.mode)
         return True
 
-    def _even_out(self, kind: ReferenceKind, age: float) -> None:
+    def observe(self, target: np.ndarray, origin: Origin) -> None:
+        """Know of a reference that nobody is to follow: its stream runs already."""
+        kind = self._kind_of(target)
+        if kind.invalid(target) is None:
+            self._offered.add(kind, kind.place(target), origin, self.settings.resume_time)
+
+    def _kind_of(self, target: np.ndarray) -> ReferenceKind:
+        return self._tool if len(target) == TARGET_SIZE else self._joints
+
+    def _even_out(self, kind: ReferenceKind, target: np.ndarray, age: float) -> None:
         """
-        Move a reference that is later, or earlier, than usual to where it would be now.
+        Use a reference; one later, or earlier, than usual is moved to where it would be now.
 
         Otherwise one that was delayed by a millisecond would be a step of the motion.
         """
+        kind.target[:] = target
         if not self.following or self._age > DELAY_GAP_S:
             self._delay = age
         shift = age - self._delay
@@ -157,51 +161,61 @@ class ReferenceGuard:
 
     def refuse(self, reason: str) -> None:
         """Count a reference that is not accepted, and keep the reason."""
-        # In this order: another thread reads the reason when the count has changed.
-        self.last_refusal = reason
-        self.refused += 1
+        self.states.refuse(reason)
+
+    @property
+    def refused(self) -> int:
+        """Number of references that were not accepted."""
+        return self.states.refused
+
+    @property
+    def last_refusal(self) -> str:
+        """Why the last one was not."""
+        return self.states.last_refusal
+
+    @property
+    def reason(self) -> str:
+        """Reason of a stop, of giving way or of a fault; empty if there is none."""
+        return self.states.reason
 
     def arm(self) -> None:
-        """Follow the motion that is streamed, wherever it is, or one that begins in `ARMED_S`."""
+        """
+        Follow the motion that is streamed, wherever it is, or one that begins in `ARMED_S`.
+
+        :raises ParameterError: if the arm does something else
+        """
+        self.states.take(Request.ARM)
         self._armed_s = ARMED_S
-        self._leave_compliance()
 
     def stop(self, reason: str = '') -> None:
         """Stop smoothly and hold; the reason is kept until a motion begins."""
         self._armed_s, self._resumable = 0.0, False
-        self._leave_compliance()
-        if self.following:
-            self._begin_stop()
-        self.reason = reason
-
-    def comply(self, reason: str) -> None:
-        """Stop and give way, until `stop`, `arm`, or a motion that begins near the robot."""
-        if self.mode is not ArmMode.FAULT:
-            self._forget()
-            self.mode, self.reason = ArmMode.COMPLIANT, reason
+        self.states.take(Request.STOP, reason)
 
     def fault(self, reason: str) -> None:
-        """Hold the measured pose, and follow nothing until `recover`."""
-        self.hold(self._robot.pose)
-        self.mode, self.reason = ArmMode.FAULT, reason
+        """Hold the measured pose, and follow nothing until the fault has ended."""
+        self.states.take(Request.FAILURE, reason)
 
-    def recover(self) -> None:
-        """End a fault; the arm goes on holding."""
-        if self.mode is ArmMode.FAULT:
+    def _entered(self, before: State) -> None:
+        """The state of the arm has changed, or not."""
+        state = self.states.state
+        if state is before:
+            return
+        if state is State.FAULT:
+            self.hold(self._robot.pose)
+        elif before.follows and state is State.STOPPING:
+            self._stop_progress, self._resumable = 0.0, False
+            self._kind.begin_stop()
+            if self.states.then is not State.HOLDING:
+                self._armed_s = 0.0
+        elif not (state.follows or before is State.STOPPING and state is State.HOLDING):
             self._forget()
-            self.mode, self.reason = ArmMode.HOLD, ''
 
-    def hold(self, pose: np.ndarray, mode: ArmMode = ArmMode.HOLD) -> None:
-        """
-        Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz); a fault stays.
-
-        :param mode: why nothing is followed until the next tick
-        """
+    def hold(self, pose: np.ndarray) -> None:
+        """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
         self._forget()
         self._kind = self._tool
         self._tool.rest_at(self._robot._replace(pose=pose))
-        if self.mode not in (ArmMode.FAULT, ArmMode.COMPLIANT):
-            self.mode = mode
 
     def target(self, dt: float, robot: MeasuredMotion | None = None) -> np.ndarray:
         """
@@ -212,11 +226,9 @@ class ReferenceGuard:
             every time
         """
         self.measure(dt, robot)
-        if self.mode in (ArmMode.GUIDED, ArmMode.IDENTIFY, ArmMode.MOVE):
-            self.mode = ArmMode.HOLD
         if self.following and self._age > self.settings.timeout + 1e-9:
-            self._begin_stop()
-            self.reason = f'{NO_REFERENCE} {self.settings.timeout:g} s'
+            self.states.take(Request.LOST, f'{NO_REFERENCE} {self.settings.timeout:g} s')
+            self._resumable = True
         if not self.following:
             self._slow_down(dt)
         elif not self._fresh:
@@ -236,10 +248,10 @@ class ReferenceGuard:
         """Why a valid reference is not followed; empty if that need not be told."""
         place, settings = kind.place(target), self.settings
         begins, held, ago = self._offered.add(kind, place, origin, settings.resume_time)
-        if self.mode in BUSY:
-            # A stream that rests asks for nothing.
-            return (BUSY[self.mode].format(self.reason)
-                    if origin.mode == StreamMode.STREAMING else '')
+        # A stream that rests asks for nothing.
+        busy = self.states.refusal(_request(origin))
+        if busy is not None:
+            return busy
         same = kind is self._kind
         if self.following or (same and self._resumes(origin)):
             gap = 0.0 if self.following else self._age
@@ -249,7 +261,8 @@ class ReferenceGuard:
             if reason is not None or (same and origin.mode != StreamMode.ENDED):
                 return reason
             if same:
-                self.stop()
+                self._resumable = False
+                self.states.take(Request.LOST)
         if origin.mode != StreamMode.STREAMING:
             return ''
         if self.armed:
@@ -265,7 +278,7 @@ class ReferenceGuard:
 
     def _resumes(self, origin: Origin) -> bool:
         """Whether the stream that was followed goes on after a short gap."""
-        return (self._resumable and self.mode is ArmMode.HOLD
+        return (self._resumable and self.states.state in (State.STOPPING, State.HOLDING)
                 and self._age <= self.settings.resume_time
                 and continues(origin.sequence, self._sequence))
 
@@ -280,15 +293,6 @@ class ReferenceGuard:
         self._armed_s, self._resumable = 0.0, False
         self._stop_progress, self._sequence = 1.0, 0
 
-    def _leave_compliance(self) -> None:
-        if self.mode is ArmMode.COMPLIANT:
-            self.mode, self.reason = ArmMode.HOLD, ''
-
-    def _begin_stop(self) -> None:
-        self.mode = ArmMode.HOLD
-        self._stop_progress = 0.0
-        self._kind.begin_stop()
-
     def _slow_down(self, dt: float) -> None:
         """Reduce the last velocity and wrench to zero within the stop time."""
         if self._stop_progress >= 1.0:
@@ -296,3 +300,9 @@ class ReferenceGuard:
         self._stop_progress = min(1.0, self._stop_progress + dt / self.settings.stop_time)
         left = 1.0 - smoothstep(self._stop_progress)
         self._kind.slow_down(left, dt)
+        if self._stop_progress >= 1.0 and self.states.state is State.STOPPING:
+            self.states.take(Request.ARRIVED)
+
+
+def _request(origin: Origin) -> Request:
+    return Request.MOTION if origin.mode == StreamMode.STREAMING else Request.REST

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.joint_motion import check_follows
 from gdmp_ros.control.measurement import JointLimits, Measurement
-from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError
 
 #: Speeds at which each joint moves [rad/s], and how far to each side [rad].
@@ -77,13 +77,17 @@ class _Leg(NamedTuple):
 class FrictionIdentification:
     """A plan of motions, and what they show; one instance for each identification."""
 
-    mode = ArmMode.IDENTIFY
+    request = Request.IDENTIFY
 
-    def __init__(self, joints: JointLimits, start: np.ndarray, speeds: Sequence[float] = SPEEDS,
+    def __init__(self, joints: JointLimits, speeds: Sequence[float] = SPEEDS,
                  reach: float = REACH):
-        """:param start: joint positions [rad]; every motion begins and ends there"""
-        self._start = np.array(start, dtype=float)
-        self._speeds = tuple(speeds)
+        """Plan motions at speeds [rad/s], each so far to both sides [rad]."""
+        self._joints, self._speeds, self._reach = joints, tuple(speeds), reach
+        self.time, self.seconds = 0.0, math.inf
+
+    def begin(self, position: np.ndarray) -> None:
+        """Begin at joint positions [rad]; every motion begins and ends there."""
+        self._start, joints, reach = np.array(position, dtype=float), self._joints, self._reach
         self._legs: list[_Leg] = []
         time = REST_S
         for joint, middle in enumerate(self._start):
@@ -98,7 +102,6 @@ class FrictionIdentification:
                     self._legs.append(leg)
                     time += leg.seconds
         self.seconds = time
-        self.time = 0.0
         self._present = 0
         count = len(self._start)
         # Sum of torques and number of them, by joint, speed and direction.

@@ -5,10 +5,10 @@ from typing import Protocol
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.measurement import JointLimits, Measurement
-from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.util.profiles import minimum_jerk
+from gdmp_ros.util.profiles import minimum_jerk, smoothstep
 
 #: A joint that is further than this from where it is to be does not move freely [rad].
 LARGEST_ERROR = 0.2
@@ -22,10 +22,10 @@ class JointMotion(Protocol):
     """
     Motions of the joints that an arm makes instead of following references.
 
-    :ivar mode: what the arm says it does
+    :ivar request: with which they begin
     """
 
-    mode: ArmMode
+    request: Request
 
     @property
     def done(self) -> bool:
@@ -34,6 +34,9 @@ class JointMotion(Protocol):
     @property
     def what(self) -> str:
         """What is being done, for people."""
+
+    def begin(self, position: np.ndarray) -> None:
+        """Begin at positions of the joints [rad]; before, only what is wanted is known."""
 
     def target(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions [rad] and velocities [rad/s] that are wanted now."""
@@ -63,24 +66,29 @@ class PostureMotion:
     The way has minimal jerk, in straight lines of joint space from posture to posture.
     """
 
-    mode, what = ArmMode.MOVE, 'moving to a posture'
+    request, what = Request.MOVE, 'moving to a posture'
 
     def __init__(self, joints: JointLimits, postures: np.ndarray, speed: float):
         """
         Plan.
 
-        :param postures: from the present one to the goal [rad], shape ``(T, n)``
+        :param postures: on the way, and the goal [rad], shape ``(T, n)``
         :param speed: largest speed of a joint [rad/s]; the limits of the joints hold too
         :raises ParameterError: if the goal is outside the limits, or the speed is not positive
         """
         joints.check(postures[-1])
         if not 0.0 < speed < np.inf:
             raise ParameterError(f'speed is {speed!r} rad/s, expected a positive number')
-        self._postures = np.array(postures)
-        steps = np.abs(np.diff(postures, axis=0)) / np.minimum(joints.fastest(speed), speed)
+        self._next, self._fastest = np.array(postures), np.minimum(joints.fastest(speed), speed)
+        self.time = self.seconds = 0.0
+
+    def begin(self, position: np.ndarray) -> None:
+        """Begin at positions of the joints [rad]."""
+        self._postures = np.vstack([position, self._next])
+        steps = np.abs(np.diff(self._postures, axis=0)) / self._fastest
         # When each posture is reached at that speed; pauses on the way take no time.
         self._reached = np.concatenate([[0.0], np.cumsum(steps.max(axis=1))])
-        self.seconds, self.time = float(_PEAK * self._reached[-1]), 0.0
+        self.seconds = float(_PEAK * self._reached[-1])
 
     @property
     def done(self) -> bool:
@@ -102,3 +110,34 @@ class PostureMotion:
         """Let a tick pass; see `JointMotion`."""
         check_follows(self.target()[0], measured)
         self.time += dt
+
+
+class Braking:
+    """Joints that move come to rest, on the way on which they are."""
+
+    request, what = Request.STOP, 'coming to rest'
+
+    def __init__(self, position: np.ndarray, velocity: np.ndarray, seconds: float):
+        """:param seconds: until they rest"""
+        self._position, self._velocity = position.copy(), velocity.copy()
+        self._now = velocity.copy()
+        self.seconds, self.time = seconds, 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether they rest."""
+        return self.time >= self.seconds
+
+    def begin(self, position: np.ndarray) -> None:
+        """They move already."""
+
+    def target(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions [rad] and velocities [rad/s] that are wanted now."""
+        return self._position, self._now
+
+    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
+        """Let a tick pass."""
+        self.time += dt
+        before = self._now
+        self._now = (1.0 - smoothstep(min(self.time / self.seconds, 1.0))) * self._velocity
+        self._position = self._position + 0.5 * dt * (before + self._now)

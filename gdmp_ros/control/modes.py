@@ -23,3 +23,4 @@ class ArmMode(IntEnum):
     IDENTIFY = 5
     FAULT = 6
     MOVE = 7
+    STOP = 8

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.kinematics import add_lever, constant_velocity_acceleration
 from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.tick import Tick
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.robot import FrankaRobot, Reading, RobotStopped
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import Chain
@@ -35,7 +37,6 @@ class FrankaLoop(ArmControl):
 
     :ivar robot: access to the robot
     :ivar measured: the last measurement
-    :ivar stopped: why the robot is not controlled; empty while it is
     :ivar lost: cycles without a state of the robot, since the start
     """
 
@@ -55,7 +56,7 @@ class FrankaLoop(ArmControl):
         joints = replace(flange.limits, cycle=CYCLE_S)
         super().__init__(joints, np.zeros(len(joints.torque)), settings)
         self.robot = robot
-        self.stopped, self.lost = 'the control has not begun', 0
+        self.lost = 0
         self._rotors = rotor_inertia * np.eye(len(joints.torque))
         self._dt = CYCLE_S
         self._sent = np.zeros_like(joints.torque)
@@ -74,6 +75,14 @@ class FrankaLoop(ArmControl):
         own = self._chain.pose_at(self._reading.position, self._end)
         return float(np.linalg.norm(own[:3] - self.robot.position))
 
+    def activate(self) -> None:
+        """Begin to control; a robot that refuses is in a fault."""
+        self.states.take(Request.ACTIVATE)
+        try:
+            self.begin()
+        except RobotStopped as error:
+            self.stop(str(error))
+
     def begin(self) -> None:
         """
         Begin to control: hold the robot where it is, without a torque at first.
@@ -81,10 +90,9 @@ class FrankaLoop(ArmControl):
         :raises RobotStopped: if the robot refuses
         """
         self.robot.begin()
-        self.stopped = ''
         measured = self.wait()
         if measured is None:
-            raise RobotStopped(self.stopped, False)
+            raise RobotStopped(self.states.reason, False)
         self.hold(measured)
         self.answer(measured)
 
@@ -110,7 +118,9 @@ class FrankaLoop(ArmControl):
 
     def answer(self, measured: Measurement) -> Tick:
         """Compute the torque for a state, and send it; nothing is sent to a robot that stopped."""
-        if self.stopped:
+        if not self.robot.controlled:
+            if self.states.state not in (State.FAULT, State.INACTIVE):
+                self.stop('the robot has ended the control')
             return self.stand(measured, self._dt)
         tick = self.compute(measured, self._dt)
         try:
@@ -122,13 +132,12 @@ class FrankaLoop(ArmControl):
 
     def end(self) -> None:
         """End the control within `END_CYCLES`; the robot then holds its position by itself."""
-        if self.stopped:
+        if not self.robot.controlled:
             return
         try:
             for left in range(END_CYCLES - 1, -1, -1):
                 self.robot.read()
                 self.robot.write(left / END_CYCLES * self._sent, last=left == 0)
-            self.stopped = 'the control was ended'
         except RobotStopped as error:
             self.stop(str(error))
 
@@ -138,8 +147,8 @@ class FrankaLoop(ArmControl):
 
         :raises RobotStopped: if the robot does not recover
         """
-        if not self.stopped:
-            self.controller.guard.recover()
+        if self.robot.controlled:
+            super().recover()
             return
         try:
             self.robot.recover()
@@ -148,31 +157,36 @@ class FrankaLoop(ArmControl):
             self.stop(str(error))
             raise
 
-    def put_tool(self, tool: ToolTransform) -> None:
-        """
-        Control another point, given in the end effector's frame; the arm goes on holding.
-
-        :raises ParameterError: while references are followed
-        """
-        self.check_tool()
+    def use_tool(self, tool: ToolTransform) -> None:
         before = self.measured.pose
         self._tool_end = (None if tool == _END_EFFECTOR
                           else self._chain.end_of(self._end_effector, tool))
         self.measured = self._measurement()
         self.controller.move_tool(before, self.measured.pose)
 
+    def check_payload(self) -> None:
+        """:raises ParameterError: while the robot cannot be told what it carries"""
+        state = self.states.state
+        if state.moves or state is State.GUIDED:
+            raise ParameterError('the robot can only be told what it carries while it rests: '
+                                 'call ~/stop first')
+
     def carry(self, payload: Payload) -> None:
         """
         Tell the robot what it carries; the robot holds by itself meanwhile.
 
-        :param payload: in the frame of the flange
-        :raises RobotStopped: if the robot does not answer
+        :raises GdmpError: if the robot moves, or does not answer
         """
-        controlled = not self.stopped
-        self.end()
-        self.robot.carry(payload)
-        if controlled:
-            self.begin()
+        self.check_payload()
+        controlled = self.robot.controlled
+        try:
+            self.end()
+            self.robot.carry(payload)
+            if controlled:
+                self.begin()
+        except RobotStopped as error:
+            self.stop(str(error))
+            raise
 
     def _measurement(self) -> Measurement:
         reading: Reading = self._reading
@@ -189,6 +203,4 @@ class FrankaLoop(ArmControl):
 
     def stop(self, reason: str) -> None:
         """Note that the robot is not controlled any more, and why."""
-        self.stopped, self.hand_guided = reason, False
-        self.end_joint_motion(reason)
         self.controller.guard.fault(reason)

@@ -109,6 +109,11 @@ class FrankaRobot:
         return self._robot is not None
 
     @property
+    def controlled(self) -> bool:
+        """Whether torques are sent."""
+        return self._control is not None
+
+    @property
     def seconds(self) -> float:
         """Time of the robot at the last state [s]."""
         return float(self._state.time.to_sec())
@@ -153,12 +158,15 @@ class FrankaRobot:
         """
         Tell the robot what it carries, without the end effector; only while it is not controlled.
 
-        :param payload: in the frame of the flange
+        :param payload: in the frame of the end effector
         :raises RobotStopped: if the robot does not answer
         """
+        if self._robot is None:
+            raise RobotStopped(f'{self._settings.host}: the robot does not answer', False)
+        # Zero, too: otherwise the robot keeps the load of the last run.
+        load = payload.seen_from(self.end_effector)
         with self._explained:
-            self._robot.set_load(payload.mass, list(payload.center),
-                                 payload.matrix.ravel().tolist())
+            self._robot.set_load(load.mass, list(load.center), load.matrix.ravel().tolist())
 
     def begin(self) -> None:
         """

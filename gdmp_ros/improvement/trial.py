@@ -106,9 +106,8 @@ def go_back(loop: ClosedLoop, postures: np.ndarray, reason: str) -> None:
     loop.controller.guard.stop(reason)
     for _ in range(round(STOP_S / loop.arm.period)):
         loop.tick()
-    now = loop.arm.measure().position
-    path = np.vstack([now, postures[::REMEMBER_EVERY][::-1], postures[0]])
-    loop.joint_motion = PostureMotion(loop.joints, path, BACK_SPEED)
+    path = np.vstack([postures[::REMEMBER_EVERY][::-1], postures[0]])
+    loop.move(PostureMotion(loop.joints, path, BACK_SPEED))
     while loop.moves_joints:
         loop.tick()
     if loop.joint_motion_problem:

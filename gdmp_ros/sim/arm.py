@@ -158,6 +158,11 @@ class Arm:
         self._actuation.reset(self.data.qfrc_bias[self._joints])
         self._random = np.random.default_rng(0)
 
+    def rest(self) -> None:
+        """Take the velocity of the joints away."""
+        self.data.qvel[self._joints] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
     def announce(self, payload: Payload) -> None:
         """
         Tell the controller's model what the arm carries; any thread may call it.

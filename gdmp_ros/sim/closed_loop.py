@@ -17,6 +17,7 @@ from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
+from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.teaching import Hand
 
 
@@ -51,21 +52,24 @@ class ClosedLoop(ArmControl):
         if not same_stream:
             self.controller.guard.forget_stream()
 
+    def rest(self) -> None:
+        """Hold the arm where it is, without velocity: as if its brakes had held it."""
+        self.arm.rest()
+        self.hold(self.arm.measure())
+
     @property
     def others(self) -> np.ndarray:
         """Positions of what is not a joint of the arm: fingers, objects; empty without them."""
         return np.array(self.arm.data.qpos[len(self.joints.torque):])
 
-    def put_tool(self, tool: ToolTransform) -> None:
-        """
-        Control another point of the tool's body; the arm goes on holding with the same wrench.
-
-        :raises ParameterError: while references are followed
-        """
-        self.check_tool()
+    def use_tool(self, tool: ToolTransform) -> None:
         before = self.arm.measure().pose.copy()
         self.arm.put_tool(tool)
         self.controller.move_tool(before, self.arm.measure().pose.copy())
+
+    def carry(self, payload: Payload) -> None:
+        """Carry something from now on: the model changes smoothly, in any state."""
+        self.arm.announce(payload)
 
     def tick(self) -> Tick:
         """Measure, compute the torque and advance by one period."""

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.sim.frames import Mount
+from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.util.settings import setting
 
 #: Largest mass [kg], distance of its centre along each axis [m] and entry of the inertia [kg m²].
@@ -16,7 +16,7 @@ HEAVIEST, FARTHEST, LARGEST_INERTIA = 20.0, 1.0, 10.0
 
 @dataclass(frozen=True)
 class Payload:
-    """Mass, centre and inertia, in the frame of the tool site."""
+    """Mass, centre and inertia, in the frame of the tool site, wherever the tool is put."""
 
     mass: float = setting(0.0, 'mass that the arm carries at its tool', 'kg', 0.0, HEAVIEST)
     center: tuple[float, float, float] = setting(
@@ -28,7 +28,8 @@ class Payload:
     def __post_init__(self) -> None:
         """:raises ParameterError: if no body has this mass and inertia"""
         if not 0.0 <= self.mass <= HEAVIEST:
-            raise ParameterError(f'payload: mass is {self.mass!r} kg, expected 0 to {HEAVIEST:g}')
+            raise ParameterError(f'payload: mass is {float(self.mass):g} kg, expected 0 to '
+                                 f'{HEAVIEST:g}')
         for name, numbers, most, unit in (
                 ('centre', self.center, FARTHEST, 'm'),
                 ('inertia', self.inertia, LARGEST_INERTIA, 'kg m²')):
@@ -38,7 +39,8 @@ class Payload:
         moments = np.linalg.eigvalsh(self.matrix)
         # The sum of two principal moments is at least the third.
         if moments[0] < -1e-9 or moments[2] > moments[0] + moments[1] + 1e-9:
-            raise ParameterError(f'payload: inertia has the principal moments {moments}, which no '
+            raise ParameterError(f'payload: inertia has the principal moments '
+                                 f'{moments.round(6).tolist()}, which no '
                                  'body has')
 
     @property
@@ -46,6 +48,17 @@ class Payload:
         """Inertia about the centre, 3×3 [kg m²]."""
         xx, yy, zz, xy, xz, yz = self.inertia
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def seen_from(self, site: ToolTransform) -> Payload:
+        """The same body in the frame in which the tool site is at a place."""
+        if self.mass == 0.0:
+            return Payload()
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, np.array(site.rotation, float))
+        axes = turn.reshape(3, 3)
+        xx, xy, xz, yy, yz, zz = (axes @ self.matrix @ axes.T)[np.triu_indices(3)].tolist()
+        x, y, z = (axes @ self.center + site.position).tolist()
+        return Payload(self.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
 
     def moments(self) -> np.ndarray:
         """Mass, mass times centre, inertia about the tool: 10 numbers that add up and blend."""

@@ -1,6 +1,8 @@
 """A window with a simulated arm, and off-screen pictures of it."""
 from __future__ import annotations
 
+import os
+import sys
 from typing import Any
 
 import mujoco
@@ -19,6 +21,11 @@ class Viewer:
 
     def __init__(self, arm: Arm):
         """:raises DataError: without a display"""
+        # Without one, GLFW would end the process.
+        display = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
+        if sys.platform == 'linux' and not display:
+            raise DataError('no viewer: there is no display (DISPLAY is not set); use '
+                            'headless: true')
         import mujoco.viewer
         try:
             self._handle: Any = mujoco.viewer.launch_passive(arm.model, arm.data)

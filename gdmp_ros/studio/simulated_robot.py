@@ -7,6 +7,7 @@ import traceback
 
 import numpy as np
 
+from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import described, LIMITS
 from gdmp_ros.control.modes import StreamMode
@@ -155,9 +156,13 @@ class SimulatedRobot:
         self._streamer.sequence.signal(name)
 
     def _check_free(self) -> None:
-        if self._loop.hand_guided or self._loop.moves_joints:
+        if self._busy():
             raise ParameterError('the arm is guided by hand, or on its way home: wait, or end it')
         self._problem = ''
+
+    def _busy(self) -> bool:
+        """Whether something else moves the arm."""
+        return self._loop.states.state is State.GUIDED or self._loop.moves_joints
 
     def stop(self) -> None:
         self._commands.put(self._end_joint_motion)
@@ -248,7 +253,7 @@ class SimulatedRobot:
     def _tick(self) -> Tick:
         loop, arm = self._loop, self._loop.arm
         target = self._streamer.tick(round((arm.time + 1.0) * NS), LONGEST_S)
-        if target is not None and not loop.hand_guided and not loop.moves_joints:
+        if target is not None and not self._busy():
             loop.follow(target, self._streamer.mode)
         moved = loop.moves_joints
         tick = loop.tick()
@@ -295,18 +300,17 @@ class SimulatedRobot:
             (sequence.step, sequence.steps, sequence.step_name))
 
     def _guide(self, guided: bool) -> None:
-        loop = self._loop
-        if loop.hand_guided == guided:
+        states = self._loop.states
+        if guided is (states.state is State.GUIDED):
             return
-        loop.hand_guided = guided
+        states.take(Request.GUIDE if guided else Request.RELEASE)
         self._pull(None)
         if not guided:
             self._hold()
 
     def _end_joint_motion(self) -> None:
         if self._loop.moves_joints:
-            self._loop.end_joint_motion('stopped')
-            self._hold()
+            self._loop.controller.guard.stop('stopped')
 
     def _hold(self) -> None:
         """Hold the arm where it is, and let the streamer begin there."""
@@ -325,12 +329,11 @@ class SimulatedRobot:
     def _go_home(self) -> None:
         self._guide(False)
         loop = self._loop
-        loop.joint_motion = PostureMotion(
-            loop.joints, np.array([loop.arm.measure().position, loop.arm.home]), HOME_SPEED)
+        loop.controller.guard.stop()
+        loop.move(PostureMotion(loop.joints, loop.arm.home[None], HOME_SPEED))
 
     def _recover(self, problem: str) -> None:
         """Put the arm back to its first posture after its simulation has become unstable."""
         self._problem = problem
-        self._loop.hand_guided = False
         self._loop.reset()
         self._streamer.activate(round(self._loop.arm.period * NS))

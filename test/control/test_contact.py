@@ -81,7 +81,8 @@ def move_against(force, reaction, along=False, plant=CLEAN):
                                             ('comply', ArmMode.COMPLIANT)])
 def test_a_force_against_the_motion_stops_it(reaction, mode, plant):
     modes, loop = move_against(25.0, reaction, plant=plant)
-    assert set(modes[10:1500]) == {ArmMode.FOLLOW} and set(modes[1540:]) == {mode}
+    assert set(modes[10:1500]) == {ArmMode.FOLLOW} and modes[-1] is mode
+    assert set(modes[1540:]) == ({ArmMode.STOP, mode} if reaction == 'stop' else {mode})
     assert 'N against the motion' in loop.controller.guard.reason
 
 

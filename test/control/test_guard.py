@@ -2,12 +2,14 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import resting_target, TARGET_SIZE
+from gdmp_ros.errors import ParameterError
 
 HOME = np.array([0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
 STIFFNESS = np.diag([400.0, 400, 400, 30, 30, 30])
@@ -232,10 +234,11 @@ def test_arming_is_for_ten_seconds_and_for_one_motion(guard):
 
 def test_a_fault_stays_until_it_is_ended_and_then_a_motion_must_begin_anew(guard):
     guard.fault('a sensor is broken')
-    guard.arm()
+    with pytest.raises(ParameterError, match='a sensor is broken'):
+        guard.arm()
     assert not stream(guard, NEAR) and guard.mode is ArmMode.FAULT
     assert 'a sensor is broken): call ~/recover' in guard.last_refusal
-    guard.recover()
+    guard.states.take(Request.RECOVER)
     assert guard.mode is ArmMode.HOLD and not stream(guard, NEAR, first=1300)
     assert stream(guard, NEAR, first=7)
 
@@ -243,17 +246,18 @@ def test_a_fault_stays_until_it_is_ended_and_then_a_motion_must_begin_anew(guard
 def test_an_arm_that_gives_way_holds_when_it_is_stopped_or_armed(guard):
     stream(guard, NEAR)
     for leave, first in ((guard.stop, 1300), (guard.arm, 1600)):
-        guard.comply('it was touched')
+        guard.states.take(Request.COMPLY, 'it was touched')
         assert not stream(guard, NEAR, first=first) and guard.mode is ArmMode.COMPLIANT
         leave()
         assert guard.mode is ArmMode.HOLD
 
 
 def test_a_motion_that_is_streamed_while_a_hand_guides_is_not_followed_afterwards(guard):
+    guard.states.take(Request.GUIDE)
     for k in range(300):
-        guard.hold(HOME, ArmMode.GUIDED)
         assert not guard.offer(reference(NEAR), Origin('base', 0.0, 1000 + k))
         guard.measure(DT, MeasuredMotion(HOME, np.zeros(6)))
+    guard.states.take(Request.RELEASE)
     assert not stream(guard, NEAR, first=1300)
     assert guard.mode is ArmMode.HOLD and 'before the arm was ready' in guard.last_refusal
 

@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.plants import PLANTS
 
@@ -13,7 +14,7 @@ SLACK = PLANTS['real'].slack(800.0)
 @pytest.fixture(params=['clean', pytest.param('real', marks=pytest.mark.long)])
 def loop(request):
     made = PLANTS[request.param].loop()
-    made.hand_guided = True
+    made.states.take(Request.GUIDE)
     return made
 
 
@@ -49,7 +50,7 @@ def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
         SLACK if loop.controller.settings.friction.dry[0] else 0.0)
     loop.hand = None
     loop.arm.push(np.zeros(6))
-    loop.hand_guided = False
+    loop.states.take(Request.RELEASE)
     left = loop.arm.measure().pose.copy()
     tick = ticks(loop, 1500)
     assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.005
@@ -60,7 +61,7 @@ def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
 def test_the_wrench_that_is_felt_is_the_one_that_pushes():
     # At rest, dry friction holds against a push that the motors do not feel.
     loop = PLANTS['clean'].loop()
-    loop.hand_guided = True
+    loop.states.take(Request.GUIDE)
     push = np.array([3.0, -2.0, 1.0, 0.05, 0.1, -0.02])
     loop.arm.push(push)
     tick = ticks(loop, 20)
@@ -78,7 +79,7 @@ def test_joint_limits_push_back_during_hand_guiding(loop):
     position = loop.arm.data.qpos.copy()
     position[3] = loop.arm.limits.upper[3] - 0.05
     loop.reset(position)
-    loop.hand_guided = True
+    loop.states.take(Request.GUIDE)
     tick = ticks(loop, 1)
     pushed = tick.torque - tick.measurement.bias
     assert pushed[3] == pytest.approx(-0.95, abs=1e-3)  # as fast as torques may change

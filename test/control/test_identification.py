@@ -16,9 +16,9 @@ def identified(plant):
     loop = ClosedLoop(Arm(plant=plant), ControllerSettings(guard=GuardSettings()))
     start = loop.arm.data.qpos.copy()
     # Fewer and faster motions than on a robot: the arm is simulated.
-    loop.joint_motion = FrictionIdentification(loop.arm.limits, start, (0.2, 0.4), 0.12)
+    loop.move(FrictionIdentification(loop.arm.limits, (0.2, 0.4), 0.12))
     largest = 0.0
-    while not loop.joint_motion.done:
+    while loop.moves_joints:
         loop.tick()
         largest = max(largest, np.abs(loop.arm.data.qpos - start).max())
     return loop, loop.joint_motion.result(), largest
@@ -44,10 +44,10 @@ def test_friction_is_found_although_the_model_is_wrong(plant, dry):
 
 def test_an_arm_that_is_held_is_not_forced():
     loop = ClosedLoop(Arm())
-    loop.joint_motion = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.4)
+    loop.move(FrictionIdentification(loop.arm.limits, (0.5,), 0.4))
     loop.hand = Hand(loop.arm.measure().pose.copy(), HandSettings(5000.0, 200.0, 2000.0, 50.0,
                                                                   100.0))
-    while loop.joint_motion is not None and not loop.joint_motion.done:
+    while loop.moves_joints:
         loop.tick()
     assert 'something holds the arm' in loop.joint_motion_problem
 
@@ -56,10 +56,10 @@ def test_a_joint_without_room_is_named():
     arm = Arm()
     start = arm.data.qpos.copy()
     start[3] = arm.limits.upper[3] - 0.04
-    plan = FrictionIdentification(arm.limits, start, (0.2,), 0.1)
+    plan = FrictionIdentification(arm.limits, (0.2,), 0.1)
     loop = ClosedLoop(arm)
     loop.reset(start)
-    loop.joint_motion = plan
+    loop.move(plan)
     while not plan.done:
         loop.tick()
     with pytest.raises(DataError, match='joint 4 has no room'):
@@ -68,8 +68,8 @@ def test_a_joint_without_room_is_named():
 
 def test_after_the_motions_references_are_followed_again():
     loop = ClosedLoop(Arm())
-    loop.joint_motion = FrictionIdentification(loop.arm.limits, loop.arm.data.qpos, (0.5,), 0.05)
-    while not loop.joint_motion.done:
+    loop.move(FrictionIdentification(loop.arm.limits, (0.5,), 0.05))
+    while loop.moves_joints:
         loop.tick()
     for _ in range(500):
         loop.tick()

@@ -18,10 +18,10 @@ def cycles(loop, count, each=lambda k: None):
     made = []
     for k in range(count):
         measured = loop.wait()
-        assert measured is not None, loop.stopped
+        assert measured is not None, loop.states.reason
         each(k)
         made.append(loop.answer(measured))
-        assert not loop.stopped, loop.stopped
+        assert loop.robot.controlled, loop.states.reason
     return made
 
 
@@ -44,7 +44,7 @@ def test_it_begins_and_ends_without_a_jump_of_the_torque(loop):
                   for one, other in zip(ticks[1:], ticks[:-1], strict=True))
     assert largest <= 0.951
     loop.end()
-    assert loop.stopped == 'the control was ended'
+    assert not loop.robot.controlled
     assert loop.controller.guard.mode is ArmMode.HOLD
 
 
@@ -52,8 +52,7 @@ def test_it_moves_to_a_posture_and_then_follows_a_motion(loop):
     loop.begin()
     cycles(loop, 50)
     goal = Arm('fr3').home
-    loop.joint_motion = PostureMotion(
-        loop.joints, np.array([loop.measured.position, goal]), 0.8)
+    loop.move(PostureMotion(loop.joints, goal[None], 0.8))
     while loop.moves_joints:
         cycles(loop, 1)
     assert not loop.joint_motion_problem
@@ -86,11 +85,11 @@ def test_a_robot_that_is_switched_off_is_a_fault_and_recovers_on_request(loop, r
     loop.begin()
     cycles(loop, 200)
     robot.kill()
-    while not loop.stopped:
+    while loop.robot.connected:
         measured = loop.wait()
         if measured is not None:
             loop.answer(measured)
-    assert 'does not answer' in loop.stopped
+    assert 'does not answer' in loop.states.reason
     assert loop.controller.guard.mode is ArmMode.FAULT
     assert loop.wait() is None
     with pytest.raises(RobotStopped, match='does not answer'):
@@ -111,7 +110,6 @@ def test_a_command_that_breaks_a_limit_is_a_reflex_and_recovers_on_request(loop)
             loop.robot.write(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]))
             loop.robot.read()
     loop.answer(loop.wait())
-    assert loop.stopped
     assert loop.controller.guard.mode is ArmMode.FAULT
     for _ in range(100):
         measured = loop.wait()
@@ -125,8 +123,7 @@ def test_the_torque_rate_counts_from_command_to_command(loop):
     control = ArmControl(loop.joints, np.zeros(7))
     measured = loop.measured
     control.hold(measured)
-    tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015,
-                                          ArmMode.MOVE)
+    tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015)
     assert np.abs(tick.torque).max() == pytest.approx(0.95, abs=1e-6)
 
 

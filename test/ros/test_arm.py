@@ -167,7 +167,10 @@ def test_the_tank_is_filled_and_identification_is_refused_under_references(runni
     running.client.execute()
     running.wait('a motion', lambda: running.state.status == 'moving')
     refused = running.call(SetBool, f'{ARM}/identify_friction', data=True)
-    assert not refused.success and 'follows references' in refused.message
+    assert not refused.success and 'follows a motion' in refused.message
+    assert not running.call(Trigger, f'{ARM}/refill_tank').success
+    assert running.call(Trigger, f'{ARM}/stop').success
+    running.wait_rest()
     assert 'filled to 5 J' in running.call(Trigger, f'{ARM}/refill_tank').message
 
 

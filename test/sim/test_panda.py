@@ -168,7 +168,6 @@ def test_an_arm_that_does_not_follow_is_an_error(skill):
         next(execution_ticks(skill, loop))
     # A stream that goes on over a reset is not followed from its middle.
     loop.reset()
-    loop.controller.guard.recover()
     ticks = execution_ticks(skill, loop)
     for _ in range(100):
         next(ticks)

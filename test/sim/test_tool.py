@@ -96,7 +96,7 @@ def test_while_references_are_followed_the_tool_stays():
     loop = loop_of()
     assert loop.follow(resting_target(loop.arm.measure().pose))
     loop.tick()
-    with pytest.raises(ParameterError, match='follows references'):
+    with pytest.raises(ParameterError, match='follows a motion'):
         loop.put_tool(LONG)
     with pytest.raises(ParameterError, match='has norm 2, expected 1'):
         ToolTransform((0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0))

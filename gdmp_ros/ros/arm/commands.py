@@ -2,34 +2,51 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from functools import partial
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.joint_motion import JointMotion
-from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.reference_check import Origin
-from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.messages import NS
-from gdmp_ros.ros.middleware import Subscription
+from gdmp_ros.ros.middleware import Received, Subscription
 from gdmp_ros.ros.serialized import ReferenceReader
-from gdmp_ros.sim.frames import ToolTransform
-from gdmp_ros.sim.payload import Payload
 
 #: Largest number of references read in a tick.
 MAX_REFERENCES = 20
+
+
+class Answer:
+    """
+    What became of a request.
+
+    :ivar done: whether it was carried out or refused
+    :ivar refusal: why it was refused; empty if it was not
+    """
+
+    done, refusal = False, ''
+
+    def give(self, refusal: str = '') -> None:
+        """Answer; the first answer counts."""
+        if not self.done:
+            self.refusal = refusal
+            self.done = True
+
+
+class _Asked(NamedTuple):
+    request: Any
+    argument: Any
+    answer: Answer
 
 
 class ArmCommands:
     """
     What other nodes want of an arm.
 
-    One thread calls `carry_out` and `take_references`. Requests come from another thread.
+    One thread calls `carry_out` and `take_references`. Requests come from another thread, each is
+    checked when it is carried out, and answered.
 
     :ivar control: of the arm
-    :ivar requests: called by the next `carry_out`
     :ivar sequence: number of the reference that is followed, 0 before the first
     """
 
@@ -42,14 +59,47 @@ class ArmCommands:
         """
         self.control = control
         self.sequence = 0
-        self.requests: deque[Callable[[], None]] = deque()
+        self._asked: deque[_Asked] = deque()
         self._references, self._reader = references, ReferenceReader(frame)
-        self._motion_requested = False
+
+    def ask(self, request: Any, argument: Any = None) -> Answer:
+        """
+        Carry out a request at the next tick; the answer comes then.
+
+        :param request: a `gdmp_ros.control.arm_states.Request`, or one that a subclass knows
+        """
+        answer = Answer()
+        self._asked.append(_Asked(request, argument, answer))
+        return answer
+
+    def drop(self, reason: str) -> None:
+        """Refuse the requests that have not been carried out; any thread may call it."""
+        while self._asked:
+            self._asked.popleft().answer.give(reason)
 
     def carry_out(self) -> None:
         """Carry out the requests."""
-        while self.requests:
-            self.requests.popleft()()
+        while self._asked:
+            asked = self._asked.popleft()
+            try:
+                self._do(asked.request, asked.argument)
+                asked.answer.give()
+            except GdmpError as error:
+                self.control.states.last_refusal = f'{asked.request.value}: {error}'
+                asked.answer.give(str(error))
+
+    def _do(self, request: Any, argument: Any) -> None:
+        """:raises GdmpError: if it is refused"""
+        if request is Request.GUIDE:
+            self.sequence = 0
+        self.control.do(request, argument)
+
+    def know_stream(self, now_ns: int) -> None:
+        """Know of a stream that runs when the arm begins to be controlled: it is not followed."""
+        while (received := self._references.take()) is not None:
+            read = self._read(received, now_ns)
+            if read is not None:
+                self.control.controller.guard.observe(*read)
 
     def take_references(self, now_ns: int) -> None:
         """Follow the references that have arrived until now."""
@@ -58,122 +108,16 @@ class ArmCommands:
             received = self._references.take()
             if received is None:
                 break
-            self.take_reference(received.data, now_ns)
+            read = self._read(received, now_ns)
+            if read is not None and self.control.controller.guard.offer(*read):
+                self.sequence = read[1].sequence
 
-    def take_reference(self, data: bytes, now_ns: int) -> None:
-        """Follow a serialised reference, or refuse it."""
-        guard = self.control.controller.guard
+    def _read(self, received: Received, now_ns: int) -> tuple[Any, Origin] | None:
+        """Numbers and origin of a reference; None, and counted, if it is none."""
         try:
-            item = self._reader.read(data)
+            item = self._reader.read(received.data)
         except DataError as error:
-            guard.refuse(str(error))
-            return
-        origin = Origin(item.frame, (now_ns - item.stamp) / NS, item.sequence, item.mode)
-        if guard.offer(item.target, origin):
-            self.sequence = item.sequence
-
-    def position(self) -> np.ndarray:
-        """Present positions of the joints [rad]."""
-        raise NotImplementedError
-
-    def put_tool(self, tool: ToolTransform) -> None:
-        """
-        Control another point of the tool's body, from now on.
-
-        :raises ParameterError: while references are followed
-        """
-        raise NotImplementedError
-
-    def announce(self, payload: Payload) -> None:
-        """
-        Tell the model of the arm what it carries; any thread may call it.
-
-        :raises ParameterError: if that is not possible now
-        """
-        raise NotImplementedError
-
-    def recover(self) -> None:
-        """
-        End a fault; called by `carry_out`.
-
-        :raises GdmpError: if the arm does not recover
-        """
-        self.control.controller.guard.recover()
-
-    def request_recovery(self) -> list[str]:
-        """End a fault at the next tick; returns as `request_tool`."""
-        return self._request(self.recover)
-
-    def request_hand_guiding(self, guided: bool) -> None:
-        """Begin or end hand guiding at the next tick."""
-        self.requests.append(lambda: self.switch_hand_guiding(guided))
-
-    def switch_hand_guiding(self, guided: bool) -> None:
-        """Begin or end hand guiding now."""
-        if guided:
-            self.control.end_joint_motion('the arm is guided by hand')
-        self.control.hand_guided = guided
-        self.sequence = 0
-
-    def request_joint_motion(self, make: Callable[[], JointMotion]) -> None:
-        """
-        Begin motions of the joints at the next tick.
-
-        :param make: called by `carry_out`
-        :raises ParameterError: if a reference is followed, the arm is guided by hand, or the
-            joints move already
-        """
-        self._check_joint_motion()
-        if self.moves_joints:
-            raise ParameterError('the joints move already')
-        control = self.control
-        control.joint_motion, control.joint_motion_problem = None, ''
-        self._motion_requested = True
-
-        def begin() -> None:
-            try:
-                self._check_joint_motion()
-                control.joint_motion = make()
-            except GdmpError as error:
-                control.joint_motion_problem = str(error)
-            self._motion_requested = False
-        self.requests.append(begin)
-
-    def _check_joint_motion(self) -> None:
-        guard = self.control.controller.guard
-        if guard.mode is ArmMode.FAULT:
-            raise ParameterError(f'the arm is in a fault ({guard.reason}): call ~/recover first')
-        if self.control.hand_guided:
-            raise ParameterError('the arm is guided by hand: end it first (~/teach)')
-        if guard.follows_motion:
-            raise ParameterError('the arm follows a motion: stop it first (~/stop of its server, '
-                                 'or of the arm)')
-
-    def request_end_of_joint_motion(self, reason: str) -> None:
-        """End motions of the joints at the next tick, if there are any."""
-        self.requests.append(partial(self.control.end_joint_motion, reason))
-
-    @property
-    def moves_joints(self) -> bool:
-        """Whether the joints move, or will."""
-        return self._motion_requested or self.control.moves_joints
-
-    def request_tool(self, tool: ToolTransform) -> list[str]:
-        """
-        Put the tool to another place at the next tick.
-
-        :returns: empty until then; contains the reason of a refusal afterwards, or an empty string
-        """
-        return self._request(lambda: self.put_tool(tool))
-
-    def _request(self, action: Callable[[], None]) -> list[str]:
-        done: list[str] = []
-
-        def carry_out() -> None:
-            try:
-                action()
-                done.append('')
-            except GdmpError as error:
-                done.append(str(error))
-        self.requests.append(carry_out)
-        return done
+            self.control.controller.guard.refuse(str(error))
+            return None
+        return item.target, Origin(item.frame, (now_ns - item.stamp) / NS, item.sequence,
+                                   item.mode)

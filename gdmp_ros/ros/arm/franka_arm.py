@@ -2,16 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from gdmp_msgs.msg import Reference
-import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.loop import CYCLE_S, FrankaLoop
-from gdmp_ros.franka.robot import FrankaRobot, opened, RobotStopped
+from gdmp_ros.franka.robot import FrankaRobot, opened
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
 from gdmp_ros.realtime.statistics import LatenessRecorder
@@ -20,12 +17,10 @@ from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import FRANKA
 from gdmp_ros.ros.arm.services import ArmServices
 from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, stamp_of
-from gdmp_ros.ros.middleware import CLOCK_DEPTH, Subscription
+from gdmp_ros.ros.middleware import CLOCK_DEPTH
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.frames import ToolTransform
-from gdmp_ros.sim.payload import Payload
 
 #: Share of a cycle after which the loop waits for the next state. Before, other threads run:
 #: libfranka keeps the interpreter while it waits.
@@ -53,16 +48,15 @@ class FrankaArm(ArmNode):
         robot = FrankaRobot(settings_from(p, FrankaSettings), self.clock, self._opened)
         self._model = Arm('fr3')
         settings = self.settings()
-        if self.given_payload is not None:
-            robot.carry(self.given_payload)
+        robot.carry(self._payload)
         loop = self._control = FrankaLoop(robot, p.rotor_inertia, settings, p.wall_time)
         if loop.misplaced > MISPLACED_M:
             self.get_logger().warning(
                 f'the tool of the model is {loop.misplaced:.3f} m from where the robot says: is '
                 'it a Franka Research 3? The pose of the model is used')
         if self.given_tool is not None:
-            loop.put_tool(self.given_tool)
-        self.commands = FrankaCommands(
+            loop.use_tool(self.given_tool)
+        self.commands = ArmCommands(
             loop, p.frame_id,
             self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES))
         self._clock_out = None
@@ -91,7 +85,7 @@ class FrankaArm(ArmNode):
 
     def _cycles(self, loop: FrankaLoop) -> Loop:
         commands, clock = self.commands, self.clock
-        commands.requests.append(partial(_begin, loop))
+        loop.activate()
         worked = thread_cpu_ns()
         try:
             while True:
@@ -147,42 +141,6 @@ class FrankaArm(ArmNode):
 
     def described_arm(self) -> Arm:
         return self._model
-
-
-def _begin(loop: FrankaLoop) -> None:
-    try:
-        loop.begin()
-    except RobotStopped as error:
-        loop.stop(str(error))
-
-
-class FrankaCommands(ArmCommands):
-    """What other nodes want of a Franka."""
-
-    def __init__(self, loop: FrankaLoop, frame: str, references: Subscription):
-        super().__init__(loop, frame, references)
-        self._loop = loop
-
-    def position(self) -> np.ndarray:
-        return self._loop.measured.position
-
-    def put_tool(self, tool: ToolTransform) -> None:
-        self._loop.put_tool(tool)
-
-    def announce(self, payload: Payload) -> None:
-        if self.control.controller.guard.following:
-            raise ParameterError('the arm follows references: stop their publisher, or call '
-                                 '~/stop, first')
-        self.requests.append(partial(self._carry, payload))
-
-    def _carry(self, payload: Payload) -> None:
-        try:
-            self._loop.carry(payload)
-        except RobotStopped as error:
-            self._loop.stop(str(error))
-
-    def recover(self) -> None:
-        self._loop.recover()
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -5,6 +5,7 @@ from gdmp_msgs.msg import Reference
 from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from gdmp_ros.control.arm_states import State
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.commands import MAX_REFERENCES
@@ -45,7 +46,7 @@ class SimulatedArmNode(ArmNode):
         if self.given_payload is not None:
             loop.arm.announce(self.given_payload)
         if self.given_tool is not None:
-            loop.put_tool(self.given_tool)
+            loop.use_tool(self.given_tool)
         # Compile the control law, or load it from the cache.
         loop.warm_up(loop.arm.measure(), loop.arm.period)
         self.commands = self.simulation = Simulation(
@@ -67,8 +68,13 @@ class SimulatedArmNode(ArmNode):
         self._period_ns = round(arm.period * NS)
         self.lateness = LatenessRecorder(self._period_ns)
         self._last = 0
+        # The brakes have held it.
+        self.simulation.loop.rest()
         self.start(self._fast_loop() if self.parameters.pace == 'fast' else
                    periodic(self._wall_tick, self._period_ns, self.clock))
+
+    def ticks(self) -> bool:
+        return not self.simulation.paused
 
     def deactivate(self) -> None:
         super().deactivate()
@@ -133,8 +139,9 @@ class SimulatedArmNode(ArmNode):
             simulation.hand_problem = ''
         if simulation.paused:
             return 'paused'
-        guided = simulation.loop.hand_guided and simulation.loop.hand is not None
-        return super().activity() or ('guided by hand' if guided else '')
+        if simulation.loop.states.state is State.GUIDED:
+            return 'guided by hand' if simulation.loop.hand is not None else 'waiting for a hand'
+        return super().activity()
 
     def described_arm(self) -> Arm:
         return self.simulation.loop.arm

@@ -1,17 +1,19 @@
 """One tick of the simulated arm: requests, references, the guiding hand, physics."""
 from __future__ import annotations
 
+from enum import Enum
+from typing import Any
+
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.messages import checked_pose
 from gdmp_ros.ros.middleware import deserialized, Subscription
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.frames import ToolTransform
-from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.teaching import Hand, HandSettings
 
 #: Without a message for this time the hand releases the tool [s].
@@ -19,6 +21,12 @@ HAND_TIMEOUT_S = 0.3
 #: The pose of the hand is polled once in this many ticks.
 HAND_EVERY = 5
 MAX_STEPS = 100_000
+
+
+class Reset(Enum):
+    """A request to a simulation alone."""
+
+    RESET = '~/reset_world'
 
 
 class Simulation(ArmCommands):
@@ -57,22 +65,16 @@ class Simulation(ArmCommands):
         self.paused = paused
         self._last_tick = self._ticks
 
-    def request_reset(self) -> None:
-        """Put the arm to its first keyframe at the next tick."""
-        self.requests.append(self._reset)
-
-    def _reset(self) -> None:
-        self.sequence = 0
-        self.loop.reset(same_stream=True)
-
-    def position(self) -> np.ndarray:
-        return self.loop.arm.measure().position
-
-    def put_tool(self, tool: ToolTransform) -> None:
-        self.loop.put_tool(tool)
-
-    def announce(self, payload: Payload) -> None:
-        self.loop.arm.announce(payload)
+    def _do(self, request: Any, argument: Any) -> None:
+        if request is Reset.RESET:
+            self.sequence = 0
+            self.loop.reset(same_stream=True)
+            return
+        if request in (Request.GUIDE, Request.RELEASE):
+            self._hand_poses.discard()
+            self._hand_ticks = 0
+            self._release()
+        super()._do(request, argument)
 
     def request_steps(self, steps: int) -> None:
         """
@@ -118,12 +120,6 @@ class Simulation(ArmCommands):
             return
         self.loop.hand = Hand(pose, self.hand_settings)
         self._hand_ticks = 0
-
-    def switch_hand_guiding(self, guided: bool) -> None:
-        super().switch_hand_guiding(guided)
-        self._hand_poses.discard()
-        self._hand_ticks = 0
-        self._release()
 
     def _poll_hand(self) -> None:
         self._hand_ticks += 1

@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from gdmp_msgs.srv import StepSimulation
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.ros.arm.services import ArmServices
-from gdmp_ros.ros.arm.simulation import Simulation
+from gdmp_ros.ros.arm.simulation import Reset, Simulation
 from gdmp_ros.ros.lifecycle import ManagedNode
 
 #: Time for steps of a paused simulation, beyond their own duration [s].
@@ -26,18 +27,15 @@ class SimulationServices(ArmServices):
         super().__init__(node, simulation, is_active, moved, simulation.loop.arm.home)
         self.simulation = simulation
         node.add_service(SetBool, 'set_pause', self.on_pause)
-        node.add_service(Trigger, 'reset_world', self.on_reset)
+        node.add_service(Trigger, 'reset_world', partial(
+            self.on_trigger, Reset.RESET, lambda: 'the arm is reset to its first keyframe'),
+            concurrent=True)
         node.add_service(StepSimulation, 'step_simulation', self.on_step, concurrent=True)
 
     def on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
         self.simulation.pause(request.data)
         reply.success = True
         reply.message = 'paused' if request.data else 'running'
-        return reply
-
-    def on_reset(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
-        self.simulation.request_reset()
-        reply.success, reply.message = True, 'the arm is reset to its first keyframe'
         return reply
 
     async def on_step(self, request: StepSimulation.Request,

@@ -121,7 +121,9 @@ def _measure(client: Client, arm: str) -> dict[str, list[float]]:
     service = client.service(SetBool, f'{arm}/identify_friction')
     reply = service.call_async(SetBool.Request(data=True))
     model = Arm()
-    expected = round(FrictionIdentification(model.limits, model.measure().position).seconds)
+    plan = FrictionIdentification(model.limits)
+    plan.begin(model.measure().position)
+    expected = round(plan.seconds)
     begun = reported = client.now()
     try:
         with progress('moving each joint slowly', expected) as step:
