@@ -7,12 +7,15 @@ import numpy as np
 
 from gdmp_ros.control.settings import ContactSettings
 from gdmp_ros.control.target import TWIST, WRENCH, WRENCH_GAIN
-from gdmp_ros.manifolds.linalg import is_zero
+from gdmp_ros.manifolds.linalg import is_finite, is_zero
 
 #: The external wrench is smoothed with this time constant [s].
 SMOOTHING_S = 0.01
 #: A correction that is no longer wished decays with this time constant [s].
 DECAY_S = 0.2
+#: Without a finite external wrench for this time a motion is stopped: collisions are not felt
+#: [s].
+UNKNOWN_S = 0.1
 #: A reference slower than this does not collide [m/s, rad/s].
 LEAST_SPEED, LEAST_ANGULAR_SPEED = 0.005, 0.02
 
@@ -31,6 +34,7 @@ class Contact:
     def reset(self) -> None:
         """Without contact and correction."""
         self.wrench, self._correction = np.zeros(6), np.zeros(6)
+        self._unknown = 0.0
 
     def correct(self, reference: np.ndarray, dt: float) -> None:
         """
@@ -60,10 +64,16 @@ class Contact:
 
         :param wrench: acting on the tool [N, Nm]
         :param reference: with its twist, and the wrench that it exerts
-        :returns: description of a collision; empty without one
+        :returns: description of a collision, or that none would be felt; empty without one
         """
-        self.wrench += min(dt / SMOOTHING_S, 1.0) * (wrench - self.wrench)
         settings = self.settings
+        if not is_finite(wrench):
+            self._unknown += dt
+            felt = settings.collision_force or settings.collision_torque
+            return ('the external torque is not finite: a collision would not be felt'
+                    if felt and self._unknown > UNKNOWN_S else '')
+        self._unknown = 0.0
+        self.wrench += min(dt / SMOOTHING_S, 1.0) * (wrench - self.wrench)
         for first, least, largest, unit in (
                 (0, LEAST_SPEED, settings.collision_force, 'N'),
                 (3, LEAST_ANGULAR_SPEED, settings.collision_torque, 'Nm')):

@@ -10,7 +10,7 @@ from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.identification import joint_torque
 from gdmp_ros.control.impedance import external_wrench
 from gdmp_ros.control.laws import ImpedanceLaw, JointImpedance, stiffness_at_tool, ToolImpedance
-from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE
+from gdmp_ros.control.limits import ENERGY, LimitCounters, LIMITS, TORQUE, WRENCH_LIMIT
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.control.posture import Posture
 from gdmp_ros.control.reference_kinds import MeasuredMotion
@@ -19,6 +19,7 @@ from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import STIFFNESS, TARGET_SIZE, TWIST
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 
 #: Joint damping of an arm that a hand moves [Nm s/rad]: without one it comes to rest.
@@ -50,6 +51,7 @@ class ImpedanceController:
         self._joints, self._model_friction = joints, friction
         self._next: ControllerSettings | None = None
         self._refills = False
+        self.check(settings or ControllerSettings())
         self._use(settings or ControllerSettings())
 
     def configure(self, settings: ControllerSettings) -> None:
@@ -63,7 +65,11 @@ class ImpedanceController:
 
     def check(self, settings: ControllerSettings) -> None:
         """:raises ParameterError: if the settings do not fit the joints"""
-        friction_of(settings.friction, self._model_friction)
+        dry = friction_of(settings.friction, self._model_friction)[0][1]
+        if (dry > self._joints.torque).any():
+            at = int(np.argmax(dry - self._joints.torque))
+            raise ParameterError(f'friction, dry: {dry[at]:g} Nm at joint {at + 1}, expected at '
+                                 f'most {self._joints.torque[at]:g}, what its motor can do')
         self.posture.check(settings.posture)
 
     def take_posture(self) -> None:
@@ -150,11 +156,16 @@ class ImpedanceController:
         """
         Compute the torque for the next ``dt`` seconds of an arm that follows joint positions.
 
-        For slow motions; the limits and the reaction to collisions stay in force. From the next
-        `tick` on the arm is held where it is.
+        For slow motions; all limits and the reaction to collisions stay in
+        force. From the next `tick` on the arm is held where it is.
         """
-        return self._without_reference(measured, joint_torque(measured, position, velocity),
-                                       measured.jacobian @ velocity, dt)
+        torque, gains = joint_torque(measured, position, velocity), self.settings.gains
+        pushed = external_wrench(measured, torque - measured.bias, gains.singularity)
+        share = min(1.0, *(largest / max(float(np.linalg.norm(part)), 1e-9) for largest, part in
+                           zip(gains.wrench_max, (pushed[:3], pushed[3:]))))
+        return self._without_reference(
+            measured, measured.bias + share * (torque - measured.bias),
+            measured.jacobian @ velocity, dt, 1.0 - share)
 
     def move_tool(self, before: np.ndarray, after: np.ndarray) -> None:
         """
@@ -167,15 +178,17 @@ class ImpedanceController:
         self.guard.hold(pose)
 
     def _without_reference(self, measured: Measurement, target: np.ndarray, wanted: np.ndarray,
-                           dt: float) -> Tick:
+                           dt: float, reduced: float = 0.0) -> Tick:
         """
         Send a torque; gravity is compensated, and there is no stiffness.
 
         :param wanted: twist of the tool that is wanted [m/s, rad/s]
+        :param reduced: fraction by which the wrench was reduced
         """
         self._take_settings()
         twist = measured.jacobian @ measured.velocity
         violation = np.zeros(len(LIMITS))
+        violation[WRENCH_LIMIT] = reduced
         self.tank.measure(measured, 0.0, dt)
         self.posture.hold(measured.position)
         self.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,

@@ -44,7 +44,10 @@ class ManagedNode(LifecycleNode):
 
     :ivar participant: what the node offers and uses goes through it
     :ivar clock: of the node, and of everything that it uses
+    :ivar shut_down: whether the node has been shut down: it does nothing any more
     """
+
+    shut_down = False
 
     def __init__(self, name: str, namespace: str = ''):
         self._made: list[object] = []
@@ -184,6 +187,7 @@ class ManagedNode(LifecycleNode):
         return self._attempt('cleanup', self.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.shut_down = True
         self._attempt('deactivate', self.deactivate)
         return self._attempt('cleanup', self.cleanup)
 
@@ -208,10 +212,10 @@ class ManagedNode(LifecycleNode):
         self._attempt('deactivate', self.deactivate)
         self._attempt('cleanup', self.cleanup)
 
-    def autostart(self) -> None:
-        """Configure and activate; after a failure, which is logged, the node keeps its state."""
-        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
-            self.trigger_activate()
+    def autostart(self) -> bool:
+        """Configure and activate; False after a failure, which is logged."""
+        success = TransitionCallbackReturn.SUCCESS
+        return bool(self.trigger_configure() == success and self.trigger_activate() == success)
 
     def future(self) -> Future:
         """A future that a callback may await."""

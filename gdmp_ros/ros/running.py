@@ -33,10 +33,13 @@ class _Spinner:
     Transitions and callbacks are in one thread, because some files may only be used by the thread
     that opened them. Reports have no timers: an executor waits anew for all entities of a node
     after each timer, which takes longer than most reports.
+
+    :ivar failed: whether a node could not configure or activate itself at the start
     """
 
     def __init__(self, nodes: Sequence[ManagedNode]):
         self._nodes, self._clock = nodes, current().clock
+        self.failed = False
         self._busy = threading.Lock()
         self._executor = CallbackExecutor(nodes)
         # The first node has been configured; the thread is to end.
@@ -44,12 +47,18 @@ class _Spinner:
         self._thread = threading.Thread(target=self._run, name='callbacks', daemon=True)
 
     def spin(self, stop: threading.Event) -> None:
-        """Start the nodes, execute callbacks and reports until ``stop``, and take them down."""
+        """
+        Start the nodes, execute callbacks and reports, and take them down.
+
+        It ends at ``stop``, when all nodes have been shut down, or if one cannot start.
+        """
         self._thread.start()
         try:
             # The thread ends if the context is shut down.
             run_loop(periodic(lambda *_: self._report(), round(REPORT_S * NS), self._clock),
-                     self._clock, lambda: stop.is_set() or not self._thread.is_alive())
+                     self._clock, lambda: (
+                         stop.is_set() or self.failed or not self._thread.is_alive()
+                         or all(node.shut_down for node in self._nodes)))
         finally:
             # The thread ends first: the executor cannot be shut down while it waits.
             self._ending.set()
@@ -76,7 +85,7 @@ class _Spinner:
             with self._busy:
                 for node in self._nodes:
                     if node.get_parameter('autostart').value and not self._ending.is_set():
-                        node.autostart()
+                        self.failed |= not node.autostart()
                     self._configured.set()
             while True:
                 _attempt(self._nodes[0], self._execute_next)
@@ -158,8 +167,9 @@ def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | N
         print(f'error: {error}', file=sys.stderr)
         rclpy.shutdown()
         return 2
+    spinner = _Spinner(nodes)
     try:
-        _Spinner(nodes).spin(stop)
+        spinner.spin(stop)
     finally:
         for node in nodes:
             node.destroy_node()
@@ -167,6 +177,6 @@ def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | N
         # Another Ctrl-C while the interpreter ends would print a traceback.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-    return 0
+    return 1 if spinner.failed else 0
 
 
