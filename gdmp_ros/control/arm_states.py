@@ -85,7 +85,6 @@ _JOINTS = 'the joints move: wait, or call ~/stop first'
 _MOTION = 'the arm follows a motion: stop it first (~/stop of its server, or of the arm)'
 _STOPS = 'the arm comes to rest: ask again when it has'
 _NO_FAULT = 'the arm is not in a fault'
-_NOT_GUIDED = 'the arm is not guided by hand'
 
 _OFF, _HOLD, _REST, _FOLL, _STOP, _HAND, _GIVE, _MOVE, _IDEN, _FAIL = State
 _Entry = State | Stop | str
@@ -93,11 +92,11 @@ _ROWS: dict[State, tuple[_Entry, ...]] = {
     # activate, deactivate, arm, stop, comply, guide, release, move, identify, recover,
     # tool, payload, refill, posture, motion, rest, lost, collision, arrived, failure
     _OFF: (_HOLD, _OFF, *[_INACTIVE] * 12, '', '', _OFF, _OFF, _OFF, _OFF),
-    _HOLD: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _NOT_GUIDED, _MOVE, _IDEN, _NO_FAULT,
+    _HOLD: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _HOLD, _MOVE, _IDEN, _NO_FAULT,
             _HOLD, _HOLD, _HOLD, _HOLD, _FOLL, _REST, _HOLD, _HOLD, _HOLD, _FAIL),
-    _REST: (_HOLD, Stop(_OFF), _REST, Stop(_HOLD), _GIVE, Stop(_HAND), _NOT_GUIDED, _MOVE, _IDEN,
+    _REST: (_HOLD, Stop(_OFF), _REST, Stop(_HOLD), _GIVE, Stop(_HAND), _REST, _MOVE, _IDEN,
             _NO_FAULT, _HOLD, _REST, _REST, _REST, _FOLL, _REST, Stop(_HOLD), _REST, _REST, _FAIL),
-    _FOLL: (_HOLD, Stop(_OFF), _FOLL, Stop(_HOLD), _GIVE, Stop(_HAND), _NOT_GUIDED, _MOTION,
+    _FOLL: (_HOLD, Stop(_OFF), _FOLL, Stop(_HOLD), _GIVE, Stop(_HAND), _FOLL, _MOTION,
             _MOTION, _NO_FAULT, _MOTION, _FOLL, _MOTION, _FOLL, _FOLL, _REST, Stop(_HOLD),
             Stop(_HOLD), _FOLL, _FAIL),
     _STOP: (_HOLD, Stop(_OFF), _STOPS, Stop(_HOLD), _GIVE, Stop(_HAND), Stop(_HOLD), Stop(_MOVE),
@@ -105,15 +104,15 @@ _ROWS: dict[State, tuple[_Entry, ...]] = {
             _HOLD, _FAIL),
     _HAND: (_HOLD, _OFF, _GUIDED, _HOLD, _GIVE, _HAND, _HOLD, _GUIDED, _GUIDED, _NO_FAULT,
             _HAND, _HAND, _HAND, _HAND, _GUIDED, '', _HAND, _HAND, _HAND, _FAIL),
-    _GIVE: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _NOT_GUIDED, _MOVE, _IDEN, _NO_FAULT,
+    _GIVE: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _GIVE, _MOVE, _IDEN, _NO_FAULT,
             _GIVE, _GIVE, _GIVE, _GIVE, _FOLL, '', _GIVE, _GIVE, _GIVE, _FAIL),
-    _MOVE: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _NOT_GUIDED, _JOINTS,
+    _MOVE: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _MOVE, _JOINTS,
             _JOINTS, _NO_FAULT, _JOINTS, _MOVE, _JOINTS, _MOVE, _JOINTS, '', _MOVE, Stop(_HOLD),
             _HOLD, _FAIL),
-    _IDEN: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _NOT_GUIDED, _JOINTS,
+    _IDEN: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _IDEN, _JOINTS,
             _JOINTS, _NO_FAULT, _JOINTS, _JOINTS, _JOINTS, _IDEN, _JOINTS, '', _IDEN, Stop(_HOLD),
             _HOLD, _FAIL),
-    _FAIL: (_HOLD, _OFF, _FAULT, _FAIL, _FAULT, _FAULT, _FAULT, _FAULT, _FAULT, _HOLD,
+    _FAIL: (_HOLD, _OFF, _FAULT, _FAIL, _FAULT, _FAULT, _FAIL, _FAULT, _FAULT, _HOLD,
             _FAULT, _FAULT, _FAIL, _FAIL, _FAULT, '', _FAIL, _FAIL, _FAIL, _FAIL)}
 #: Next state by state and request. A text is the reason why it is refused; an empty one: nobody
 #: has to know. What a state after `Stop` is does not change by what is refused.
@@ -142,6 +141,8 @@ class ArmStates:
     def refusal(self, request: Request) -> str | None:
         """Why a request is refused; None if it is not."""
         entry = TABLE[self.state][request]
+        if self.state is State.STOPPING and self.then is State.INACTIVE and request in _USERS:
+            return _INACTIVE
         if not isinstance(entry, str):
             waits = self.state is State.STOPPING and self.then is not State.HOLDING
             return _STOPS if waits and request in (Request.MOTION, Request.REST) else None
@@ -163,7 +164,9 @@ class ArmStates:
         self.check(request)
         entry, before = TABLE[self.state][request], self.state
         if isinstance(entry, Stop):
-            self.state, self.then = State.STOPPING, entry.then
+            released = before is State.STOPPING and request is Request.RELEASE
+            if not released or self.then is State.GUIDED:
+                self.state, self.then = State.STOPPING, entry.then
         elif isinstance(entry, State):
             self.state = self.then if (before is State.STOPPING and request is Request.ARRIVED
                                        ) else entry
@@ -201,5 +204,7 @@ _WAITS = {
     'that begins near the robot', State.MOVING: 'the joints to arrive',
     State.IDENTIFYING: 'the joints to have moved', State.FAULT: '~/recover'}
 #: Events that say nothing new about why the arm does what it does.
-_KEEP_REASON = frozenset({Request.ARRIVED, Request.TOOL, Request.PAYLOAD, Request.REFILL,
-                          Request.POSTURE})
+_KEEP_REASON = frozenset({Request.ARRIVED, Request.RELEASE, Request.TOOL, Request.PAYLOAD,
+                          Request.REFILL, Request.POSTURE})
+#: What users may not ask of an arm whose node is being deactivated.
+_USERS = frozenset(tuple(Request)[2:tuple(Request).index(Request.LOST)])

@@ -82,7 +82,7 @@ def test_a_guided_arm_refuses_references_and_releases_a_hand_that_is_silent(runn
     # Nothing more comes from the hand.
     running.wait('the hand to be released', lambda: 'waiting for a hand' in status[-1])
     ended = running.call(SetBool, f'{ARM}/teach', data=False).message
-    assert ended == 'the arm holds its pose'
+    assert ended == 'no hand guides the arm'
     # The server still streams a pose away from it: the arm holds where the hand left it.
     running.spend(1.0)
     left = running.tool()

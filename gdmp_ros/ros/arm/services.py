@@ -10,7 +10,7 @@ from gdmp_msgs.srv import MoveJoints, SetPayload, SetTool
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.guard import ARMED_S
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
@@ -76,13 +76,9 @@ class ArmServices:
 
     async def on_teach(self, request: SetBool.Request, reply: SetBool.Response
                        ) -> SetBool.Response:
-        if not request.data and self._control.states.state is not State.GUIDED:
-            # Ending what has ended is no mistake.
-            reply.success, reply.message = self._is_active(), 'the arm is not guided by hand'
-            return reply
         return await self._replied(
             reply, Request.GUIDE if request.data else Request.RELEASE, None,
-            lambda: self.guiding if request.data else 'the arm holds its pose')
+            lambda: self.guiding if request.data else 'no hand guides the arm')
 
     async def on_payload(self, request: SetPayload.Request, reply: SetPayload.Response
                          ) -> SetPayload.Response:
