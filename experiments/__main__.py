@@ -8,7 +8,7 @@ PROGRAM = Program('python -m experiments', 'experiments.cli', 'Measure what the 
         'faults': 'try faults on the nodes',
         'soak': 'operate the nodes for a long time and watch them',
         'edges': 'try learning where data are bad',
-        'requests': 'try random sequences of requests to a server',
+        'requests': 'try random sequences of requests to a server and to an arm',
     }})
 
 if __name__ == '__main__':

@@ -1,8 +1,12 @@
-"""Try random sequences of requests to a server, beside a model of what the documentation says.
+"""Try random sequences of requests, beside a model of what the documentation says.
 
-Start, stop, pause, goals, tempo, amplitude, other skills, a robot that is far or lost, a gripper
-that jams; during every state. The reference stays within its bounds in every tick, no request is
-lost without a reason, and at the end the reference is where the last request says.
+To a server: start, stop, pause, goals, tempo, amplitude, other skills, a robot that is far or
+lost, a gripper that jams; during every state. The reference stays within its bounds in every tick, no
+request is lost without a reason, and at the end the reference is where the last request says.
+
+To an arm: every service, streams that begin, rest, end or are lost, pushes, failures, deactivation
+and activation. The arm moves only in states that move, within its limits, without a step of the
+torque, and the state that is reported is the one that acts.
 
 examples:
   python -m experiments requests
@@ -13,6 +17,7 @@ Exit code 1 if a sequence does not hold; the shortest one that was found is prin
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 import sys
 import traceback
@@ -35,19 +40,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Try the sequences; 0 if all hold."""
     with optional_import(': pip install hypothesis'):
-        from experiments.requests import run as try_sequences
-    problem = ''
+        from experiments.arm_requests import run as of_arm
+        from experiments.requests import run as of_server
+    results = []
+    for name, try_sequences in (('server', of_server), ('arm', of_arm)):
+        problem = _tried(name, try_sequences, options)
+        results.append({'case': f'requests to {_A[name]}', 'asked': options.sequences,
+                        'measured': problem or 'all hold', 'holds': not problem})
+        print(f'{name}: {options.sequences} sequences: ' + (problem or 'all hold'))
+    if options.json:
+        write_json(options.json, results)
+    return 0 if all(result['holds'] for result in results) else 1
+
+
+def _tried(name: str, try_sequences: Callable[..., None], options: argparse.Namespace) -> str:
+    """What does not hold; empty if all sequences do."""
     try:
-        with progress('sequences of requests', options.sequences) as step:
+        with progress(f'sequences of requests to {_A[name]}', options.sequences) as step:
             # Hypothesis tries some more.
             left = iter(range(options.sequences))
             try_sequences(options.sequences, options.steps,
                           lambda: None if next(left, None) is None else step())
     except (AssertionError, ExceptionGroup) as error:
         traceback.print_exception(error, file=sys.stderr)
-        problem = str(error) or type(error).__name__
-    if options.json:
-        write_json(options.json, [{'case': 'requests', 'asked': options.sequences,
-                                   'measured': problem or 'all hold', 'holds': not problem}])
-    print(f'{options.sequences} sequences: ' + (problem or 'all hold'))
-    return 1 if problem else 0
+        return str(error) or type(error).__name__
+    return ''
+
+
+_A = {'server': 'a server', 'arm': 'an arm'}
