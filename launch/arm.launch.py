@@ -13,10 +13,11 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from gdmp_ros.ros.arm_choice import ArmChoice
 from launch import LaunchDescription
 
 #: Nodes of the arms.
-ARMS = {'sim': 'panda_sim', 'franka': 'franka_arm'}
+ARMS = {kind: ArmChoice(kind).node for kind in ('sim', 'franka')}
 #: Name, default, what it is.
 ARGUMENTS = (
     ('namespace', '', 'of all nodes'),
@@ -66,11 +67,12 @@ def start(context):
             wanted['panda_sim'] = {**frame, 'use_sim_time': False, 'headless': on['headless'],
                                    'model': given['model'], 'gripper': on['gripper'],
                                    'pace': 'fast' if on['use_sim_time'] else 'wall'}
-    measured = given['measured_pose_topic'] or f'{arm}/measured_pose'
-    model = given['model'] or ('fr3' if given['arm'] == 'franka' else '')
-    wanted['trajectory_server'] = {**frame, 'skill': given['skill'], 'reach_model': model,
-                                   'measured_pose_topic': measured,
-                                   'arm_status_topic': f'{arm}/status'}
+    wired = ArmChoice(given['arm']).server_parameters()
+    if given['measured_pose_topic']:
+        wired['measured_pose_topic'] = given['measured_pose_topic']
+    model = given['model'] or wired.get('reach_model', '')
+    wanted['trajectory_server'] = {**frame, 'skill': given['skill'], **wired,
+                                   'reach_model': model}
     if on['visualize'] or on['use_rviz']:
         wanted['visualizer'] = {**frame, 'model': model, 'arm': arm}
     last = [given['params_file']] if given['params_file'] else []

@@ -8,6 +8,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from gdmp_ros.ros.arm_choice import ArmChoice
 from launch import LaunchDescription
 
 #: Names of the arms, and the topics of their references.
@@ -32,10 +33,12 @@ def start(context):
         raise ValueError(f"second_base is {given['second_base']!r}, expected 6 numbers")
     on = {name: given[name].lower() in ('true', '1') for name in ('headless', 'gripper')}
     share = FindPackageShare('gdmp_ros').perform(context)
+    wired = ArmChoice().server_parameters()
 
-    def node(name, values, namespace=''):
+    def node(name, values, namespace='', remappings=()):
         return Node(package='gdmp_ros', executable=name, name=name, namespace=namespace,
-                    output='screen', parameters=[f'{share}/config/{name}.yaml', values])
+                    output='screen', parameters=[f'{share}/config/{name}.yaml', values],
+                    remappings=remappings)
 
     wanted = {side: {'frame_id': f'{side}_link0', 'reference_topic': f'/trajectory_server/{topic}',
                      **on} for side, topic in SIDES}
@@ -43,9 +46,11 @@ def start(context):
         *(node('panda_sim', values, side) for side, values in wanted.items()),
         node('trajectory_server', {
             'skill': given['skill'], 'frame_id': 'left_link0', 'second_frame_id': 'right_link0',
-            'measured_pose_topic': '/left/panda_sim/measured_pose',
-            'second_measured_pose_topic': '/right/panda_sim/measured_pose',
-            'arm_status_topic': '/left/panda_sim/status'}),
+            **{name: f'left/{topic}' for name, topic in wired.items()},
+            'second_measured_pose_topic': f'right/{wired["measured_pose_topic"]}'},
+            # A skill of two arms has commands for the gripper of the first one.
+            remappings=[(f'gripper/{name}', f'left/gripper/{name}')
+                        for name in ('command', 'state')]),
         Node(package='tf2_ros', executable='static_transform_publisher', arguments=[
             *numbers, 'left_link0', 'right_link0'])]
 

@@ -1,8 +1,8 @@
 """Try random sequences of requests, beside a model of what the documentation says.
 
 To a server: start, stop, pause, goals, tempo, amplitude, other skills, a robot that is far or
-lost, a gripper that jams; during every state. The reference stays within its bounds in every tick, no
-request is lost without a reason, and at the end the reference is where the last request says.
+lost, a gripper that jams; during every state. The reference stays within its bounds in every
+tick, no request is lost without a reason, and at the end the reference is where the last one says.
 
 To an arm: every service, streams that begin, rest, end or are lost, pushes, failures, deactivation
 and activation. The arm moves only in states that move, within its limits, without a step of the

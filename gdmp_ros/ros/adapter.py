@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.guard import ARMED_S, ReferenceGuard
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference_kinds import MeasuredMotion
@@ -68,6 +69,8 @@ SPECS = (
 PERIOD_NS = 1_000_000
 #: The measured pose is read once in this many ticks.
 READ_EVERY = 10
+#: A measured pose, or positions of the joints, older than this are not those of the robot [s].
+MEASURED_S = 0.5
 #: Pose of the robot before it is known.
 ANYWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 #: Reply timeout [s].
@@ -157,7 +160,8 @@ class Adapter(ManagedNode):
         self._check(p)
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
         self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None)
-        self._poses, self._robot = PoseReader(p.reference_frame), False
+        self._poses, self._arms = PoseReader(p.reference_frame), False
+        self._pose_seen = self._joints_seen = 0
         self._ticks, self._streamed = 0, False
         self._names = [name for name in p.joint_names if name]
         self._posture = np.empty(0)
@@ -215,6 +219,9 @@ class Adapter(ManagedNode):
         self._ticks += 1
         if self._ticks % READ_EVERY == 0:
             self._read_pose()
+        if self._arms and self.guard.states.refusal(Request.ARM) is None:
+            self._arms = False
+            self.guard.arm()
         self.guard.target(1e-9 * PERIOD_NS)
         received = self._reference.newest()
         if received is not None:
@@ -228,13 +235,14 @@ class Adapter(ManagedNode):
             received = self._measured.newest()
             if received is not None:
                 self._pose_of_robot = self._poses.read(received.data)
-                if not self._robot:
+                if not self._pose_seen:
                     self.get_logger().info('the pose of the robot is known')
-                self._robot = True
+                self._pose_seen = self.clock.now()
             state = self._joint_states.newest_message() if self._names else None
             if state is not None:
                 known = len(self._posture) > 0
                 self._posture = joint_positions(state, self._names)
+                self._joints_seen = self.clock.now()
                 if not known:
                     self.get_logger().info('the joints of the robot are known')
             if received is not None or state is not None:
@@ -244,7 +252,7 @@ class Adapter(ManagedNode):
             self.get_logger().warning(f'measurement refused: {error}', throttle_duration_sec=1.0)
 
     def _on_arm(self, request: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
-        self.guard.arm()
+        self._arms = True
         reply.success = True
         reply.message = (f'the motion that is streamed, or begins within {ARMED_S:g} s, is '
                          'converted from wherever it is')
@@ -269,22 +277,37 @@ class Adapter(ManagedNode):
         guard = self.guard
         if message.joints:
             self._convert_joints(message)
-        elif not (self._robot or guard.armed):
+        elif not (self._knows(self._pose_seen) or guard.armed):
             guard.refuse(f'no pose of the robot on {self.parameters.measured_pose_topic}, in '
                          f'{self.parameters.reference_frame}: see the parameter '
                          'measured_pose_topic, or call ~/arm')
-        elif guard.offer(reference_target(message), messages.origin_of(message, 0.0)):
+        elif guard.offer(reference_target(message),
+                         messages.origin_of(message, self._age(message))):
             self._send(message)
+
+    def _age(self, message: Reference) -> float:
+        """Present time minus the stamp of a reference [s]."""
+        stamp = message.header.stamp
+        return (self.time_ns() - stamp.sec * NS - stamp.nanosec) / NS
+
+    def _knows(self, seen: int) -> bool:
+        """
+        Whether a motion may be followed by what was measured: what is followed goes on anyway.
+
+        :param seen: when it was measured, 0 if never [ns]
+        """
+        fresh = bool(seen) and self.clock.now() - seen < MEASURED_S * NS
+        return fresh or self.guard.following
 
     def _convert_joints(self, message: Reference) -> None:
         guard = self.guard
         if not self._names:
             guard.refuse('references of the joints: see the parameter joint_names')
-        elif not (len(self._posture) or guard.armed):
+        elif not (self._knows(self._joints_seen) or guard.armed):
             guard.refuse('no positions of the joints on '
                          f'{self.parameters.measured_joints_topic}: see the parameter '
                          'measured_joints_topic, or call ~/arm')
-        elif (guard.offer(joint_target(message), messages.origin_of(message, 0.0))
+        elif (guard.offer(joint_target(message), messages.origin_of(message, self._age(message)))
               and self._joint_output.due(self.clock.now() / NS)):
             self._joint_output.send(message.joints[0])
 

@@ -88,11 +88,11 @@ class ArmChoice:
         return ['--params-file', str(self.friction)] if self.friction is not None else []
 
     def server_parameters(self) -> dict[str, Any]:
-        """Parameters of a trajectory server for it."""
+        """Parameters of a trajectory server for it, in its namespace."""
         # Dry friction holds a Franka some millimetres from its goal, compensated or not.
         franka = {'robot_position_tolerance': FRANKA_TOLERANCE, 'reach_model': 'fr3'}
-        return {'measured_pose_topic': f'/{self.node}/measured_pose',
-                'arm_status_topic': f'/{self.node}/status',
+        return {'measured_pose_topic': f'{self.node}/measured_pose',
+                'arm_status_topic': f'{self.node}/status',
                 **(franka if self.kind == 'franka' else {})}
 
     @contextmanager

@@ -97,7 +97,8 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
     inertial parameters, limits and simple shapes are those of the model.
 
     :param frame: name of the link at the model's origin, the frame of poses. Its prefix before the
-        name of the first body, such as ``panda_`` before ``link0``, is used for all links
+        name of the first body, such as ``left_`` before ``link0``, is used for all links and
+        joints, instead of that of the model
     :param joint_speed: largest speed of any joint, besides the limits of the arm [rad/s]
     :raises DataError: for joints that URDF cannot describe, or if the frame is not at the origin
     """
@@ -118,7 +119,7 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
         joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == i]
         pose = np.concatenate([model.body_pos[i], model.body_quat[i]])
         if joints:
-            _joint(robot, arm, joints, parent, name, pose, joint_speed)
+            _joint(robot, arm, joints, parent, name, pose, links, joint_speed)
         else:
             _fixed(robot, parent, name, pose)
     for s, name in links.sites.items():
@@ -131,11 +132,30 @@ def urdf(arm: Arm, frame: str = 'panda_link0', joint_speed: float = np.inf) -> s
 
 
 class Links(NamedTuple):
-    """Names of the links by id of their body (0: the world, if it is a link) or site."""
+    """
+    Names of the links by id of their body (0: the world, if it is a link) or site.
+
+    :ivar prefix: of all names, instead of ``own``, that of the model
+    """
 
     prefix: str
+    own: str
     bodies: dict[int, str]
     sites: dict[int, str]
+
+    def named(self, name: str) -> str:
+        """Name of something of the model."""
+        return f'{self.prefix}{name.removeprefix(self.own)}'
+
+
+def joint_names(arm: Arm, frame: str) -> list[str]:
+    """
+    Names of the joints of an arm, as `urdf` has them.
+
+    :raises DataError: if the frame is not at the origin
+    """
+    links = links_of(arm, frame)
+    return [links.named(name) for name in arm.names]
 
 
 def links_of(arm: Arm, frame: str) -> Links:
@@ -147,10 +167,14 @@ def links_of(arm: Arm, frame: str) -> Links:
     model = arm.model
     root = int(model.body_rootid[arm.tool_body])
     bodies = [i for i in range(1, model.nbody) if model.body_rootid[i] == root]
-    own = model.body(root).name
-    prefix = frame.removesuffix(own) if own and frame.endswith(own) else ''
+    first = model.body(root).name
+    stem = first.rpartition('_')[2]
+    prefix = own = ''
+    if stem and frame.endswith(stem):
+        prefix, own = frame.removesuffix(stem), first.removesuffix(stem)
+    names = Links(prefix, own, {}, {})
     # A body that is fixed at the origin is the frame itself.
-    base = next((i for i in bodies if f'{prefix}{model.body(i).name}' == frame), 0)
+    base = next((i for i in bodies if names.named(model.body(i).name) == frame), 0)
     if base and not _at_origin(model, base):
         raise DataError(f'the body {model.body(base).name!r} is not at the origin of the model: '
                         f'{frame!r} cannot be the frame of its poses')
@@ -163,9 +187,9 @@ def links_of(arm: Arm, frame: str) -> Links:
         return name
 
     named = {} if base == root else {0: unique('world' if base else frame)}
-    named |= {i: unique(f'{prefix}{model.body(i).name or f"body{i}"}') for i in bodies}
-    return Links(prefix, named, {
-        s: unique(f'{prefix}{model.site(s).name}') for s in range(model.nsite)
+    named |= {i: unique(names.named(model.body(i).name or f'body{i}')) for i in bodies}
+    return Links(prefix, own, named, {
+        s: unique(names.named(model.site(s).name)) for s in range(model.nsite)
         if int(model.site_bodyid[s]) in bodies and model.site(s).name})
 
 
@@ -180,7 +204,7 @@ def _at_origin(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: str,
-           pose: np.ndarray, speed: float) -> None:
+           pose: np.ndarray, links: Links, speed: float) -> None:
     model, j = arm.model, joints[0]
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): 'revolute',
              int(mujoco.mjtJoint.mjJNT_SLIDE): 'prismatic'}
@@ -189,7 +213,7 @@ def _joint(robot: ET.Element, arm: Arm, joints: list[int], parent: str, child: s
         raise DataError(f'{child}: URDF describes one hinge or slide at the origin of a body, the '
                         f'model has {[model.joint(k).name for k in joints]}')
     limited = bool(model.jnt_limited[j])
-    element = ET.SubElement(robot, 'joint', name=model.joint(j).name,
+    element = ET.SubElement(robot, 'joint', name=links.named(model.joint(j).name),
                             type=kind if limited or kind == 'prismatic' else 'continuous')
     ET.SubElement(element, 'parent', link=parent)
     ET.SubElement(element, 'child', link=child)

@@ -55,12 +55,12 @@ class Feed:
         self.nodes, self.got = nodes, {}
         self.message = Reference()
         self.message.header.frame_id = FRAME
-        self.message.header.stamp = messages.stamp_of(12_345_678_901)
         messages.fill_reference(self.message, np.concatenate(
             [POSE, np.zeros(12), stiffness().reshape(-1), [0.7]]))
         self.out = nodes.publisher(Reference, '/trajectory_server/reference')
         self.robot = nodes.publisher(PoseStamped, '/robot')
-        self.measured = PoseStamped(header=self.message.header)
+        self.measured = PoseStamped()
+        self.measured.header.frame_id = FRAME
         messages.set_pose(self.measured.pose, POSE)
 
     def listen(self, kind, topic):
@@ -71,7 +71,12 @@ class Feed:
 
     def until(self, *topics):
         """Publish the reference until messages on all topics have arrived; returns them."""
+        # References and measured poses that are old are not used.
+        Feed.stamp = self.message.header.stamp = messages.stamp_of(
+            self.nodes.client.clock.wall())
+
         def look():
+            self.measured.header.stamp = messages.stamp_of(self.nodes.client.clock.wall())
             self.robot.publish(self.measured)
             self.out.publish(self.message)
             return all(topic in self.got for topic in topics)
@@ -82,7 +87,7 @@ class Feed:
 def check_pose(message, frame=FRAME):
     np.testing.assert_array_equal(messages.pose_numbers(message.pose), POSE)
     assert message.header.frame_id == frame
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345_678_901)
+    assert message.header.stamp == Feed.stamp
 
 
 def test_every_preset_is_tested():
@@ -187,3 +192,27 @@ def test_six_numbers_along_the_axes_of_the_tool():
                                [2.0, 1.0, 3.0, 5.0, 4.0, 6.0], atol=1e-12)
     kept = along_axes(stiffness(), POSE[3:])
     assert kept[:3].sum() == pytest.approx(9700.0) and kept[3:].sum() == pytest.approx(90.0)
+
+
+def test_a_reference_that_is_old_reaches_no_other_controller(feed):
+    topic = '/crisp/target_pose'
+    feed.listen(PoseStamped, topic).until(topic)
+    guard = feed.nodes.children.node('crisp').guard
+    refused = guard.refused
+    feed.message.header.stamp = messages.stamp_of(
+        feed.nodes.client.clock.wall() - 3_000_000_000)
+    feed.got.clear()
+    for _ in range(20):
+        feed.out.publish(feed.message)
+        feed.nodes.spend(0.01)
+    assert guard.refused > refused and 's in the past' in guard.last_refusal
+    assert topic not in feed.got
+
+
+def test_a_motion_begins_only_where_the_robot_is_known_to_be_now(feed):
+    feed.nodes.spend(2.0)  # nobody publishes its pose any more
+    guard = feed.nodes.children.node('crisp').guard
+    feed.message.header.stamp = messages.stamp_of(feed.nodes.client.clock.wall())
+    feed.out.publish(feed.message)
+    feed.nodes.spend(0.1)
+    assert 'no pose of the robot' in guard.last_refusal

@@ -137,7 +137,7 @@ def test_topics_for_viewers_have_100_hz(running):
         stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in received]
         # In the time of the arm; how much of it passes in a second depends on the machine.
         assert np.median(np.diff(stamps)) == pytest.approx(0.01, abs=1e-4)
-    assert joints[-1].name == [f'joint{i}' for i in range(1, 8)]
+    assert joints[-1].name == [f'panda_joint{i}' for i in range(1, 8)]
     assert len(joints[-1].effort) == 7
 
 
@@ -146,7 +146,7 @@ def test_a_late_subscriber_gets_the_robot_description(running):
     running.subscribe(String, '/robot_description', received.append, 1, late=True)
     running.wait('the description', lambda: len(received) > 0)
     assert '<link name="panda_link0">' in received[0].data
-    assert all(f'<joint name="joint{i}" type="revolute">' in received[0].data
+    assert all(f'<joint name="panda_joint{i}" type="revolute">' in received[0].data
                for i in range(1, 8))
 
 

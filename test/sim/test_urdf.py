@@ -18,7 +18,8 @@ def read_back(arm, **options):
 def test_frames_masses_and_limits_are_those_of_the_model(rng):
     arm = Arm()
     model, data = read_back(arm)
-    assert [model.joint(i).name for i in range(model.njnt)] == arm.names
+    assert [model.joint(i).name for i in range(model.njnt)] == [
+        f'panda_{name}' for name in arm.names] == urdf.joint_names(arm, 'panda_link0')
     for _ in range(5):
         posture = rng.uniform(arm.limits.lower, arm.limits.upper)
         arm.reset(posture)

@@ -64,7 +64,7 @@ class FrankaArm(ArmNode):
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
         self.arm_services = ArmServices(self, self.commands, self.is_active, self.describe,
                                         self._model.home)
-        self.prepare(self._model.names, CYCLE_S)
+        self.prepare(CYCLE_S)
         if not p.enforce_realtime:
             self.get_logger().warning(
                 'enforce_realtime is off: without a PREEMPT_RT kernel and SCHED_FIFO the robot '

@@ -27,7 +27,7 @@ from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.urdf import LinkFrames, urdf
+from gdmp_ros.sim.urdf import joint_names, LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
 
 #: Longest time in which the arm comes to rest before its node is inactive [s].
@@ -68,21 +68,23 @@ class ArmNode(ManagedNode):
         self._changes: list[tuple[str, Answer]] = []
         return controller_settings(p)
 
-    def prepare(self, joints: Sequence[str], period: float) -> None:
+    def prepare(self, period: float) -> None:
         """
         Add subscriptions, publishers and reports.
 
-        :param joints: names of the joints
         :param period: of the loop [s]
         """
-        p = self.parameters
+        p, arm = self.parameters, self.described_arm()
+        try:
+            self._joint_names = joint_names(arm, p.frame_id)
+        except DataError:  # `describe` says it
+            self._joint_names = arm.names
         self.add_subscription(JointState, '~/posture', self._on_posture)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
-        self.state_out = StatePublisher(self, p.frame_id, joints,
+        self.state_out = StatePublisher(self, p.frame_id, self._joint_names,
                                         max(1, round(1.0 / (p.visualization_rate_hz * period))))
-        self._joint_names = list(joints)
         self.describe()
         self.add_report(self._report)
         self.control.states.end()

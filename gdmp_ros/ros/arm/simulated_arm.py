@@ -57,7 +57,7 @@ class SimulatedArmNode(ArmNode):
             self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
         self.arm_services = SimulationServices(self, self.simulation, self.is_active,
                                                self.describe)
-        self.prepare(loop.arm.names, loop.arm.period)
+        self.prepare(loop.arm.period)
         if gripper is not None:
             GripperInterface(self, gripper)
 

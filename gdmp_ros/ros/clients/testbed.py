@@ -117,7 +117,7 @@ def _start(children: ChildProcesses, settings: Bringup) -> None:
     children.start_node(ARM, MODULES[ARM], {
         'headless': not settings.window, 'gripper': settings.gripper, 'model': settings.model})
     children.start_node(SERVER, MODULES[SERVER], {
-        'measured_pose_topic': f'/{ARM}/measured_pose', 'reach_model': settings.model,
+        **ArmChoice().server_parameters(), 'reach_model': settings.model,
         **({} if settings.skill is None else {'skill': str(settings.skill.absolute())})})
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(settings.takes.absolute()),
