@@ -19,8 +19,9 @@ from gdmp_ros.control.target import resting_target, whole_target
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.errors import DataError, RefusedError
 
-#: In these the joints are moved.
+#: In these the joints are moved; in these nothing keeps the posture of the null space.
 _OF_JOINTS = (State.MOVING, State.IDENTIFYING)
+_FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
 
 
 class ArmControl:
@@ -220,12 +221,13 @@ class ArmControl:
             self.joint_motion, self.joint_motion_problem = None, self._why_ended()
             if state is State.STOPPING:
                 self._braking = Braking(*motion.target(), self.controller.settings.guard.stop_time)
-        if state is not State.STOPPING:
-            self._braking = None
         if state is State.FAULT:
             self.controller.tank.empty()
-        if state is State.HOLDING and before is not State.STOPPING:
+        if state is State.STOPPING:
+            return
+        if (before in _FREE or self._braking is not None) and state not in _FREE:
             self.controller.take_posture()
+        self._braking = None
 
     def _why_ended(self) -> str:
         return self.states.reason or _ENDED.get(self.states.state, 'it was ended')

@@ -250,6 +250,13 @@ def test_the_posture_of_the_parameters_is_kept_after_guiding_and_joint_motions(r
     assert call(running, 'move_joints', MoveJoints).success
     running.spend(2.0)
     np.testing.assert_allclose(controller.posture.position, posture, atol=1e-6)
+    goal = (posture + [0.5, 0, 0, 0, 0, 0, 0]).tolist()
+    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=goal, speed=0.1)
+    running.wait('a motion', lambda: running.robot[-1].mode == RobotState.MOVE)
+    assert call(running, 'stop').success
+    running.wait('its end', reply.done)
+    running.spend(4.0)
+    np.testing.assert_allclose(controller.posture.position, posture, atol=1e-6)
 
 
 def test_friction_that_no_motor_could_overcome_is_refused(running):

@@ -198,6 +198,8 @@ class ArmNode(ManagedNode):
             if not self.active:
                 raise ParameterError('the node is not active')
             position = np.array(message.position)
+            if len(message.name) not in (0, len(position)):
+                raise ParameterError(f'{len(message.name)} names and {len(position)} positions')
             if message.name:
                 position = position[indices_of(self._joint_names, message.name, 'the joint')]
             self.commands.ask(Request.POSTURE, position)
