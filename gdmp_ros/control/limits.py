@@ -33,7 +33,10 @@ LIMITS = (
 (TORQUE, TORQUE_RATE, JOINT_POSITION, JOINT_SPEED, SPEED, ANGULAR_SPEED, ACCELERATION_LIMIT,
  ANGULAR_ACCELERATION, WORKSPACE, STIFFNESS_BOUNDS, STIFFNESS_RATE, POSITION_ERROR, ROTATION_ERROR,
  SINGULARITY, ENERGY, WRENCH_LIMIT, TOOL_SPEED, JERK, ANGULAR_JERK) = range(len(LIMITS))
-_SMOOTHS = [limit.smooths for limit in LIMITS]
+#: A limit that was active in no more ticks between two reports is counted, but not reported: as at
+#: the beginning of a motion.
+BRIEF = 5
+_SMOOTHS = np.array([limit.smooths for limit in LIMITS])
 
 
 def described(violation: np.ndarray) -> list[str]:
@@ -54,6 +57,7 @@ class LimitCounters:
         self.ticks = np.zeros(len(LIMITS), dtype=np.int64)
         self.largest = np.zeros(len(LIMITS))
         self._recent = np.zeros(len(LIMITS))
+        self._reported = self.ticks.copy()
 
     def add(self, violation: np.ndarray) -> None:
         """Count a tick."""
@@ -61,8 +65,15 @@ class LimitCounters:
         np.fmax(self._recent, violation, out=self._recent)
 
     def recent(self) -> str:
-        """Describe the limits that were active since the last call, but for those that smooth."""
-        words = described(np.where(_SMOOTHS, 0.0, self._recent))
+        """
+        Describe the limits that were active since the last call.
+
+        Not those that smooth, and those that were active in `BRIEF` ticks or less, by a finite
+        amount.
+        """
+        brief = (self.ticks - self._reported <= BRIEF) & np.isfinite(self._recent)
+        words = described(np.where(_SMOOTHS | brief, 0.0, self._recent))
+        self._reported = self.ticks.copy()
         np.maximum(self.largest, self._recent, out=self.largest)
         self._recent[:] = 0.0
         return ', '.join(words)
