@@ -3,6 +3,7 @@ Nodes as processes over DDS: how they start, are found, and end.
 
 What nodes do is tested in lockstep. Here nothing depends on how fast the machine is.
 """
+import os
 from pathlib import Path
 import re
 import signal
@@ -12,6 +13,8 @@ import time
 
 from gdmp_msgs.msg import RecorderState, Reference, ServerState
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -35,6 +38,24 @@ def at_the_goal(result):
     assert result.error_code in (result.SUCCESSFUL, result.GOAL_TOLERANCE_VIOLATED,
                                  result.BLOCKED), result.error_string
     return result.error_code == result.SUCCESSFUL
+
+
+def test_a_node_that_cannot_start_ends_with_1_and_one_that_was_shut_down_ends(nodes):
+    for name, parameters, reason in (('no display', {'headless': False}, 'use headless: true'),
+                                     ('no model', {'model': 'nowhere.xml'}, 'no such file')):
+        if name == 'no display' and any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY'))):
+            continue  # a window would open
+        nodes.children.start_node(name, MODULES[ARM], parameters)
+        assert nodes.children.processes[name].wait(60.0) == 1
+        assert reason in nodes.log(name)
+        nodes.may_end.add(name)
+    nodes.children.start_node(ARM, MODULES[ARM], {})
+    request = ChangeState.Request()
+    nodes.wait_log(ARM, 'the arm follows', 60.0)
+    request.transition.id = Transition.TRANSITION_ACTIVE_SHUTDOWN
+    nodes.may_end.add(ARM)
+    assert nodes.call(ChangeState, f'{ARM}/change_state', transition=request.transition).success
+    assert nodes.children.processes[ARM].wait(10.0) == 0
 
 
 def test_every_node_starts_goes_through_its_lifecycle_and_ends_at_sigterm(nodes, tmp_path):
