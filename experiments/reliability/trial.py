@@ -87,9 +87,16 @@ class FaultTrial(NodeTestbed):
 
     def reaches_goal(self, outcome: TrialResult, what: str = 'the motion reaches its goal'
                      ) -> None:
-        """Require that the motion ends at its goal: of speed if the arm lost the stream."""
+        """
+        Require that the motion ends at its goal.
+
+        It is one of speed if the arm lost the stream, or was not there in time; whether it comes
+        there at all is judged by `finish`.
+        """
         result = self.client.result(60.0)
-        outcome.claim(what, result.error_code == result.SUCCESSFUL, self.lost_stream())
+        reached = result.error_code == result.SUCCESSFUL
+        outcome.claim(what if reached else f'{what} ({result.error_string})', reached,
+                      result.error_code == result.GOAL_TOLERANCE_VIOLATED or self.lost_stream())
 
     def stays_and_begins_again(self, outcome: TrialResult) -> None:
         """

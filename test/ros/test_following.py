@@ -279,7 +279,7 @@ def test_another_tool_goes_to_the_goals(nodes):
     nodes.start()
     nodes.client.execute()
     refused = nodes.call(SetTool, f'{ARM}/set_tool', pose=Pose(position=Point(z=0.1)))
-    assert not refused.success and 'follows references' in refused.message
+    assert not refused.success and 'follows a motion' in refused.message
     assert nodes.client.result(30.0).error_code == RESULT.SUCCESSFUL
     assert nodes.call(Trigger, f'{ARM}/stop').success
     nodes.wait('the arm to hold', lambda: nodes.robot[-1].mode == RobotState.HOLD)

@@ -56,7 +56,7 @@ class ArmNode(ManagedNode):
         self._refused, self._report_count = 0, 0
         # The last refusal, and when it was seen.
         self._refusal = '', Time()
-        self._twins = ''
+        self._twins = self._reason = ''
         self.lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
@@ -268,7 +268,9 @@ class ArmNode(ManagedNode):
             level = (DiagnosticStatus.ERROR if states.state in (State.FAULT, State.INACTIVE)
                      else DiagnosticStatus.WARN)
             text = f'{text}: {states.reason}'
-            logger.warning(text, throttle_duration_sec=5.0)
+            if states.reason != self._reason:
+                logger.warning(text)
+        self._reason = states.reason
         text = self.activity() or text
         if self._twins:
             level, text = max(level, DiagnosticStatus.WARN), f'{text}, {self._twins}'
