@@ -325,11 +325,12 @@ def _told_by_ends(ends: np.ndarray, rest: np.ndarray, share: float, usual: np.nd
     if not across.any():
         return 0.0
     # As much as is sure: the lower confidence limit of a regression on what is predicted, with
-    # the error of a jackknife (HC3): takes differ in how much they say.
+    # the error of a jackknife (HC3): takes differ in how much they say. Slope and mean take
+    # a degree of freedom each.
     slope, parts = along.sum() / across.sum(), across / across.sum()
     error = np.linalg.norm((along - slope * across) / np.maximum(1.0 - parts, 1e-9)
                            ) / across.sum()
-    return float(np.clip(slope - stdtrit(count - 1.0, SURE) * error, 0.0, 1.0))
+    return float(np.clip(slope - stdtrit(max(count - 2.0, 1.0), SURE) * error, 0.0, 1.0))
 
 
 def _equal_ends(primitive: Skill, samples: np.ndarray) -> np.ndarray:
