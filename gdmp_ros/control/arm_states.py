@@ -170,8 +170,11 @@ class ArmStates:
         elif isinstance(entry, State):
             self.state = self.then if (before is State.STOPPING and request is Request.ARRIVED
                                        ) else entry
-        stays_faulty = before is self.state is State.FAULT and request is not Request.FAILURE
-        if not (stays_faulty or request in _KEEP_REASON):
+        # What comes while the arm stops, or is in a fault, is not why.
+        known = before is self.state and (
+            request in (Request.COLLISION, Request.LOST)
+            or before is State.FAULT and request is not Request.FAILURE)
+        if not (known or request in _KEEP_REASON):
             self.reason = reason
         for watcher in self.watchers:
             watcher(before)

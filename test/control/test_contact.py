@@ -2,10 +2,28 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.control.contact import Contact
+from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.limits import WRENCH_LIMIT
 from gdmp_ros.control.modes import ArmMode
-from gdmp_ros.control.settings import ContactSettings, TankSettings
-from gdmp_ros.control.target import HOLD_STIFFNESS, resting_target, WRENCH, WRENCH_GAIN
+from gdmp_ros.control.settings import (
+    ContactSettings,
+    ControllerSettings,
+    ImpedanceGains,
+    TankSettings,
+)
+from gdmp_ros.control.target import (
+    HOLD_STIFFNESS,
+    resting_target,
+    TARGET_SIZE,
+    TWIST,
+    WRENCH,
+    WRENCH_GAIN,
+)
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import hard_table
+from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.plants import CLEAN, on_every_plant, on_plants
 
 DT = 1e-3
@@ -92,3 +110,54 @@ def test_a_small_force_or_one_along_the_motion_does_not(force, along, plant):
     """While a joint turns round, dry friction / lever, 5.5 N, is not known: 9 N + 5.5 N < 15 N."""
     modes, _ = move_against(force, 'stop', along, plant)
     assert set(modes[10:]) == {ArmMode.FOLLOW}
+
+
+def test_an_external_torque_that_is_not_finite_does_not_hide_a_collision():
+    contact = Contact(ContactSettings(collision_force=15.0))
+    motion = np.zeros(TARGET_SIZE)
+    motion[TWIST + 1] = 0.1
+    against = np.array([0.0, -30.0, 0.0, 0.0, 0.0, 0.0])
+    assert contact.update(np.full(6, np.nan), motion, 1e-3) == ''
+    said = [contact.update(against, motion, 1e-3) for _ in range(50)]
+    assert 'N against the motion' in said[-1]
+    # A sensor that has broken down is no reason to move on without one.
+    contact.reset()
+    said = [contact.update(np.full(6, np.nan), motion, 1e-3) for _ in range(150)]
+    assert said[50] == '' and 'is not finite' in said[-1]
+    blind = Contact(ContactSettings())
+    assert not any(blind.update(np.full(6, np.nan), motion, 1e-3) for _ in range(150))
+
+
+def moved_joint(loop, ticks, push=None):
+    goal = loop.arm.home.copy()
+    goal[0] += 0.6
+    loop.move(PostureMotion(loop.joints, goal[None], 0.3))
+    made = []
+    for k in range(ticks):
+        if push is not None and k == 800:
+            loop.arm.push(push)
+        made.append(loop.tick())
+    return made
+
+
+@pytest.mark.parametrize('reaction, mode', [('stop', ArmMode.HOLD),
+                                            ('comply', ArmMode.COMPLIANT)])
+def test_joints_that_move_react_to_a_collision_too(reaction, mode):
+    loop = ClosedLoop(Arm(), ControllerSettings(contact=ContactSettings(
+        collision_force=15.0, collision_reaction=reaction)))
+    made = moved_joint(loop, 2500, np.array([0.0, -40.0, 0.0, 0.0, 0.0, 0.0]))
+    assert {tick.mode for tick in made[10:800]} == {ArmMode.MOVE}
+    assert made[-1].mode is mode and 'N against the motion' in loop.states.reason
+    assert loop.joint_motion_problem == loop.states.reason
+    # Without a push the same motion is no collision.
+    loop.reset()
+    assert moved_joint(loop, 4500)[-1].mode is ArmMode.HOLD and loop.joint_motion_problem == ''
+
+
+def test_joints_that_are_held_push_no_harder_than_the_wrench_limit():
+    loop = ClosedLoop(Arm(), ControllerSettings(gains=ImpedanceGains(wrench_max=(20.0, 5.0))))
+    loop.hand = Hand(loop.arm.measure().pose.copy(), HandSettings(20000.0, 500.0, 400.0, 50.0,
+                                                                  100.0))
+    made = moved_joint(loop, 1500)
+    assert 15.0 < max(np.linalg.norm(tick.wrench[:3]) for tick in made[100:]) < 26.0
+    assert loop.controller.counters.ticks[WRENCH_LIMIT] > 0
