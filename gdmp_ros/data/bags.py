@@ -52,6 +52,11 @@ NS = 1_000_000_000
 MOST_UNUSED = 32
 
 
+def ns_of(stamp: Any) -> int:
+    """Nanoseconds of a stamp."""
+    return int(stamp.sec * NS + stamp.nanosec)
+
+
 def pose_numbers(pose: Any) -> list[float]:
     """(x, y, z, qw, qx, qy, qz) of a pose."""
     p, q = pose.position, pose.orientation
@@ -297,7 +302,7 @@ def _samples(reader: AnyReader, connections: list[Connection]) -> Iterator[_Samp
         kind = POSE if connection.msgtype == PATH else connection.msgtype
         for item in message.poses if connection.msgtype == PATH else (message,):
             header = getattr(item, 'header', None)
-            yield _Sample(0 if header is None else header.stamp.sec * NS + header.stamp.nanosec,
+            yield _Sample(0 if header is None else ns_of(header.stamp),
                           bag_time, _DECODERS[kind](item),
                           '' if header is None else header.frame_id,
                           tuple(getattr(item, 'name', ())))
@@ -379,7 +384,7 @@ def transforms_in(reader: AnyReader, path: str | Path, tool: str, base: str,
     connections = [c for c in reader.connections if c.msgtype == TRANSFORMS]
     for connection, _, raw in reader.messages(connections) if connections else ():
         for item in message_of(reader, connection, raw).transforms:
-            stamp = item.header.stamp.sec * NS + item.header.stamp.nanosec
+            stamp = ns_of(item.header.stamp)
             edge = edges.setdefault(item.child_frame_id.lstrip('/'), _Edge(
                 item.header.frame_id.lstrip('/'), [], []))
             if not edge.stamps or stamp > edge.stamps[-1]:

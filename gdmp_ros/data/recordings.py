@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.data import bags, episodes
-from gdmp_ros.data.bags import GRIPPER, message_of, NS
+from gdmp_ros.data.bags import GRIPPER, message_of, NS, ns_of
 from gdmp_ros.data.columns import Import
 from gdmp_ros.data.foreign import Imported
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -102,7 +102,7 @@ def commands_in(reader: AnyReader, bag: str) -> list[RecordedCommand]:
     result: list[RecordedCommand] = []
     for connection, bag_time, raw in reader.messages(connections) if connections else ():
         message = message_of(reader, connection, raw)
-        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec or bag_time
+        stamp = ns_of(message.header.stamp) or bag_time
         command = RecordedCommand(stamp, float(message.width), float(message.force),
                                   float(message.speed) or DEFAULT_SPEED)
         if result and result[-1][1:] == command[1:] and (

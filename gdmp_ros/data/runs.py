@@ -16,6 +16,7 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.data.bags import (
     message_of,
     NS,
+    ns_of,
     opened,
     pose_numbers,
     REFERENCE,
@@ -212,8 +213,7 @@ def _column(messages: list[Any], get: Any) -> np.ndarray:
 
 
 def _stamps(messages: list[Any]) -> np.ndarray:
-    return np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec
-                     for m in messages], dtype=np.int64)
+    return np.array([ns_of(m.header.stamp) for m in messages], dtype=np.int64)
 
 
 def _joint_reference(message: Any) -> np.ndarray:
@@ -575,7 +575,7 @@ def read_references(bag: Path, topic: str = '') -> RecordedReferences:
         raise DataError(f'{bag}, topic {topic}: the frames are {", ".join(frames)}, expected one')
     if any(len(message.joints) for message in messages):
         raise DataError(f'{bag}, topic {topic}: references of the joints cannot be replayed')
-    stamps = np.array([m.header.stamp.sec * NS + m.header.stamp.nanosec for m in messages])
+    stamps = _stamps(messages)
     times = (stamps - stamps[0]) / NS
     pauses = np.diff(times)
     wrong = (pauses < 0.0) | (pauses > LONGEST_PAUSE_S)

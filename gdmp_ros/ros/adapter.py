@@ -21,7 +21,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
-from gdmp_ros.data.bags import joint_positions, joint_target, reference_target
+from gdmp_ros.data.bags import joint_positions, joint_target, ns_of, reference_target
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
 from gdmp_ros.ros import messages
@@ -287,8 +287,7 @@ class Adapter(ManagedNode):
 
     def _age(self, message: Reference) -> float:
         """Present time minus the stamp of a reference [s]."""
-        stamp = message.header.stamp
-        return (self.time_ns() - stamp.sec * NS - stamp.nanosec) / NS
+        return (self.time_ns() - ns_of(message.header.stamp)) / NS
 
     def _knows(self, seen: int) -> bool:
         """
@@ -318,7 +317,7 @@ class Adapter(ManagedNode):
             return
         command = Command(messages.pose_numbers(message.pose),
                           np.asarray(message.stiffness).reshape(6, 6),
-                          message.header.stamp.sec * messages.NS + message.header.stamp.nanosec)
+                          ns_of(message.header.stamp))
         for output in due:
             output.send(command)
 

@@ -10,6 +10,7 @@ import numpy as np
 from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
 
+from gdmp_ros.data.bags import ns_of
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.manifolds.quaternion import rotate, UnitQuaternion
@@ -236,7 +237,7 @@ class BaseFrame:
                 raise FrameError(f'frame {header.frame_id!r}: /tf is being read')
             self._read()
             return self._frames.pose_of(header.frame_id, self.name,
-                                        header.stamp.sec * NS + header.stamp.nanosec)
+                                        ns_of(header.stamp))
 
     def knows(self, header: Any) -> bool:
         """Whether `place_of` would find the frame of a message."""
@@ -283,4 +284,4 @@ class BaseFrame:
                 stamp = transform.header.stamp
                 self._frames.add(Transform(transform.header.frame_id.lstrip('/'),
                                            transform.child_frame_id.lstrip('/'), pose,
-                                           stamp.sec * NS + stamp.nanosec), fixed)
+                                           ns_of(stamp)), fixed)

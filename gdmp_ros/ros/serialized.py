@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.data.bags import joint_target, reference_target
+from gdmp_ros.data.bags import joint_target, ns_of, reference_target
 from gdmp_ros.ros.messages import checked_pose, fill_reference, NS
 from gdmp_ros.ros.middleware import deserialized
 
@@ -176,7 +176,7 @@ class ReferenceReader:
         header = message.header
         return ReceivedReference(
             joint_target(message) if message.joints else reference_target(message),
-            header.frame_id, header.stamp.sec * NS + header.stamp.nanosec, message.sequence,
+            header.frame_id, ns_of(header.stamp), message.sequence,
             message.mode)
 
 

@@ -8,6 +8,7 @@ from rosgraph_msgs.msg import Clock
 
 from experiments.reliability.trial import FaultTrial
 from experiments.reliability.trial_result import TrialResult
+from gdmp_ros.data.bags import ns_of
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.util.files import write_text
@@ -21,8 +22,7 @@ def simulated_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     trial.wait('the server to subscribe', lambda: publisher.subscribers() > 0, 10.0)
     trial.execute()
     trial.wait_progress(0.2)
-    stamp = trial.state.header.stamp
-    now = stamp.sec * messages.NS + stamp.nanosec
+    now = ns_of(trial.state.header.stamp)
     for jump in (10 * messages.NS, -5 * messages.NS, 3600 * messages.NS, -now,
                  -now - 5 * messages.NS):
         for _ in range(5):

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from gdmp_ros.control.limits import TORQUE_RATE
 from gdmp_ros.control.modes import ArmMode, StreamMode
-from gdmp_ros.data.bags import vector_numbers
+from gdmp_ros.data.bags import ns_of, vector_numbers
 from gdmp_ros.data.runs import limited
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
@@ -195,7 +195,7 @@ class TrialsClient(ServerClient):
             return
         stamp, force = message.header.stamp, message.wrench
         self._rows.append(_Row(
-            stamp.sec * NS + stamp.nanosec, message.sequence, pose_numbers(message.pose),
+            ns_of(stamp), message.sequence, pose_numbers(message.pose),
             np.array(message.stiffness), np.array(vector_numbers(force.force, force.torque)),
             np.array(message.position), np.array(message.torque)))
         violation = limited(message)

@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
+from gdmp_ros.data.bags import ns_of
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
@@ -236,7 +237,7 @@ class TrajectoryServer(ManagedNode):
         except (ValueError, OverflowError, RuntimeError) as error:  # rclpy: a negative time
             self.streamer.refusals.add(f'/clock: {error}')
             return
-        now = message.clock.sec * NS + message.clock.nanosec
+        now = ns_of(message.clock)
         # Every message is a tick on time.
         deadline = self.streamer.lateness.ticks * self._period_ns()
         self.streamer.lateness.add(deadline, deadline)
