@@ -8,15 +8,15 @@ acts.
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import rule, RuleBasedStateMachine, run_state_machine_as_test
+from hypothesis.stateful import rule, RuleBasedStateMachine
 import numpy as np
 
-from gdmp_ros.control.arm_states import Request
+from experiments import sequences
+from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.modes import StreamMode
@@ -30,8 +30,10 @@ from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.payload import Payload
 
 DT = 1e-3
-#: The arm may need so long to be at rest, and moves less than this afterwards [ticks, m].
+#: Ticks in a state that does not move after which the arm rests; it then moves less than this [m].
 SETTLED, STILL_M = 1000, 5e-3
+#: After a push or another payload it needs so many ticks more.
+DISTURBED = 1000
 #: Longest time in which the arm comes to rest [ticks].
 LONGEST_STOP = 450
 #: Time for which `~/arm` holds [ticks].
@@ -66,8 +68,6 @@ NEXT = {
     Request.IDENTIFY: dict.fromkeys(_AT_REST, 'identifying'),
     Request.RECOVER: {'fault': 'holding'}, Request.TOOL: {'resting': 'holding'},
     Request.PAYLOAD: {}, Request.REFILL: {}}
-
-
 #: What ends a motion: its stream is not followed again.
 _ENDS_MOTION = (Request.STOP, Request.COMPLY, Request.GUIDE, Request.MOVE, Request.IDENTIFY)
 
@@ -116,13 +116,14 @@ class ArmRequests(RuleBasedStateMachine):
         self.torque = tick.torque.copy()
         fastest = self.loop.joints.fastest(self.limits.joint_speed)
         self.disturbed -= 1
-        # Otherwise somebody else moves it.
+        # The limit holds for what the arm does, not for what pushes it.
         if self.state not in ('guided', 'compliant') and self.disturbed < 0:
             assert (np.abs(tick.measurement.velocity) <= fastest).all(), 'too fast'
         if 'collision' in self.loop.states.reason:
             self.armed, self.may_follow = 0, False
         # A tick begins in a state, and may end in another one.
-        assert tick.mode in (self.loop.states.state.mode, before_mode(before)), (tick.mode, before)
+        assert tick.mode in (self.loop.states.state.mode, State[before.upper()].mode), (
+            tick.mode, before)
         same = self.state == before and self.state not in (*_MOVES, 'guided', 'compliant')
         self.since = self.since + 1 if same else 0
         if self.since == SETTLED:
@@ -203,7 +204,7 @@ class ArmRequests(RuleBasedStateMachine):
     def set_payload(self, mass: float) -> None:
         """Something else is said to be carried: it sags, or rises, a little."""
         self.ask(Request.PAYLOAD, Payload(mass))
-        self.since = -1000
+        self.since = -DISTURBED
         self.pass_ticks(1)
 
     @rule(away=st.sampled_from([0.0, 0.01, 0.15]), speed=st.sampled_from([-0.03, 0.03]),
@@ -226,12 +227,12 @@ class ArmRequests(RuleBasedStateMachine):
 
     @rule(force=st.sampled_from([0.0, 60.0]))
     def push(self, force: float) -> None:
-        """Somebody pushes for a moment, or does not."""
+        """A force acts on the tool for 30 ms."""
         self.loop.arm.push(np.array([0.0, force, 0.0, 0.0, 0.0, 0.0]))
-        self.disturbed = 1000
+        self.disturbed = DISTURBED
         self.pass_ticks(30)
         self.loop.arm.push(np.zeros(6))
-        self.since = -1000
+        self.since = -DISTURBED
 
     @rule()
     def fail(self) -> None:
@@ -285,7 +286,7 @@ class ArmRequests(RuleBasedStateMachine):
         if self.state == 'fault':
             self.ask(Request.RECOVER)
         self.ask(Request.STOP)
-        self.since = -1000
+        self.since = -DISTURBED
         self.pass_ticks(1500)
         assert self.state == 'holding', self.state
         self.stream(0.0, 0.03, False)
@@ -293,20 +294,5 @@ class ArmRequests(RuleBasedStateMachine):
         assert self.state == 'following', self.loop.states.last_refusal
 
 
-def before_mode(state: str) -> int:
-    """Reported mode of a state."""
-    from gdmp_ros.control.arm_states import State
-    return State[state.upper()].mode
-
-
-def run(sequences: int, steps: int = 20, tried: Callable[[], None] = lambda: None,
-        shortest: bool = True) -> None:
-    """Try random sequences of requests; see `experiments.requests.run`."""
-    class Told(ArmRequests):
-        def teardown(self) -> None:
-            super().teardown()
-            tried()
-    run_state_machine_as_test(Told, settings=settings(
-        max_examples=sequences, stateful_step_count=steps, deadline=None, database=None,
-        phases=(Phase.generate, Phase.shrink) if shortest else (Phase.generate,),
-        derandomize=True, suppress_health_check=list(HealthCheck)))
+#: Try random sequences (`experiments.sequences.run`).
+run = partial(sequences.run, ArmRequests, steps=20)

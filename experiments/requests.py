@@ -7,21 +7,15 @@ and at the end the reference is where the last request says.
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 import math
 from typing import Any
 
-from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import (
-    initialize,
-    precondition,
-    rule,
-    RuleBasedStateMachine,
-    run_state_machine_as_test,
-)
+from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
 import numpy as np
 
+from experiments import sequences
 from gdmp_ros.control.gripper import GripperCommand, GripperState
 from gdmp_ros.control.target import POSE, TWIST
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -327,21 +321,5 @@ class Requests(RuleBasedStateMachine):
             assert np.abs(reference[TWIST:TWIST + 6]).max() < 1e-2
 
 
-def run(sequences: int, steps: int = 25, tried: Callable[[], None] = lambda: None,
-        shortest: bool = True) -> None:
-    """
-    Try random sequences of requests.
-
-    :param steps: most requests of a sequence
-    :param tried: called after each sequence
-    :param shortest: whether to look for the shortest sequence that does not hold
-    :raises AssertionError: with the shortest sequence of which the documentation does not hold
-    """
-    class Told(Requests):
-        def teardown(self) -> None:
-            super().teardown()
-            tried()
-    run_state_machine_as_test(Told, settings=settings(
-        max_examples=sequences, stateful_step_count=steps, deadline=None, database=None,
-        phases=(Phase.generate, Phase.shrink) if shortest else (Phase.generate,),
-        derandomize=True, suppress_health_check=list(HealthCheck)))
+#: Try random sequences (`experiments.sequences.run`).
+run = partial(sequences.run, Requests)

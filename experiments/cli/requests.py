@@ -43,28 +43,26 @@ def run(options: argparse.Namespace) -> int:
         from experiments.arm_requests import run as of_arm
         from experiments.requests import run as of_server
     results = []
-    for name, try_sequences in (('server', of_server), ('arm', of_arm)):
-        problem = _tried(name, try_sequences, options)
-        results.append({'case': f'requests to {_A[name]}', 'asked': options.sequences,
+    for case, try_sequences in (('requests to a server', of_server),
+                                ('requests to an arm', of_arm)):
+        problem = _tried(case, try_sequences, options)
+        results.append({'case': case, 'asked': options.sequences,
                         'measured': problem or 'all hold', 'holds': not problem})
-        print(f'{name}: {options.sequences} sequences: ' + (problem or 'all hold'))
+        print(f'{case}: {options.sequences} sequences: ' + (problem or 'all hold'))
     if options.json:
         write_json(options.json, results)
     return 0 if all(result['holds'] for result in results) else 1
 
 
-def _tried(name: str, try_sequences: Callable[..., None], options: argparse.Namespace) -> str:
+def _tried(case: str, try_sequences: Callable[..., None], options: argparse.Namespace) -> str:
     """What does not hold; empty if all sequences do."""
     try:
-        with progress(f'sequences of requests to {_A[name]}', options.sequences) as step:
+        with progress(f'sequences of {case}', options.sequences) as step:
             # Hypothesis tries some more.
             left = iter(range(options.sequences))
-            try_sequences(options.sequences, options.steps,
-                          lambda: None if next(left, None) is None else step())
+            try_sequences(options.sequences, steps=options.steps,
+                          tried=lambda: None if next(left, None) is None else step())
     except (AssertionError, ExceptionGroup) as error:
         traceback.print_exception(error, file=sys.stderr)
         return str(error) or type(error).__name__
     return ''
-
-
-_A = {'server': 'a server', 'arm': 'an arm'}

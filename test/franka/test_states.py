@@ -8,7 +8,7 @@ from std_srvs.srv import SetBool, Trigger
 from experiments.reliability.trial import short_skill
 from gdmp_ros.ros.arm_choice import FRANKA
 from test.franka.bed import FAULT, HOLD
-from test.ros.nodes import ACTIVATE, DEACTIVATE
+from test.ros.nodes import ACTIVATE, DEACTIVATE, interrupt_joints
 
 STILL_M = 5e-3
 
@@ -83,15 +83,7 @@ def test_a_payload_in_motion_is_refused(bed, skill):
 @pytest.mark.parametrize('name', ['comply', 'stop'])
 def test_joints_that_move_give_way_or_stop(bed, name):
     bed.wait_mode(HOLD)
-    goal = np.array(bed.states[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
-    reply = bed.client.service(MoveJoints, f'{FRANKA}/move_joints').call_async(
-        MoveJoints.Request(position=goal.tolist(), speed=0.1))
-    bed.wait('a motion', lambda: abs(bed.states[-1].velocity[0]) > 0.05)
-    bed.client.service(Trigger, f'{FRANKA}/{name}')
-    before = bed.states[-1].position[0]
-    assert call(bed, name).success
-    bed.wait('its end', reply.done)
-    assert not reply.result().success and f'~/{name}' in reply.result().message
+    before = interrupt_joints(bed, FRANKA, bed.states, name)
     bed.spend(1.0)
     assert abs(bed.states[-1].position[0] - before) < 0.1
     assert not bed.robot.aborted

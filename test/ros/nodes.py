@@ -2,11 +2,13 @@
 from contextlib import contextmanager
 
 from gdmp_msgs.msg import Reference, RobotState
+from gdmp_msgs.srv import MoveJoints
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import DISCOVERY_S
@@ -185,6 +187,25 @@ class Nodes(NodeTestbed):
                 np.linalg.norm([m.twist.linear.x, m.twist.linear.y, m.twist.linear.z]) < slower
                 for m in recent)
         self.wait('the arm to be at rest', at_rest, 30.0)
+
+
+def interrupt_joints(bed, arm, states, name):
+    """
+    Call a service of an arm while its first joint moves: the motion ends, and says why.
+
+    :param states: of the arm
+    :returns: where the joint was then [rad]
+    """
+    goal = np.array(states[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
+    reply = bed.client.service(MoveJoints, f'{arm}/move_joints').call_async(
+        MoveJoints.Request(position=goal.tolist(), speed=0.1))
+    bed.wait('a motion', lambda: abs(states[-1].velocity[0]) > 0.05)
+    bed.client.service(Trigger, f'{arm}/{name}')  # to find it takes time
+    before = states[-1].position[0]
+    assert bed.call(Trigger, f'{arm}/{name}').success
+    bed.wait('its end', reply.done)
+    assert not reply.result().success and f'~/{name}' in reply.result().message
+    return before
 
 
 @contextmanager

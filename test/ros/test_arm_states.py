@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from test.ros.nodes import ACTIVATE, DEACTIVATE
+from test.ros.nodes import ACTIVATE, DEACTIVATE, interrupt_joints
 
 #: More than an arm that holds moves [m].
 STILL_M = 0.005
@@ -98,14 +98,7 @@ def test_guiding_ends_with_the_activity(running):
 @pytest.mark.parametrize('name, mode', [('comply', RobotState.COMPLIANT),
                                         ('stop', RobotState.HOLD)])
 def test_joints_that_move_give_way_or_stop(running, name, mode):
-    goal = np.array(running.robot[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
-    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=goal.tolist(), speed=0.1)
-    running.wait('a motion', lambda: abs(running.robot[-1].velocity[0]) > 0.05)
-    running.client.service(Trigger, f'{ARM}/{name}')
-    before = running.robot[-1].position[0]
-    assert call(running, name).success
-    running.wait('its end', reply.done)
-    assert not reply.result().success and f'~/{name}' in reply.result().message
+    before = interrupt_joints(running, ARM, running.robot, name)
     running.wait_rest()
     assert running.robot[-1].mode == mode
     assert abs(running.robot[-1].position[0] - before) < 0.1
