@@ -1,7 +1,7 @@
 """Move the joints of a running arm to its home posture, or to another one.
 
 All joints move together, from rest to rest, in a straight line of joint space. Obstacles are not
-known: there must be room. Nothing may stream references meanwhile.
+known: there must be room. No motion may be executed meanwhile.
 
 examples:
   gdmp home

@@ -114,8 +114,8 @@ _ROWS: dict[State, tuple[_Entry, ...]] = {
             _HOLD, _FAIL),
     _FAIL: (_HOLD, _OFF, _FAULT, _FAIL, _FAULT, _FAULT, _FAIL, _FAULT, _FAULT, _HOLD,
             _FAULT, _FAULT, _FAIL, _FAIL, _FAULT, '', _FAIL, _FAIL, _FAIL, _FAIL)}
-#: Next state by state and request. A text is the reason why it is refused; an empty one: nobody
-#: has to know. What a state after `Stop` is does not change by what is refused.
+#: Next state by state and request. A text is the reason why the request is refused; an empty one
+#: is not reported.
 TABLE: dict[State, dict[Request, _Entry]] = {
     state: dict(zip(Request, row, strict=True)) for state, row in _ROWS.items()}
 
@@ -131,8 +131,8 @@ class ArmStates:
     :ivar last_refusal: reason of the last refused reference or request; empty before the first
     """
 
-    def __init__(self, state: State = State.HOLDING):
-        self.state, self.then = state, State.HOLDING
+    def __init__(self) -> None:
+        self.state = self.then = State.HOLDING
         self.reason = self.last_refusal = ''
         self.refused = 0
         #: Called with the state before, after each request that was not refused.
@@ -141,12 +141,12 @@ class ArmStates:
     def refusal(self, request: Request) -> str | None:
         """Why a request is refused; None if it is not."""
         entry = TABLE[self.state][request]
-        if self.state is State.STOPPING and self.then is State.INACTIVE and request in _USERS:
-            return _INACTIVE
-        if not isinstance(entry, str):
-            waits = self.state is State.STOPPING and self.then is not State.HOLDING
-            return _STOPS if waits and request in (Request.MOTION, Request.REST) else None
-        return entry.format(self.reason)
+        if self.state is State.STOPPING:
+            if self.then is State.INACTIVE and isinstance(TABLE[State.INACTIVE][request], str):
+                return _INACTIVE
+            if self.then is not State.HOLDING and request in (Request.MOTION, Request.REST):
+                return _STOPS
+        return entry.format(self.reason) if isinstance(entry, str) else None
 
     def check(self, request: Request) -> None:
         """:raises ParameterError: if a request is refused"""
@@ -209,5 +209,3 @@ _WAITS = {
 #: Events that say nothing new about why the arm does what it does.
 _KEEP_REASON = frozenset({Request.ARRIVED, Request.RELEASE, Request.TOOL, Request.PAYLOAD,
                           Request.REFILL, Request.POSTURE})
-#: What users may not ask of an arm whose node is being deactivated.
-_USERS = frozenset(tuple(Request)[2:tuple(Request).index(Request.LOST)])

@@ -13,8 +13,7 @@ from gdmp_ros.manifolds.linalg import is_finite, is_zero
 SMOOTHING_S = 0.01
 #: A correction that is no longer wished decays with this time constant [s].
 DECAY_S = 0.2
-#: Without a finite external wrench for this time a motion is stopped: collisions are not felt
-#: [s].
+#: A motion is stopped if the external wrench is not finite for this time [s].
 UNKNOWN_S = 0.1
 #: A reference slower than this does not collide [m/s, rad/s].
 LEAST_SPEED, LEAST_ANGULAR_SPEED = 0.005, 0.02

@@ -22,7 +22,7 @@ from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 
-#: Joint damping of an arm that a hand moves [Nm s/rad]: without one it comes to rest.
+#: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
 FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 
 
@@ -156,8 +156,8 @@ class ImpedanceController:
         """
         Compute the torque for the next ``dt`` seconds of an arm that follows joint positions.
 
-        For slow motions; all limits and the reaction to collisions stay in
-        force. From the next `tick` on the arm is held where it is.
+        For slow motions; all limits and the reaction to collisions stay in force. From the next
+        `tick` on the arm is held where it is.
         """
         torque, gains = joint_torque(measured, position, velocity), self.settings.gains
         pushed = external_wrench(measured, torque - measured.bias, gains.singularity)

@@ -130,7 +130,7 @@ class ReferenceGuard:
         return True
 
     def observe(self, target: np.ndarray, origin: Origin) -> None:
-        """Know of a reference that nobody is to follow: its stream runs already."""
+        """Remember a reference that is not followed: its stream runs already."""
         kind = self._kind_of(target)
         if kind.invalid(target) is None:
             self._offered.add(kind, kind.place(target), origin, self.settings.resume_time)

@@ -95,7 +95,7 @@ class ArmCommands:
         self.control.do(request, argument)
 
     def know_stream(self, now_ns: int) -> None:
-        """Know of a stream that runs when the arm begins to be controlled: it is not followed."""
+        """Remember a stream that runs when the control begins: it is not followed."""
         while (received := self._references.take()) is not None:
             read = self._read(received, now_ns)
             if read is not None:

@@ -128,9 +128,9 @@ class ArmNode(ManagedNode):
         latest = clock.now() + round(REST_S * NS)
         if loop.failure is None and self.ticks():
             self.commands.ask(Request.DEACTIVATE)
-        while (loop.failure is None and self.ticks() and states.state is not State.INACTIVE
-               and clock.now() < latest):
-            clock.sleep_until(clock.now() + LOOK_NS)
+            while (loop.failure is None and states.state is not State.INACTIVE
+                   and clock.now() < latest):
+                clock.sleep_until(clock.now() + LOOK_NS)
         return '' if loop.failure is None else _failed(loop)
 
     def ticks(self) -> bool:
@@ -170,17 +170,14 @@ class ArmNode(ManagedNode):
         if self.active:
             self._changes.append((names, self.commands.ask(request, argument)))
             return
+        use = self.control.carry if request is Request.PAYLOAD else self.control.use_tool
         answer = Answer()
         try:
-            self.take_over(request, argument)
+            use(argument)
+            answer.give()
         except GdmpError as error:
-            answer.refusal = str(error)
-        answer.done = True
+            answer.give(str(error))
         self._changes.append((names, answer))
-
-    def take_over(self, request: Request, argument: Any) -> None:
-        """Use a payload or a tool while the arm is not controlled."""
-        (self.control.carry if request is Request.PAYLOAD else self.control.use_tool)(argument)
 
     @property
     def given_payload(self) -> Payload | None:

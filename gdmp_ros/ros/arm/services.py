@@ -15,7 +15,7 @@ from gdmp_ros.control.guard import ARMED_S
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
 from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.arm.commands import Answer, ArmCommands
+from gdmp_ros.ros.arm.commands import ArmCommands
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers
 from gdmp_ros.sim.frames import ToolTransform
@@ -161,9 +161,9 @@ class ArmServices:
 
         :raises ParameterError: if it is refused
         """
-        answer: Answer = (self._commands.ask(request, argument) if self._is_active() else Answer())
         if not self._is_active():
-            answer.give('the node is not active')
+            raise ParameterError('the node is not active')
+        answer = self._commands.ask(request, argument)
         await self._node.wait_until(lambda: answer.done, LOOK_S)
         if answer.refusal:
             raise ParameterError(answer.refusal)
