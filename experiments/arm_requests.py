@@ -229,10 +229,9 @@ class ArmRequests(RuleBasedStateMachine):
     def push(self, force: float) -> None:
         """A force acts on the tool for 30 ms."""
         self.loop.arm.push(np.array([0.0, force, 0.0, 0.0, 0.0, 0.0]))
-        self.disturbed = DISTURBED
+        self.disturbed, self.since = DISTURBED, -DISTURBED
         self.pass_ticks(30)
         self.loop.arm.push(np.zeros(6))
-        self.since = -DISTURBED
 
     @rule()
     def fail(self) -> None:

@@ -87,6 +87,7 @@ class ArmNode(ManagedNode):
                                         max(1, round(1.0 / (p.visualization_rate_hz * period))))
         self.describe()
         self.add_report(self._report)
+        self.control.states.watchers.append(self._changed)
         self.control.states.end()
         p.check = self._check
         p.changed = self.use_parameters
@@ -242,6 +243,11 @@ class ArmNode(ManagedNode):
         self._diagnostics.publish(lateness_diagnostics(
             self.get_fully_qualified_name().lstrip('/'), level, text,
             self.lateness.punctuality(1000), {**extra, **self.diagnosed()}, self.stamp()))
+
+    def _changed(self, before: State) -> None:
+        # A reason that comes again between two reports is a new one.
+        if not self.control.states.reason:
+            self._reason = ''
 
     def _publish_status(self) -> None:
         controller, states = self.control.controller, self.control.states
