@@ -269,7 +269,7 @@ class ArmRequests(RuleBasedStateMachine):
         if begins:
             self.stream(0.0, 0.03, False)
         self.pass_ticks(ticks)
-        self.loop.rest()
+        self.loop.activate()
         if self.mode is not None:
             self.loop.controller.guard.observe(*self.newest)
         assert self.state == 'holding'
@@ -280,7 +280,7 @@ class ArmRequests(RuleBasedStateMachine):
         """At the end the arm can be stopped, and follows a motion that begins near it."""
         self.loop.arm.push(np.zeros(6))
         if self.state == 'inactive':
-            self.loop.rest()
+            self.loop.activate()
         self.mode = None
         if self.state == 'fault':
             self.ask(Request.RECOVER)

@@ -65,15 +65,18 @@ def _in_loop_thread(measure: Any) -> Any:
 
 
 def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
-    from gdmp_ros.franka.loop import FrankaLoop
+    from gdmp_ros.control.arm_control import ArmControl
+    from gdmp_ros.franka.driver import FrankaDriver
     from gdmp_ros.franka.robot import FrankaRobot
     from gdmp_ros.franka.settings import FrankaSettings
     settings = FrankaSettings(host=HOST)
     robot = FrankaRobot(settings)
-    loop = FrankaLoop(robot, settings.rotor_inertia, wall_time=True)
+    driver = FrankaDriver(robot, settings.rotor_inertia, wall_time=True)
+    loop = ArmControl(driver)
+    loop.warm_up(driver.measured, driver.dt)
     figures = np.empty((cycles, 3))
-    loop.begin()
-    center, begun, worked = loop.measured.pose.copy(), robot.arrived, time.thread_time_ns()
+    loop.activate()
+    center, begun, worked = driver.measured.pose.copy(), robot.arrived, time.thread_time_ns()
     for i in range(cycles):
         measured = loop.wait()
         if measured is None:
@@ -85,7 +88,7 @@ def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
         figures[i] = worked - last, answered, robot.success_rate
     loop.end()
     robot.close()
-    return figures, loop.lost
+    return figures, driver.lost
 
 
 def _on_circle(center: np.ndarray, seconds: float) -> np.ndarray:

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from gdmp_ros.control.arm_driver import ArmDriver, ArmStopped
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.reference_kinds import MeasuredMotion
@@ -26,24 +27,25 @@ _FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
 
 class ArmControl:
     """
-    The controller of an arm, and what else may move it.
+    The controller of an arm, and what else may move it; one thread uses it.
 
+    :ivar driver: of the arm
     :ivar states: what the arm does
     :ivar joint_motion: motions of the joints, while they are made and after; None if they were
         ended early
     :ivar joint_motion_problem: why they ended early; empty if they did not
     """
 
-    def __init__(self, joints: JointLimits, friction: np.ndarray,
-                 settings: ControllerSettings | None = None):
+    def __init__(self, driver: ArmDriver, settings: ControllerSettings | None = None):
         """
-        Prepare; see `ImpedanceController`.
+        Prepare; `hold` comes next.
 
         :raises ParameterError: if the settings do not fit the joints
         """
-        self.joints = joints
+        self.driver, self.joints = driver, driver.joints
         self.states = ArmStates()
-        self.controller = ImpedanceController(joints, friction, settings, self.states)
+        self.controller = ImpedanceController(driver.joints, driver.friction, settings,
+                                              self.states)
         self.states.watchers.append(self._entered)
         self.joint_motion: JointMotion | None = None
         self.joint_motion_problem = ''
@@ -58,6 +60,7 @@ class ArmControl:
         """
         Compute each kind of tick once, so that no kernel is compiled in a real-time loop; `hold`.
         """
+        self.hold(measured)
         guard = self.controller.guard
         self.compute(measured, dt)
         for target in (resting_target(measured.pose),
@@ -121,16 +124,66 @@ class ArmControl:
                 self.controller.refill_tank()
             case Request.POSTURE:
                 self.controller.posture.approach(argument)
+            case Request.RESET:
+                self.hold(self.driver.reset())
             case _:
                 self.states.take(request)
 
+    def activate(self) -> None:
+        """Begin to control: hold the arm where it is; one that refuses is in a fault."""
+        self.states.take(Request.ACTIVATE)
+        try:
+            self.hold(self.driver.begin())
+        except ArmStopped as error:
+            self.fail(str(error))
+
+    def wait(self) -> Measurement | None:
+        """Wait for the next state; None if the arm does not answer, or has just stopped."""
+        try:
+            return self.driver.measure()
+        except ArmStopped as error:
+            self.fail(str(error))
+            return None
+
+    def answer(self, measured: Measurement) -> Tick:
+        """Compute the torque for a state, and send it; nothing is sent to an arm that stopped."""
+        driver = self.driver
+        if not driver.controlled:
+            if self.states.state not in (State.FAULT, State.INACTIVE):
+                self.fail('the robot has ended the control')
+            return self.stand(measured, driver.dt)
+        tick = self.compute(measured, driver.dt)
+        try:
+            driver.command(tick.torque)
+        except ArmStopped as error:
+            self.fail(str(error))
+        return tick
+
+    def end(self) -> None:
+        """End the control; the arm then holds its position by itself."""
+        try:
+            self.driver.end()
+        except ArmStopped as error:
+            self.fail(str(error))
+
+    def fail(self, reason: str) -> None:
+        """Note that the arm is not controlled any more, and why."""
+        self.controller.guard.fault(reason)
+
     def recover(self) -> None:
         """
-        End a fault; the arm goes on holding.
+        End a fault: the arm holds where it is, and follows nothing.
 
         :raises GdmpError: if the arm does not recover
         """
-        self.states.take(Request.RECOVER)
+        if self.driver.controlled:
+            self.states.take(Request.RECOVER)
+            return
+        try:
+            self.hold(self.driver.recover())
+        except ArmStopped as error:
+            self.fail(str(error))
+            raise
 
     def put_tool(self, tool: Any) -> None:
         """
@@ -143,10 +196,7 @@ class ArmControl:
 
     def use_tool(self, tool: Any) -> None:
         """`put_tool` in any state."""
-        raise NotImplementedError
-
-    def check_payload(self) -> None:
-        """:raises GdmpError: if what the arm carries cannot change now"""
+        self.controller.move_tool(*self.driver.use_tool(tool))
 
     def carry(self, payload: Any) -> None:
         """
@@ -154,7 +204,14 @@ class ArmControl:
 
         :raises GdmpError: if that is not possible now
         """
-        raise NotImplementedError
+        self.driver.check_payload(self.states.state)
+        try:
+            measured = self.driver.carry(payload)
+        except ArmStopped as error:
+            self.fail(str(error))
+            raise
+        if measured is not None:
+            self.hold(measured)
 
     def move(self, motion: JointMotion) -> None:
         """

@@ -63,6 +63,7 @@ class Request(Enum):
     PAYLOAD = '~/set_payload'
     REFILL = '~/refill_tank'
     POSTURE = '~/posture'
+    RESET = '~/reset_world'
     MOTION = 'reference of a motion'
     REST = 'reference at rest'
     LOST = 'the stream ends, or is lost'
@@ -90,30 +91,31 @@ _OFF, _HOLD, _REST, _FOLL, _STOP, _HAND, _GIVE, _MOVE, _IDEN, _FAIL = State
 _Entry = State | Stop | str
 _ROWS: dict[State, tuple[_Entry, ...]] = {
     # activate, deactivate, arm, stop, comply, guide, release, move, identify, recover,
-    # tool, payload, refill, posture, motion, rest, lost, collision, arrived, failure
-    _OFF: (_HOLD, _OFF, *[_INACTIVE] * 12, '', '', _OFF, _OFF, _OFF, _OFF),
+    # tool, payload, refill, posture, reset, motion, rest, lost, collision, arrived, failure
+    _OFF: (_HOLD, _OFF, *[_INACTIVE] * 13, '', '', _OFF, _OFF, _OFF, _OFF),
     _HOLD: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _HOLD, _MOVE, _IDEN, _NO_FAULT,
-            _HOLD, _HOLD, _HOLD, _HOLD, _FOLL, _REST, _HOLD, _HOLD, _HOLD, _FAIL),
+            _HOLD, _HOLD, _HOLD, _HOLD, _HOLD, _FOLL, _REST, _HOLD, _HOLD, _HOLD, _FAIL),
     _REST: (_HOLD, Stop(_OFF), _REST, Stop(_HOLD), _GIVE, Stop(_HAND), _REST, _MOVE, _IDEN,
-            _NO_FAULT, _HOLD, _REST, _REST, _REST, _FOLL, _REST, Stop(_HOLD), _REST, _REST, _FAIL),
+            _NO_FAULT, _HOLD, _REST, _REST, _REST, _HOLD, _FOLL, _REST, Stop(_HOLD), _REST, _REST,
+            _FAIL),
     _FOLL: (_HOLD, Stop(_OFF), _FOLL, Stop(_HOLD), _GIVE, Stop(_HAND), _FOLL, _MOTION,
-            _MOTION, _NO_FAULT, _MOTION, _FOLL, _MOTION, _FOLL, _FOLL, _REST, Stop(_HOLD),
+            _MOTION, _NO_FAULT, _MOTION, _FOLL, _MOTION, _FOLL, _HOLD, _FOLL, _REST, Stop(_HOLD),
             Stop(_HOLD), _FOLL, _FAIL),
     _STOP: (_HOLD, Stop(_OFF), _STOPS, Stop(_HOLD), _GIVE, Stop(_HAND), Stop(_HOLD), Stop(_MOVE),
-            Stop(_IDEN), _NO_FAULT, _STOPS, _STOP, _STOPS, _STOP, _FOLL, _REST, _STOP, _STOP,
-            _HOLD, _FAIL),
+            Stop(_IDEN), _NO_FAULT, _STOPS, _STOP, _STOPS, _STOP, _HOLD, _FOLL, _REST, _STOP,
+            _STOP, _HOLD, _FAIL),
     _HAND: (_HOLD, _OFF, _GUIDED, _HOLD, _GIVE, _HAND, _HOLD, _GUIDED, _GUIDED, _NO_FAULT,
-            _HAND, _HAND, _HAND, _HAND, _GUIDED, '', _HAND, _HAND, _HAND, _FAIL),
+            _HAND, _HAND, _HAND, _HAND, _HOLD, _GUIDED, '', _HAND, _HAND, _HAND, _FAIL),
     _GIVE: (_HOLD, _OFF, _HOLD, _HOLD, _GIVE, _HAND, _GIVE, _MOVE, _IDEN, _NO_FAULT,
-            _GIVE, _GIVE, _GIVE, _GIVE, _FOLL, '', _GIVE, _GIVE, _GIVE, _FAIL),
+            _GIVE, _GIVE, _GIVE, _GIVE, _HOLD, _FOLL, '', _GIVE, _GIVE, _GIVE, _FAIL),
     _MOVE: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _MOVE, _JOINTS,
-            _JOINTS, _NO_FAULT, _JOINTS, _MOVE, _JOINTS, _MOVE, _JOINTS, '', _MOVE, Stop(_HOLD),
-            _HOLD, _FAIL),
+            _JOINTS, _NO_FAULT, _JOINTS, _MOVE, _JOINTS, _MOVE, _HOLD, _JOINTS, '', _MOVE,
+            Stop(_HOLD), _HOLD, _FAIL),
     _IDEN: (_HOLD, Stop(_OFF), _JOINTS, Stop(_HOLD), _GIVE, Stop(_HAND), _IDEN, _JOINTS,
-            _JOINTS, _NO_FAULT, _JOINTS, _JOINTS, _JOINTS, _IDEN, _JOINTS, '', _IDEN, Stop(_HOLD),
-            _HOLD, _FAIL),
+            _JOINTS, _NO_FAULT, _JOINTS, _JOINTS, _JOINTS, _IDEN, _HOLD, _JOINTS, '', _IDEN,
+            Stop(_HOLD), _HOLD, _FAIL),
     _FAIL: (_HOLD, _OFF, _FAULT, _FAIL, _FAULT, _FAULT, _FAIL, _FAULT, _FAULT, _HOLD,
-            _FAULT, _FAULT, _FAIL, _FAIL, _FAULT, '', _FAIL, _FAIL, _FAIL, _FAIL)}
+            _FAULT, _FAULT, _FAIL, _FAIL, _HOLD, _FAULT, '', _FAIL, _FAIL, _FAIL, _FAIL)}
 #: Next state by state and request. A text is the reason why the request is refused; an empty one
 #: is not reported.
 TABLE: dict[State, dict[Request, _Entry]] = {

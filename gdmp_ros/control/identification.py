@@ -110,7 +110,12 @@ class FrictionIdentification:
     @property
     def done(self) -> bool:
         """Whether all motions have been made."""
-        return self.time >= self.seconds
+        return self.remaining == 0.0
+
+    @property
+    def remaining(self) -> float:
+        """Time until all have been made [s]."""
+        return max(0.0, self.seconds - self.time)
 
     @property
     def what(self) -> str:

@@ -32,6 +32,10 @@ class JointMotion(Protocol):
         """Whether all motions have been made."""
 
     @property
+    def remaining(self) -> float:
+        """Time until they have been made, after the begin [s]."""
+
+    @property
     def what(self) -> str:
         """What is being done, for people."""
 
@@ -93,7 +97,12 @@ class PostureMotion:
     @property
     def done(self) -> bool:
         """Whether it has arrived."""
-        return self.time >= self.seconds + SETTLE_S
+        return self.remaining == 0.0
+
+    @property
+    def remaining(self) -> float:
+        """Time until it has arrived [s]."""
+        return max(0.0, self.seconds + SETTLE_S - self.time)
 
     def target(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions [rad] and velocities [rad/s] that are wanted now."""
@@ -126,7 +135,12 @@ class Braking:
     @property
     def done(self) -> bool:
         """Whether they rest."""
-        return self.time >= self.seconds
+        return self.remaining == 0.0
+
+    @property
+    def remaining(self) -> float:
+        """Time until they rest [s]."""
+        return max(0.0, self.seconds - self.time)
 
     def begin(self, position: np.ndarray) -> None:
         """They move already."""

@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 
-from gdmp_ros.franka.robot import FrankaRobot, RobotStopped
+from gdmp_ros.control.arm_driver import ArmStopped
+from gdmp_ros.franka.robot import FrankaRobot
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, PORT
 from gdmp_ros.realtime.doctor import BAD, FAIR, Finding, GOOD
 
@@ -42,7 +43,7 @@ def examine(host: str, seconds: float = 10.0) -> list[Finding]:
             return findings + _cycles(robot, seconds)
         finally:
             robot.close()
-    except RobotStopped as error:
+    except ArmStopped as error:
         return [*findings, Finding('robot', BAD, str(error), 'another program may control it; an '
                                    'older system than 5.9 needs another libfranka')]
 

@@ -10,8 +10,9 @@ from collections.abc import Callable
 import threading
 from typing import Any
 
+from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.gripper import check_command, GripperCommand, GripperState, HELD_M
-from gdmp_ros.franka.robot import FAILURES, RobotStopped
+from gdmp_ros.franka.robot import FAILURES
 from gdmp_ros.realtime.loop import Clock, Loop, SystemClock
 from gdmp_ros.util.optional_imports import extra, optional_import
 
@@ -46,7 +47,7 @@ class FrankaGripper:
         :param homing: find the ends of the travel first: the fingers move
         :param clock: by default that of the system
         :param opened: connects to a hand
-        :raises RobotStopped: if the hand does not answer
+        :raises ArmStopped: if the hand does not answer
         """
         self._host, self._homing, self._opened = host, homing, opened
         self._clock = clock or SystemClock()
@@ -60,7 +61,7 @@ class FrankaGripper:
         try:
             self._connect()
         except FAILURES as error:
-            raise RobotStopped(f'{host}: the hand does not answer: {error}', False) from None
+            raise ArmStopped(f'{host}: the hand does not answer: {error}', False) from None
         self._running = self._clock.start(self._talk())
 
     @property

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.control.arm_driver import ArmStopped
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
 from gdmp_ros.realtime.loop import Clock, SystemClock
 from gdmp_ros.sim.frames import pose_of, ToolTransform
@@ -26,29 +27,17 @@ FAILURES = (libfranka.ControlException, libfranka.CommandException, libfranka.Ne
             libfranka.FrankaException)
 
 
-class RobotStopped(GdmpError):
-    """
-    The robot has ended the control: a reflex, the user stop, or the network.
-
-    :ivar connected: whether the robot still answers
-    """
-
-    def __init__(self, message: str, connected: bool):
-        super().__init__(message)
-        self.connected = connected
-
-
 def opened(host: str, config: Any) -> Any:
     """
     Connect to a robot; libfranka alone would wait for minutes, and keep the interpreter.
 
     :param config: whether real-time priority is required
-    :raises RobotStopped: if nobody answers
+    :raises ArmStopped: if nobody answers
     """
     try:
         socket.create_connection((host, PORT), timeout=ANSWER_S).close()
     except OSError as error:
-        raise RobotStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
+        raise ArmStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
                            ) from None
     time.sleep(BETWEEN_CLIENTS_S)
     return libfranka.Robot(host, config)
@@ -92,7 +81,7 @@ class FrankaRobot:
 
         :param clock: of `arrived`; by default that of the system
         :param opened: connects to a robot
-        :raises RobotStopped: if the robot does not answer
+        :raises ArmStopped: if the robot does not answer
         """
         self._settings, self._explained = settings, _Explained(settings.host, self._end)
         self._clock, self._opened = clock or SystemClock(), opened
@@ -139,7 +128,7 @@ class FrankaRobot:
         """
         Connect again.
 
-        :raises RobotStopped: if the robot does not answer
+        :raises ArmStopped: if the robot does not answer
         """
         settings = self._settings
         if not settings.host:
@@ -159,10 +148,10 @@ class FrankaRobot:
         Tell the robot what it carries, without the end effector; only while it is not controlled.
 
         :param payload: in the frame of the end effector
-        :raises RobotStopped: if the robot does not answer
+        :raises ArmStopped: if the robot does not answer
         """
         if self._robot is None:
-            raise RobotStopped(f'{self._settings.host}: the robot does not answer', False)
+            raise ArmStopped(f'{self._settings.host}: the robot does not answer', False)
         # Zero, too: otherwise the robot keeps the load of the last run.
         load = payload.seen_from(self.end_effector)
         with self._explained:
@@ -172,7 +161,7 @@ class FrankaRobot:
         """
         Begin torque control.
 
-        :raises RobotStopped: if the robot refuses
+        :raises ArmStopped: if the robot refuses
         """
         with self._explained:
             self._control = self._robot.start_torque_control()
@@ -181,7 +170,7 @@ class FrankaRobot:
         """
         Wait for the next state.
 
-        :raises RobotStopped: if the robot has ended the control
+        :raises ArmStopped: if the robot has ended the control
         """
         elapsed = 0.0
         with self._explained:
@@ -205,10 +194,10 @@ class FrankaRobot:
 
         :param torque: [Nm]
         :param last: end the control; the robot then holds its position by itself
-        :raises RobotStopped: if the robot has ended the control
+        :raises ArmStopped: if the robot has ended the control
         """
         if self._control is None:
-            raise RobotStopped(f'{self._settings.host}: the robot is not controlled', True)
+            raise ArmStopped(f'{self._settings.host}: the robot is not controlled', True)
         command = libfranka.Torques(torque.tolist())
         command.motion_finished = last
         with self._explained:
@@ -220,7 +209,7 @@ class FrankaRobot:
         """
         End a reflex, connect again where that is necessary.
 
-        :raises RobotStopped: if the robot does not answer, or does not recover
+        :raises ArmStopped: if the robot does not answer, or does not recover
         """
         if self._robot is None:
             self.connect()
@@ -255,7 +244,7 @@ class _Explained:
         what = ('the robot does not answer' if not connected else 'no real-time priority'
                 if isinstance(error, libfranka.RealtimeException) else 'the robot has stopped')
         self._end(connected)
-        raise RobotStopped(f'{self._host}: {what}: {_text(error)}', connected) from None
+        raise ArmStopped(f'{self._host}: {what}: {_text(error)}', connected) from None
 
 
 def _text(error: Exception) -> str:

@@ -36,7 +36,7 @@ class Trial(NamedTuple):
     :ivar wrenches: external, at the tool [N, Nm], shape ``(T, 6)``
     :ivar joints: positions [rad], shape ``(T, n)``
     :ivar torques: commanded [Nm], shape ``(T, n)``
-    :ivar others: positions of objects at the end (`ClosedLoop.others`)
+    :ivar others: positions of objects at the end (`SimulatedDriver.others`)
     :ivar ended: why it was ended early; empty if it was not
     """
 
@@ -91,7 +91,8 @@ def perform(skill: Skill, loop: ClosedLoop, checker: PathChecker | None = None,
         return refused(f'not begun: {ended}', count)
     references, measured, stiffness, wrenches, joints, torques = map(np.array, zip(*rows))
     trial = Trial(loop.arm.period * np.arange(1, len(rows) + 1), references, measured,
-                  stiffness.reshape(-1, 6, 6), wrenches, joints, torques, loop.others, ended)
+                  stiffness.reshape(-1, 6, 6), wrenches, joints, torques, loop.driver.others,
+                  ended)
     if ended:
         go_back(loop, trial.joints, ended)
     return trial

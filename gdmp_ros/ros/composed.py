@@ -5,7 +5,7 @@ import argparse
 from collections.abc import Callable
 
 from gdmp_ros.ros.adapter import Adapter
-from gdmp_ros.ros.arm.simulated_arm import SimulatedArmNode
+from gdmp_ros.ros.arm import simulated_arm
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.recorder.node import TakeRecorder
 from gdmp_ros.ros.running import own_arguments, run
@@ -15,13 +15,14 @@ from gdmp_ros.ros.visualizer.node import Visualizer
 
 def _franka_arm() -> ManagedNode:
     # libfranka is an extra.
-    from gdmp_ros.ros.arm.franka_arm import FrankaArm
-    return FrankaArm()
+    from gdmp_ros.ros.arm import franka_arm
+    return franka_arm.node()
 
 
 NODES: dict[str, Callable[[], ManagedNode]] = {
-    'trajectory_server': TrajectoryServer, 'panda_sim': SimulatedArmNode, 'visualizer': Visualizer,
-    'franka_arm': _franka_arm, 'take_recorder': TakeRecorder, 'adapter': Adapter}
+    'trajectory_server': TrajectoryServer, 'panda_sim': simulated_arm.node,
+    'visualizer': Visualizer, 'franka_arm': _franka_arm, 'take_recorder': TakeRecorder,
+    'adapter': Adapter}
 
 
 def main(arguments: list[str] | None = None) -> int:

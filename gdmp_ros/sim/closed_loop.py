@@ -1,9 +1,10 @@
-"""Control loops around a simulated arm, one tick at a time. No ROS."""
+"""A simulated arm that is controlled, one tick at a time. No ROS."""
 from __future__ import annotations
 
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.manipulability import (
     position_torque,
@@ -11,6 +12,7 @@ from gdmp_ros.control.manipulability import (
     PositionState,
     PositionTarget,
 )
+from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
@@ -21,55 +23,98 @@ from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.teaching import Hand
 
 
-class ClosedLoop(ArmControl):
+class SimulatedDriver:
     """
-    A simulated arm and its impedance controller.
+    A simulated arm; see `gdmp_ros.control.arm_driver.ArmDriver`. Its torques always act.
 
     :ivar hand: the hand that pulls the tool, if any
     :ivar gripper: of the arm, if it has one
     """
 
-    def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
-                 gripper: SimulatedGripper | None = None):
-        super().__init__(arm.limits, arm.friction, settings)
+    controlled = True
+
+    def __init__(self, arm: Arm, gripper: SimulatedGripper | None = None):
         self.arm, self.gripper = arm, gripper
+        self.joints, self.friction, self.dt = arm.limits, arm.friction, arm.period
         self.hand: Hand | None = None
-        self.reset()
-
-    def reset(self, position: np.ndarray | None = None, same_stream: bool = False) -> None:
-        """
-        Hold the arm at rest at ``position`` [rad], by default at its first keyframe.
-
-        :param same_stream: whether the stream that was followed may go on: then it is not followed
-            from its middle; otherwise the next reference is taken for the first of a stream
-        """
-        self.hand = None
-        self.arm.reset(position)
-        if self.gripper is not None:
-            self.gripper.reset()
-        self.arm.push(np.zeros(6))
-        self.hold(self.arm.measure())
-        if not same_stream:
-            self.controller.guard.forget_stream()
-
-    def rest(self) -> None:
-        """Hold the arm where it is, without velocity: as if its brakes had held it."""
-        self.arm.rest()
-        self.hold(self.arm.measure())
 
     @property
     def others(self) -> np.ndarray:
         """Positions of what is not a joint of the arm: fingers, objects; empty without them."""
         return np.array(self.arm.data.qpos[len(self.joints.torque):])
 
-    def use_tool(self, tool: ToolTransform) -> None:
+    def begin(self) -> Measurement:
+        """Take its velocity away: as if its brakes had held it."""
+        self.arm.rest()
+        return self.arm.measure()
+
+    def measure(self) -> Measurement:
+        measured = self.arm.measure()
+        if self.hand is not None:
+            self.arm.push(self.hand.wrench(measured))
+        return measured
+
+    def command(self, torque: np.ndarray) -> None:
+        """Let a torque act; the simulation does not advance yet."""
+        if self.gripper is not None:
+            self.gripper.advance(self.dt)
+        self.arm.act(torque)
+
+    def end(self) -> None:
+        pass
+
+    def recover(self) -> Measurement:
+        return self.begin()
+
+    def release(self) -> None:
+        """No hand pulls the tool."""
+        self.hand = None
+        self.arm.push(np.zeros(6))
+
+    def reset(self, position: np.ndarray | None = None) -> Measurement:
+        """:param position: of the joints [rad]; by default that of the first keyframe"""
+        self.arm.reset(position)
+        if self.gripper is not None:
+            self.gripper.reset()
+        self.release()
+        return self.arm.measure()
+
+    def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
         before = self.arm.measure().pose.copy()
         self.arm.put_tool(tool)
-        self.controller.move_tool(before, self.arm.measure().pose.copy())
+        return before, self.arm.measure().pose.copy()
+
+    def check_payload(self, state: State) -> None:
+        """The model changes smoothly, in any state."""
 
     def carry(self, payload: Payload) -> None:
-        """Carry something from now on: the model changes smoothly, in any state."""
         self.arm.announce(payload)
+
+
+class ClosedLoop(ArmControl):
+    """
+    A simulated arm and its impedance controller.
+
+    :ivar arm: the arm
+    """
+
+    driver: SimulatedDriver
+
+    def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
+                 gripper: SimulatedGripper | None = None):
+        """Hold the arm at its home posture."""
+        self.arm = arm
+        super().__init__(SimulatedDriver(arm, gripper), settings)
+        self.reset()
+
+    def reset(self, position: np.ndarray | None = None) -> None:
+        """
+        Hold the arm at rest at ``position`` [rad], by default at its first keyframe.
+
+        The next reference is taken for the first of a stream.
+        """
+        self.hold(self.driver.reset(position))
+        self.controller.guard.forget_stream()
 
     def tick(self) -> Tick:
         """Measure, compute the torque and advance by one period."""
@@ -79,14 +124,7 @@ class ClosedLoop(ArmControl):
 
     def act(self) -> Tick:
         """Measure, and let the torque act; the simulation does not advance yet."""
-        measured = self.arm.measure()
-        if self.hand is not None:
-            self.arm.push(self.hand.wrench(measured))
-        result = self.compute(measured, self.arm.period)
-        if self.gripper is not None:
-            self.gripper.advance(self.arm.period)
-        self.arm.act(result.torque)
-        return result
+        return self.answer(self.driver.measure())
 
 
 class PositionLoop:

@@ -43,6 +43,8 @@ class KnownModel:
         """Carry a payload from now on, within `PAYLOAD_S`; any thread may call it."""
         model, data, load = self.model, self.data, self._load
         if load is None:
+            if payload == Payload() and self._announced is None:
+                return
             model = copy.deepcopy(model)
             data, load = mujoco.MjData(model), Load(model, self.body, self.mount)
         self._announced = payload, model, data, load

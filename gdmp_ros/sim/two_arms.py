@@ -184,8 +184,8 @@ class TwoArms:
     def grip(self, force: float) -> None:
         """Let both grippers close with a force [N]."""
         for loop in self.loops:
-            if loop.gripper is not None:
-                loop.gripper.command(GripperCommand(0.0, force))
+            if loop.driver.gripper is not None:
+                loop.driver.gripper.command(GripperCommand(0.0, force))
 
     def announce(self, payload: Payload) -> None:
         """Tell both controllers what each arm carries."""

@@ -8,8 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from gdmp_msgs.action import MoveJoints
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
-from gdmp_msgs.srv import LoadSkill, MoveJoints, RefineSkill, SetSpeed
+from gdmp_msgs.srv import LoadSkill, RefineSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
@@ -24,7 +25,12 @@ from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.realtime.loop import Loop
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.server_client import followed_motion, problem_of, ServerClient
+from gdmp_ros.ros.clients.server_client import (
+    followed_motion,
+    problem_of,
+    SentGoal,
+    ServerClient,
+)
 from gdmp_ros.ros.lifecycle import SILENT_S
 from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.robot import RobotView
@@ -63,8 +69,9 @@ class NodesRobot:
                 ('load_skill', LoadSkill), ('set_speed', SetSpeed), ('stop', Trigger),
                 ('pause', SetBool), ('refine_skill', RefineSkill))),
             *((f'{arm}/{name}', kind) for name, kind in (
-                ('teach', SetBool), ('move_joints', MoveJoints), ('stop', Trigger))),
+                ('teach', SetBool),)),
             *((f'{RECORDER}/{name}', Trigger) for name in ('start', 'stop', 'discard')))}
+        self._move = client.participant.action_client(MoveJoints, f'{arm}/move_joints')
         self._robot: RobotState | None = None
         self._recorder: RecorderState | None = None
         self._state: ServerState | None = None
@@ -73,7 +80,7 @@ class NodesRobot:
         self._skill: tuple[Skill, str] | None = None
         self._pulled: np.ndarray | None = None
         self._executing = self._guided = self._records = False
-        self._homing: Any = None
+        self._homing: SentGoal | None = None
         self._folder = TemporaryDirectory(prefix='gdmp-studio-')
         self._commands = Commands(client.clock)
         self._running = client.clock.start(self._work())
@@ -221,9 +228,9 @@ class NodesRobot:
             self._hand.publish(messages.stamped_pose(
                 self._pulled, '' if robot is None else robot.header.frame_id))
         if self._homing is not None and self._homing.done():
-            reply, self._homing = self._homing.result(), None
-            if not reply.success:
-                raise GdmpError(f'{self._arm}/move_joints: {reply.message}')
+            result, self._homing = self._homing.result(0.0), None
+            if not result.success:
+                raise GdmpError(f'{self._arm}/move_joints: {result.message}')
         if self._executing and self._client.done():
             self._executing = False
             self._client.check_failure()
@@ -245,14 +252,14 @@ class NodesRobot:
 
     def _stop(self) -> None:
         self._executing = False  # that it did not reach its goal is no problem then
-        if self._homing is not None:
-            self._homing = None
-            self._request(f'{self._arm}/stop')
+        homing, self._homing = self._homing, None
+        if homing is not None:
+            homing.cancel()
         self._request(f'{self._server}/stop')
 
     def _go_home(self) -> None:
-        service = self._ready(f'{self._arm}/move_joints')
-        self._homing = service.call_async(MoveJoints.Request())
+        self._homing = self._client.send(self._move, MoveJoints.Goal(), AVAILABLE_S)
+        self._homing.accepted(ANSWER_S)
 
     def _guide(self, guided: bool) -> None:
         self._request(f'{self._arm}/teach', data=guided)

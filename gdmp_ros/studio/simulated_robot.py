@@ -322,7 +322,7 @@ class SimulatedRobot:
 
     def _pull(self, hand: Hand | None) -> None:
         loop = self._loop
-        loop.hand = hand
+        loop.driver.hand = hand
         if hand is None:
             loop.arm.push(np.zeros(6))
 

@@ -156,8 +156,8 @@ def test_joints_that_move_react_to_a_collision_too(reaction, mode):
 
 def test_joints_that_are_held_push_no_harder_than_the_wrench_limit():
     loop = ClosedLoop(Arm(), ControllerSettings(gains=ImpedanceGains(wrench_max=(20.0, 5.0))))
-    loop.hand = Hand(loop.arm.measure().pose.copy(), HandSettings(20000.0, 500.0, 400.0, 50.0,
-                                                                  100.0))
+    loop.driver.hand = Hand(loop.arm.measure().pose.copy(),
+                            HandSettings(20000.0, 500.0, 400.0, 50.0, 100.0))
     made = moved_joint(loop, 1500)
     assert 15.0 < max(np.linalg.norm(tick.wrench[:3]) for tick in made[100:]) < 26.0
     assert loop.controller.counters.ticks[WRENCH_LIMIT] > 0

@@ -51,12 +51,12 @@ def pulled_and_released(loop, k, aside=0.15, direction=(0.0, 1.0, 0.0)):
     hand = Hand(home.copy(), HandSettings(5000.0, 200.0))
     for tick in range(3000):
         if tick == 300:
-            loop.hand = hand
+            loop.driver.hand = hand
         if tick < 1500:
             hand.pose[:3] = home[:3] + aside * min(max(tick - 300, 0) / 800.0, 1.0) * np.array(
                 direction)
         else:
-            loop.hand = None
+            loop.driver.hand = None
             loop.arm.push(np.zeros(6))
         loop.follow(target)
         audit.tick()
@@ -79,12 +79,12 @@ def shaken(loop, k, rate=2.0, size=0.06):
     """A hand shakes the tool for three seconds, and lets go."""
     home = loop.arm.measure().pose.copy()
     audit, target = Audit(loop), resting_target(home, stiff(k), 0.1)
-    hand = loop.hand = Hand(home.copy(), HandSettings(3000.0, 150.0))
+    hand = loop.driver.hand = Hand(home.copy(), HandSettings(3000.0, 150.0))
     for tick in range(4000):
         hand.pose[:3] = home[:3] + size * np.array([0.3, 1.0, 0.5]) * np.sin(
             2e-3 * np.pi * rate * tick)
         if tick == 3000:
-            loop.hand = None
+            loop.driver.hand = None
             loop.arm.push(np.zeros(6))
         loop.follow(target)
         audit.tick()
@@ -188,7 +188,7 @@ def test_saturated_motors_do_not_drive_the_elbow(k, share):
     """Cut joint by joint, the torque would turn it at 0.1 to 0.15 rad/s."""
     loop = loop_with(torque_share=share)
     home = loop.arm.measure().pose.copy()
-    loop.hand = Hand(home + [0.0, -0.12, 0.0, 0, 0, 0, 0], HandSettings(5000.0, 200.0))
+    loop.driver.hand = Hand(home + [0.0, -0.12, 0.0, 0, 0, 0, 0], HandSettings(5000.0, 200.0))
     target, elbow, saturated = resting_target(home, stiff(k)), [], 0
     for tick in range(4000):
         loop.follow(target)
@@ -249,7 +249,7 @@ def test_the_commanded_wrench_is_bounded():
     loop = loop_with()
     home = loop.arm.measure().pose.copy()
     target = resting_target(home, stiff(5000.0))
-    loop.hand = Hand(home + [0.0, 0.2, 0.0, 0, 0, 0, 0], HandSettings(5000.0, 200.0))
+    loop.driver.hand = Hand(home + [0.0, 0.2, 0.0, 0, 0, 0, 0], HandSettings(5000.0, 200.0))
     largest = 0.0
     for _ in range(1500):
         loop.follow(target)

@@ -60,7 +60,7 @@ def blocked_and_released(speed, plant):
     hand = Hand(start, HandSettings(stiffness=20_000.0, force=300.0))
     fastest = 0.0
     for k in range(6000):
-        loop.hand = hand if k < 3000 else None
+        loop.driver.hand = hand if k < 3000 else None
         if k == 3000:
             loop.arm.push(np.zeros(6))
         target = resting_target(start, stiff(1000.0))

@@ -39,16 +39,16 @@ def test_it_carries_itself_and_nothing_holds_it(loop):
 
 def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
     place = loop.arm.measure().pose.copy()
-    loop.hand = Hand(place.copy())
+    loop.driver.hand = Hand(place.copy())
     target = place.copy()
     for k in range(1500):
         target[:3] = place[:3] + min(k / 1000.0, 1.0) * np.array([0.05, 0.1, -0.05])
-        loop.hand.pose = target
+        loop.driver.hand.pose = target
         loop.tick()
     ticks(loop, 500)
     assert np.linalg.norm(loop.arm.measure().pose[:3] - target[:3]) < 0.003 + (
         SLACK if loop.controller.settings.friction.dry[0] else 0.0)
-    loop.hand = None
+    loop.driver.hand = None
     loop.arm.push(np.zeros(6))
     loop.states.take(Request.RELEASE)
     left = loop.arm.measure().pose.copy()

@@ -45,8 +45,8 @@ def test_friction_is_found_although_the_model_is_wrong(plant, dry):
 def test_an_arm_that_is_held_is_not_forced():
     loop = ClosedLoop(Arm())
     loop.move(FrictionIdentification(loop.arm.limits, (0.5,), 0.4))
-    loop.hand = Hand(loop.arm.measure().pose.copy(), HandSettings(5000.0, 200.0, 2000.0, 50.0,
-                                                                  100.0))
+    loop.driver.hand = Hand(loop.arm.measure().pose.copy(),
+                            HandSettings(5000.0, 200.0, 2000.0, 50.0, 100.0))
     while loop.moves_joints:
         loop.tick()
     assert 'something holds the arm' in loop.joint_motion_problem

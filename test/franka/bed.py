@@ -8,6 +8,7 @@ from std_srvs.srv import Trigger
 
 from gdmp_ros.ros.arm.franka_arm import FrankaArm
 from gdmp_ros.ros.arm.franka_gripper import FrankaGripperNode
+from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import NodeTestbed
@@ -74,7 +75,7 @@ def makers(robots, network):
     """Nodes of a Franka in lockstep: they control a `StandIn` that is appended to a list."""
     robot = StandIn(network.clock)
     robots.append(robot)
-    return {FrankaArm.__module__: lambda: FrankaArm(robot.open),
+    return {FrankaArm.__module__: lambda: ArmNode(FrankaArm(robot.open)),
             FrankaGripperNode.__module__: lambda: FrankaGripperNode(robot.open_hand)}
 
 

@@ -1,7 +1,8 @@
 """A stand-in for the robot, and a loop that controls it."""
 import pytest
 
-from gdmp_ros.franka.loop import FrankaLoop
+from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.franka.robot import FrankaRobot
 from gdmp_ros.franka.settings import FrankaSettings
 from test.franka.bed import HOLD, open_bed
@@ -18,7 +19,9 @@ def robot():
 def loop(robot):
     """A loop that has not begun."""
     access = FrankaRobot(FrankaSettings(host='robot'), robot.clock, robot.open)
-    made = FrankaLoop(access, 0.1)
+    driver = FrankaDriver(access, 0.1)
+    made = ArmControl(driver)
+    made.hold(driver.measured)
     yield made
     made.end()
     access.close()

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pylibfranka as libfranka
 
-from gdmp_ros.franka.robot import RobotStopped
+from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.ros.arm_choice import HAND
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.plant import PlantSettings
@@ -79,7 +79,7 @@ class StandIn:
     def open(self, host, config):
         """See `gdmp_ros.franka.robot.opened`."""
         if not (self.alive and self.reachable):
-            raise RobotStopped(f'{host}: the robot does not answer: Connection refused', False)
+            raise ArmStopped(f'{host}: the robot does not answer: Connection refused', False)
         self.control = None  # the motion of a client that has gone has ended with its connection
         return Robot(self)
 

@@ -2,9 +2,8 @@
 from functools import partial
 import json
 
-from gdmp_msgs.action import MoveGripper
+from gdmp_msgs.action import MoveGripper, MoveJoints
 from gdmp_msgs.msg import GripperState
-from gdmp_msgs.srv import MoveJoints
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -26,6 +25,7 @@ from gdmp_ros.util.parallel import Journal
 from gdmp_ros.util.profiles import minimum_jerk
 from test.franka.bed import choice, FAULT, HOLD, makers
 from test.lockstep.bed import lockstep_bed
+from test.ros.nodes import act
 
 
 def test_the_arm_moves_home_and_survives_the_end_of_the_robot(bed):
@@ -33,7 +33,7 @@ def test_the_arm_moves_home_and_survives_the_end_of_the_robot(bed):
     bed.spend(0.2)
     home = np.array(bed.states[-1].position)
     assert np.abs(home - Arm('fr3').home).max() < 0.05
-    refused = bed.call(MoveJoints, f'{FRANKA}/move_joints', position=[9.0] * 7)
+    refused = act(bed, MoveJoints, f'{FRANKA}/move_joints', position=[9.0] * 7)
     assert not refused.success and 'posture of joint 1 is 9 rad' in refused.message
     bed.robot.kill()
     bed.wait_mode(FAULT)

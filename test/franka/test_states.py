@@ -1,5 +1,6 @@
 """A Franka does not move by itself either: the states of the arm, with the robot's stand-in."""
-from gdmp_msgs.srv import MoveJoints, SetPayload
+from gdmp_msgs.action import MoveJoints
+from gdmp_msgs.srv import SetPayload
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 from experiments.reliability.trial import short_skill
 from gdmp_ros.ros.arm_choice import FRANKA
 from test.franka.bed import FAULT, HOLD
-from test.ros.nodes import ACTIVATE, DEACTIVATE, interrupt_joints
+from test.ros.nodes import act, ACTIVATE, DEACTIVATE, interrupt_joints
 
 STILL_M = 5e-3
 
@@ -48,9 +49,11 @@ def test_what_a_disconnected_robot_carries_cannot_change(bed, skill):
     bed.wait_mode(FAULT)
     for name, kind, fields in (('set_payload', SetPayload, {'mass': 1.0}),
                                ('teach', SetBool, {'data': True}), ('comply', Trigger, {}),
-                               ('move_joints', MoveJoints, {}), ('arm', Trigger, {})):
+                               ('arm', Trigger, {})):
         reply = call(bed, name, kind, **fields)
         assert not reply.success and 'call ~/recover first' in reply.message, reply.message
+    result = act(bed, MoveJoints, f'{FRANKA}/move_joints')
+    assert not result.success and 'call ~/recover first' in result.message
     bed.robot.start()
     bed.recover()
     assert call(bed, 'set_payload', SetPayload, mass=1.0).success
@@ -63,8 +66,8 @@ def test_the_load_is_told_in_the_frame_of_the_end_effector_and_zero_too(bed):
                  inertia=[0.001, 0.002, 0.003, 0.0, 0.0, 0.0])
     assert reply.success, reply.message
     mass, center, inertia = bed.robot.load
-    arm = bed.children.node(FRANKA).control
-    place = arm.robot.end_effector
+    driver = bed.children.node(FRANKA).control.driver
+    place = driver.robot.end_effector
     w, x, y, z = place.rotation
     first = np.array([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)])
     third = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z])

@@ -36,14 +36,14 @@ def followed(skill, pushes):
         loop.follow(target)
         s, pose = player.rollout.progress, target[POSE:POSE + 7].copy()
         rows.append((s, pose.copy(), loop.arm.measure().pose.copy()))
-        loop.hand = None
+        loop.driver.hand = None
         loop.arm.push(np.zeros(6))
         for first, last, away in pushes:
             if first < s < last:
                 # The hand comes and goes.
                 pose[:3] += np.minimum(1.0, 2.0 * np.sin(
                     np.pi * (s - first) / (last - first))) * np.array(away)
-                loop.hand = Hand(pose, HandSettings(stiffness=5000.0, force=60.0))
+                loop.driver.hand = Hand(pose, HandSettings(stiffness=5000.0, force=60.0))
         loop.tick()
     return FollowedMotion(*(np.array(column) for column in zip(*(
         row for row in rows if row[0] <= 1.0))))

@@ -1,8 +1,8 @@
 """Nodes, and the messages that they send; every wait has a timeout."""
 from contextlib import contextmanager
 
+from gdmp_msgs.action import MoveJoints
 from gdmp_msgs.msg import Reference, RobotState
-from gdmp_msgs.srv import MoveJoints
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
@@ -130,10 +130,6 @@ class Nodes(NodeTestbed):
         self.robot.clear()
         self.wait('the arm', lambda: bool(self.robot))
 
-    def call_later(self, kind, name, **fields):
-        """Call a service; returns the future of the reply."""
-        return self.client.service(kind, name).call_async(kind.Request(**fields))
-
     def unconfigure(self):
         """Deactivate server and arm, and clean them up."""
         for name in (SERVER, ARM):
@@ -189,6 +185,18 @@ class Nodes(NodeTestbed):
         self.wait('the arm to be at rest', at_rest, 30.0)
 
 
+def begin_action(bed, kind, name, **fields):
+    """Send a goal to an action; returns the `SentGoal` that was accepted."""
+    goal = bed.client.send(bed.client.action(kind, name), kind.Goal(**fields), 10.0)
+    goal.accepted(10.0)
+    return goal
+
+
+def act(bed, kind, name, **fields):
+    """Send a goal to an action; returns the result."""
+    return begin_action(bed, kind, name, **fields).result(300.0)
+
+
 def interrupt_joints(bed, arm, states, name):
     """
     Call a service of an arm while its first joint moves: the motion ends, and says why.
@@ -197,14 +205,13 @@ def interrupt_joints(bed, arm, states, name):
     :returns: where the joint was then [rad]
     """
     goal = np.array(states[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
-    reply = bed.client.service(MoveJoints, f'{arm}/move_joints').call_async(
-        MoveJoints.Request(position=goal.tolist(), speed=0.1))
+    motion = begin_action(bed, MoveJoints, f'{arm}/move_joints', position=goal.tolist(), speed=0.1)
     bed.wait('a motion', lambda: abs(states[-1].velocity[0]) > 0.05)
     bed.client.service(Trigger, f'{arm}/{name}')  # to find it takes time
     before = states[-1].position[0]
     assert bed.call(Trigger, f'{arm}/{name}').success
-    bed.wait('its end', reply.done)
-    assert not reply.result().success and f'~/{name}' in reply.result().message
+    result = motion.result(10.0)
+    assert not result.success and f'~/{name}' in result.message
     return before
 
 

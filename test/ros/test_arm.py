@@ -2,8 +2,9 @@
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray
+from gdmp_msgs.action import IdentifyFriction, MoveJoints
 from gdmp_msgs.msg import Reference, RobotState
-from gdmp_msgs.srv import MoveJoints, StepSimulation
+from gdmp_msgs.srv import StepSimulation
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
 from test.commands import gdmp
-from test.ros.nodes import DEACTIVATE, FRAME
+from test.ros.nodes import act, begin_action, DEACTIVATE, FRAME
 
 STEP = f'{ARM}/step_simulation'
 
@@ -58,7 +59,8 @@ def test_the_arm_answers_and_publishes_while_it_makes_many_steps(running):
     pause(running)
     assert running.call(StepSimulation, STEP, steps=1).success
     count = len(running.robot)
-    reply = running.call_later(StepSimulation, STEP, steps=100_000)
+    reply = running.client.service(StepSimulation, STEP).call_async(
+        StepSimulation.Request(steps=100_000))
     running.wait('some steps', lambda: len(running.robot) > count + 10)
     # If the steps blocked the executor, these would be answered after 100 s of simulated time.
     second = running.call(StepSimulation, STEP, steps=1)
@@ -166,7 +168,7 @@ def test_friction_is_identified_and_used(nodes, tmp_path):
 def test_the_tank_is_filled_and_identification_is_refused_under_references(running):
     running.client.execute()
     running.wait('a motion', lambda: running.state.status == 'moving')
-    refused = running.call(SetBool, f'{ARM}/identify_friction', data=True)
+    refused = act(running, IdentifyFriction, f'{ARM}/identify_friction')
     assert not refused.success and 'follows a motion' in refused.message
     assert not running.call(Trigger, f'{ARM}/refill_tank').success
     assert running.call(Trigger, f'{ARM}/stop').success
@@ -177,22 +179,51 @@ def test_the_tank_is_filled_and_identification_is_refused_under_references(runni
 def test_joints_move_by_way_of_postures_until_stop_is_called(running):
     home = np.array(running.robot[-1].position)
     via, goal = home + 0.2, home + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    refused = running.call(MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
-                           via=[0.0] * 8)
+    refused = act(running, MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
+                  via=[0.0] * 8)
     assert not refused.success and 'via has 8 numbers' in refused.message
-    moved = running.call(MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
-                         via=[*via, *(via + [0.1, 0, 0, 0, 0, 0, 0])], speed=1.0)
+    moved = act(running, MoveJoints, f'{ARM}/move_joints', position=goal.tolist(),
+                via=[*via, *(via + [0.1, 0, 0, 0, 0, 0, 0])], speed=1.0)
     assert moved.success, moved.message
     positions = np.array([message.position for message in running.robot])
     assert np.abs(positions - via).max(axis=1).min() < 0.01
     assert np.abs(positions[-1] - goal).max() < 0.01
-    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=home.tolist(),
-                               speed=0.1)
+    motion = begin_action(running, MoveJoints, f'{ARM}/move_joints', position=home.tolist(),
+                          speed=0.1)
     running.wait('the motion', lambda: np.abs(
         np.array(running.robot[-1].position) - goal).max() > 0.05, 10.0)
     assert running.call(Trigger, f'{ARM}/stop').success
-    running.wait('its end', reply.done, 5.0)
-    assert reply.result().message == '~/stop was called'
+    assert motion.result(5.0).message == '~/stop was called'
     running.wait_rest()
     assert np.abs(np.array(running.robot[-1].position) - home).max() > 0.05
     assert running.robot[-1].mode == RobotState.HOLD
+
+
+def test_joints_move_by_name_until_the_goal_is_cancelled(running):
+    names = list(running.children.node(ARM).joint_names)
+    begun = np.array(running.robot[-1].position)
+    goal = dict(zip(names, (begun + [0.2, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0]).tolist()))
+    order = names[::-1]
+    name = f'{ARM}/move_joints'
+    moved = act(running, MoveJoints, name, joint_names=order,
+                position=[goal[joint] for joint in order])
+    assert moved.success, moved.message
+    np.testing.assert_allclose(running.robot[-1].position, list(goal.values()), atol=0.01)
+    for wrong in (['nothing', *order[1:]], order[1:]):
+        refused = act(running, MoveJoints, name, joint_names=wrong, position=begun.tolist())
+        assert not refused.success and ('missing' in refused.message or '6 joint' in
+                                        refused.message), refused.message
+    feedback = []
+    motion = running.client.send(
+        running.client.action(MoveJoints, name),
+        MoveJoints.Goal(position=begun.tolist(), speed=0.1), 10.0, feedback.append)
+    motion.accepted(10.0)
+    running.spend(2.0)
+    assert motion.cancel()
+    result = motion.result(10.0)
+    assert not result.success and '~/stop was called' in result.message
+    left = [message.remaining for message in feedback]
+    assert left[0] == pytest.approx(0.2 / 0.1 * 1.875 + 0.3, abs=0.1) and left == sorted(left)[::-1]
+    running.wait_rest()
+    assert running.robot[-1].mode == RobotState.HOLD
+    assert np.abs(np.array(running.robot[-1].position) - begun).max() > 0.05

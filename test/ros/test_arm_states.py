@@ -1,14 +1,15 @@
 """Nothing moves by itself: requests of an arm in every order, losses and lifecycle transitions."""
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gdmp_msgs.action import IdentifyFriction, MoveJoints
 from gdmp_msgs.msg import ArmStatus, RobotState
-from gdmp_msgs.srv import MoveJoints, SetPayload
+from gdmp_msgs.srv import SetPayload
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from test.ros.nodes import ACTIVATE, DEACTIVATE, interrupt_joints
+from test.ros.nodes import act, ACTIVATE, begin_action, DEACTIVATE, interrupt_joints
 
 #: More than an arm that holds moves [m].
 STILL_M = 0.005
@@ -115,7 +116,7 @@ def test_a_hand_guides_an_arm_that_has_come_to_rest_and_is_damped(running):
     assert set(modes[:first]) in ({RobotState.FOLLOW, RobotState.STOP}, {RobotState.STOP})
     assert np.abs(running.robot[first].velocity).max() < 0.02
     # A push, and nothing afterwards: without damping it would drift on.
-    arm = running.children.node(ARM).simulation.loop.arm
+    arm = running.children.node(ARM).backend.model
     arm.data.qvel[:7] = 0.3
     running.spend(3.0)
     assert np.abs(running.robot[-1].velocity).max() < 0.02
@@ -124,11 +125,11 @@ def test_a_hand_guides_an_arm_that_has_come_to_rest_and_is_damped(running):
 def test_requests_to_an_inactive_arm_are_refused_and_forgotten(running):
     assert running.transition(ARM, DEACTIVATE)
     goal = np.array(running.robot[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
-    for reply in (call(running, 'move_joints', MoveJoints, position=goal.tolist()),
+    for reply in (act(running, MoveJoints, f'{ARM}/move_joints', position=goal.tolist()),
                   call(running, 'arm'), call(running, 'teach', SetBool, data=True),
                   call(running, 'comply'), call(running, 'refill_tank'),
                   call(running, 'set_payload', SetPayload, mass=1.0),
-                  call(running, 'identify_friction', SetBool, data=True)):
+                  act(running, IdentifyFriction, f'{ARM}/identify_friction')):
         assert not reply.success and reply.message == 'the node is not active'
     place = running.tool()
     assert running.transition(ARM, ACTIVATE)
@@ -142,11 +143,10 @@ def test_a_motion_of_the_joints_that_waits_is_ended_by_a_deactivation(running):
     in_motion(running)
     assert call(running, 'stop').success
     goal = np.array(running.robot[-1].position) + [0.3, 0, 0, 0, 0, 0, 0]
-    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=goal.tolist())
+    motion = begin_action(running, MoveJoints, f'{ARM}/move_joints', position=goal.tolist())
     running.spend(0.05)  # the arm still comes to rest
     assert running.transition(ARM, DEACTIVATE)
-    running.wait('the reply', reply.done)
-    assert not reply.result().success
+    assert not motion.result(10.0).success
     before = running.robot[-1].position[0]
     assert running.transition(ARM, ACTIVATE)
     running.spend(1.0)
@@ -156,10 +156,10 @@ def test_a_motion_of_the_joints_that_waits_is_ended_by_a_deactivation(running):
 def test_after_a_stop_the_joints_move_as_soon_as_the_arm_rests(running):
     in_motion(running)
     assert call(running, 'stop').success
-    home = running.children.node(ARM).simulation.loop.arm.home
+    home = running.children.node(ARM).backend.model.home
     running.robot.clear()
-    reply = call(running, 'move_joints', MoveJoints, position=home.tolist(), speed=1.0)
-    assert reply.success, reply.message
+    result = act(running, MoveJoints, f'{ARM}/move_joints', position=home.tolist(), speed=1.0)
+    assert result.success, result.message
     modes = [m.mode for m in running.robot]
     assert RobotState.STOP in modes[:modes.index(RobotState.MOVE)]
     np.testing.assert_allclose(running.robot[-1].position, home, atol=0.01)
@@ -171,14 +171,14 @@ def test_a_loop_that_fails_makes_the_node_inactive_and_says_why(nodes):
     nodes.start()
     nodes.subscribe(ArmStatus, f'{ARM}/status', status.append)
     nodes.subscribe(DiagnosticArray, '/diagnostics', diagnostics.append)
-    simulation = nodes.children.node(ARM).simulation
-    kept = simulation.loop.act
+    arm = nodes.children.node(ARM).backend
+    kept = arm.driver.measure
 
     def broken():
         raise ValueError('a test broke it')
     # The bed itself takes a loop that has failed for an error.
     nodes.children.check = lambda *_: None
-    simulation.loop.act = broken
+    arm.driver.measure = broken
     nodes.wait('the end', lambda: status and status[-1].state == 'inactive')
     nodes.spend(0.5)
     assert 'a test broke it' in status[-1].reason
@@ -187,7 +187,7 @@ def test_a_loop_that_fails_makes_the_node_inactive_and_says_why(nodes):
               if one.name.startswith(ARM)]
     assert levels[-1] == DiagnosticStatus.ERROR
     assert not call(nodes, 'arm').success
-    simulation.loop.act = kept
+    arm.driver.measure = kept
     assert nodes.transition(ARM, ACTIVATE)
     nodes.spend(0.5)
     assert status[-1].state in ('holding', 'resting') and status[-1].reason == ''
@@ -232,7 +232,7 @@ def test_a_posture_is_taken_by_names(running, status):
 
 
 def test_the_posture_of_the_parameters_is_kept_after_guiding_and_joint_motions(running):
-    posture = running.children.node(ARM).simulation.loop.arm.home + 0.1
+    posture = running.children.node(ARM).backend.model.home + 0.1
     assert running.set_parameters(ARM, posture=posture.tolist()).successful
     controller = running.children.node(ARM).control.controller
     assert call(running, 'teach', SetBool, data=True).success
@@ -240,14 +240,14 @@ def test_the_posture_of_the_parameters_is_kept_after_guiding_and_joint_motions(r
     assert call(running, 'teach', SetBool, data=False).success
     running.spend(2.0)
     np.testing.assert_allclose(controller.posture.position, posture, atol=1e-6)
-    assert call(running, 'move_joints', MoveJoints).success
+    assert act(running, MoveJoints, f'{ARM}/move_joints').success
     running.spend(2.0)
     np.testing.assert_allclose(controller.posture.position, posture, atol=1e-6)
     goal = (posture + [0.5, 0, 0, 0, 0, 0, 0]).tolist()
-    reply = running.call_later(MoveJoints, f'{ARM}/move_joints', position=goal, speed=0.1)
+    motion = begin_action(running, MoveJoints, f'{ARM}/move_joints', position=goal, speed=0.1)
     running.wait('a motion', lambda: running.robot[-1].mode == RobotState.MOVE)
     assert call(running, 'stop').success
-    running.wait('its end', reply.done)
+    motion.result(10.0)
     running.spend(4.0)
     np.testing.assert_allclose(controller.posture.position, posture, atol=1e-6)
 

@@ -38,22 +38,23 @@ def go(loop, position, seconds):
 
 def test_the_fingers_move_to_a_width_at_a_speed():
     loop = loop_with()
-    assert loop.gripper.state.width == pytest.approx(0.08, abs=1e-3)
-    number = loop.gripper.command(GripperCommand(0.02, speed=0.05))
+    assert loop.driver.gripper.state.width == pytest.approx(0.08, abs=1e-3)
+    number = loop.driver.gripper.command(GripperCommand(0.02, speed=0.05))
     run(loop, 0.6)
     # 60 mm at 50 mm/s take 1.2 s.
-    assert loop.gripper.state.moving and loop.gripper.state.width == pytest.approx(0.05, abs=3e-3)
+    state = loop.driver.gripper.state
+    assert state.moving and state.width == pytest.approx(0.05, abs=3e-3)
     run(loop, 1.0)
-    state = loop.gripper.state
+    state = loop.driver.gripper.state
     assert not state.moving and state.commands == number and not state.problem
     assert state.width == pytest.approx(0.02, abs=1e-3) and not state.holding
 
 
 def test_closing_on_nothing_is_not_holding():
     loop = loop_with()
-    loop.gripper.command(GripperCommand(0.0, 20.0))
+    loop.driver.gripper.command(GripperCommand(0.0, 20.0))
     run(loop, 2.0)
-    state = loop.gripper.state
+    state = loop.driver.gripper.state
     assert not state.moving and not state.holding and state.width < 1e-3
 
 
@@ -64,8 +65,8 @@ def test_closing_on_nothing_is_not_holding():
 def test_commands_that_are_not_possible_are_refused(command, reason):
     loop = loop_with()
     with pytest.raises(ParameterError, match=reason):
-        loop.gripper.command(command)
-    assert loop.gripper.state.commands == 0
+        loop.driver.gripper.command(command)
+    assert loop.driver.gripper.state.commands == 0
 
 
 def test_a_cube_is_picked_and_carried():
@@ -74,17 +75,17 @@ def test_a_cube_is_picked_and_carried():
     run(loop, 0.2)
     go(loop, (x, y, 0.25), 2.0)
     go(loop, (x, y, 0.035), 2.0)
-    loop.gripper.command(GripperCommand(0.0, 20.0))
+    loop.driver.gripper.command(GripperCommand(0.0, 20.0))
     run(loop, 1.0)
-    state = loop.gripper.state
+    state = loop.driver.gripper.state
     assert state.holding and state.width == pytest.approx(CUBE_EDGE, abs=2e-3)
     go(loop, (x, 0.0, 0.3), 2.0)
     cube = loop.arm.data.body('cube').xpos
     assert np.linalg.norm(cube - loop.arm.measure().pose[:3]) < 0.02 and cube[2] > 0.25
-    loop.gripper.command(GripperCommand(0.08))
+    loop.driver.gripper.command(GripperCommand(0.08))
     run(loop, 1.5)
     assert loop.arm.data.body('cube').xpos[2] < 0.05
-    assert not loop.gripper.state.holding
+    assert not loop.driver.gripper.state.holding
 
 
 def test_the_controller_knows_the_arm_alone():

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Rollout, Skill
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.data import lasa
@@ -171,6 +172,6 @@ def test_an_arm_that_does_not_follow_is_an_error(skill):
     ticks = execution_ticks(skill, loop)
     for _ in range(100):
         next(ticks)
-    loop.reset(same_stream=True)
+    loop.do(Request.RESET)
     with pytest.raises(RefusedError, match='began before the arm was ready'):
         next(ticks)

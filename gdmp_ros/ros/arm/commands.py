@@ -34,7 +34,7 @@ class Answer:
 
 
 class _Asked(NamedTuple):
-    request: Any
+    request: Request
     argument: Any
     answer: Answer
 
@@ -62,11 +62,11 @@ class ArmCommands:
         self._asked: deque[_Asked] = deque()
         self._references, self._reader = references, ReferenceReader(frame)
 
-    def ask(self, request: Any, argument: Any = None) -> Answer:
+    def ask(self, request: Request, argument: Any = None) -> Answer:
         """
         Carry out a request at the next tick; the answer comes then.
 
-        :param request: a `gdmp_ros.control.arm_states.Request`, or one that a subclass knows
+        :param argument: see `gdmp_ros.control.arm_control.ArmControl.do`
         """
         answer = Answer()
         self._asked.append(_Asked(request, argument, answer))
@@ -82,17 +82,13 @@ class ArmCommands:
         while self._asked:
             asked = self._asked.popleft()
             try:
-                self._do(asked.request, asked.argument)
+                if asked.request in (Request.GUIDE, Request.RESET):
+                    self.sequence = 0
+                self.control.do(asked.request, asked.argument)
                 asked.answer.give()
             except GdmpError as error:
                 self.control.states.last_refusal = f'{asked.request.value}: {error}'
                 asked.answer.give(str(error))
-
-    def _do(self, request: Any, argument: Any) -> None:
-        """:raises GdmpError: if it is refused"""
-        if request is Request.GUIDE:
-            self.sequence = 0
-        self.control.do(request, argument)
 
     def know_stream(self, now_ns: int) -> None:
         """Remember a stream that runs when the control begins: it is not followed."""

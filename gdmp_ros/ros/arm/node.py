@@ -1,12 +1,11 @@
-"""What the nodes of all arms have in common: controller, services, state, diagnostics."""
+"""The node of an arm, simulated or a robot: lifecycle, parameters, reports."""
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from gdmp_msgs.msg import ArmStatus
+from gdmp_msgs.msg import ArmStatus, Reference
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -14,19 +13,18 @@ from std_msgs.msg import String
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.ros.arm.commands import Answer, ArmCommands
+from gdmp_ros.ros.arm.backend import ArmBackend
+from gdmp_ros.ros.arm.commands import Answer, ArmCommands, MAX_REFERENCES
 from gdmp_ros.ros.arm.parameters import controller_settings, payload, tool_transform
+from gdmp_ros.ros.arm.services import ArmServices
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
-from gdmp_ros.ros.parameters import Parameters, Spec
-from gdmp_ros.sim.arm import Arm
+from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.sim.frames import ToolTransform
-from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.urdf import joint_names, LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
 
@@ -42,16 +40,22 @@ class ArmNode(ManagedNode):
     """
     A managed node that controls an arm in a loop of its own.
 
-    A subclass sets ``commands`` before it calls `prepare`, hands its loop to `start`, and
-    publishes each tick with ``state_out``.
+    :ivar control: of the arm
+    :ivar commands: what other nodes want of it
+    :ivar joint_names: with the prefix of its frame
+    :ivar active: whether the arm is controlled
+    :ivar lateness: of its ticks
     """
 
+    control: ArmControl
     commands: ArmCommands
     _loop: RunningLoop | None = None
 
-    def __init__(self, name: str, specs: Sequence[Spec]) -> None:
-        super().__init__(name)
-        self.parameters = Parameters(self, specs)
+    def __init__(self, backend: ArmBackend) -> None:
+        """:param backend: a new one"""
+        super().__init__(backend.name)
+        self.parameters = Parameters(self, backend.specs)
+        self.backend, backend.node = backend, self
         self.active = False
         self._refused, self._report_count = 0, 0
         # The last refusal, and when it was seen.
@@ -61,52 +65,67 @@ class ArmNode(ManagedNode):
 
     # Lifecycle
 
-    def settings(self) -> ControllerSettings:
-        """Settings of the controller, payload and tool, from the parameters."""
-        p = self.parameters
+    def configure(self) -> None:
+        p, backend = self.parameters, self.backend
         self._payload, self._tool = payload(p), tool_transform(p)
         self._changes: list[tuple[str, Answer]] = []
-        return controller_settings(p)
+        driver = backend.open()
+        # Zero, too: a robot keeps the load of the last run.
+        driver.carry(self._payload)
+        if self._tool != ToolTransform():
+            driver.use_tool(self._tool)
+        measured = driver.measure()
+        if measured is None:
+            raise DataError('the arm does not answer')
+        self.control = ArmControl(driver, controller_settings(p))
+        # Compile the control law, or load it from the cache.
+        self.control.warm_up(measured, driver.dt)
+        self.control.states.watchers.append(self._changed)
+        self.control.states.end()
+        self.commands = ArmCommands(self.control, p.frame_id, self.add_subscription(
+            Reference, p.reference_topic, None, MAX_REFERENCES))
+        self._offer(driver.dt)
+        backend.offer()
+        p.check, p.changed, p.locked = self._check, self.use_parameters, True
 
-    def prepare(self, period: float) -> None:
+    def _offer(self, period: float) -> None:
         """
-        Add subscriptions, publishers and reports.
+        Add services, publishers and reports.
 
         :param period: of the loop [s]
         """
-        p, arm = self.parameters, self.described_arm()
+        p, arm = self.parameters, self.backend.model
         try:
-            self._joint_names = joint_names(arm, p.frame_id)
+            self.joint_names = joint_names(arm, p.frame_id)
         except DataError:  # `describe` says it
-            self._joint_names = arm.names
+            self.joint_names = arm.names
+        self.arm_services = ArmServices(self)
         self.add_subscription(JointState, '~/posture', self._on_posture)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
-        self.state_out = StatePublisher(self, p.frame_id, self._joint_names,
+        self.state_out = StatePublisher(self, p.frame_id, self.joint_names,
                                         max(1, round(1.0 / (p.visualization_rate_hz * period))))
         self.describe()
         self.add_report(self._report)
-        self.control.states.watchers.append(self._changed)
-        self.control.states.end()
-        p.check = self._check
-        p.changed = self.use_parameters
-        p.locked = True
 
-    @property
-    def control(self) -> ArmControl:
-        """The arm."""
-        return self.commands.control
-
-    def start(self, loop: Loop) -> None:
-        """Begin to control."""
+    def activate(self) -> None:
+        self.backend.begin()
         self.commands.know_stream(self.time_ns())
         self.active = True
-        running = self._loop = self.clock.start(loop, self.parameters.realtime_priority)
+        running = self._loop = self.clock.start(self._cycles(), self.parameters.realtime_priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
         if self.parameters.realtime_priority != 0:
             self.log_scheduler(running.scheduler)
+
+    def _cycles(self) -> Loop:
+        """Control the arm; it holds itself before and after."""
+        self.control.activate()
+        try:
+            yield from self.backend.cycles()
+        finally:
+            self.control.end()
 
     def deactivate(self) -> None:
         if not self.active:
@@ -118,6 +137,7 @@ class ArmNode(ManagedNode):
             self._loop = None
         self.control.states.end(reason)
         self.commands.drop(reason or 'the node was deactivated')
+        self.backend.end()
         if self.parameters.lateness_file:
             self.lateness.save(self.parameters.lateness_file)
 
@@ -127,24 +147,17 @@ class ArmNode(ManagedNode):
         if loop is None:
             return ''
         latest = clock.now() + round(REST_S * NS)
-        if loop.failure is None and self.ticks():
+        if loop.failure is None and self.backend.ticks():
             self.commands.ask(Request.DEACTIVATE)
             while (loop.failure is None and states.state is not State.INACTIVE
                    and clock.now() < latest):
                 clock.sleep_until(clock.now() + LOOK_NS)
         return '' if loop.failure is None else _failed(loop)
 
-    def ticks(self) -> bool:
-        """Whether time passes for the arm."""
-        return True
-
     def cleanup(self) -> None:
         self.release()
+        self.backend.close()
         self.parameters.locked = False
-
-    def is_active(self) -> bool:
-        """Whether the arm is controlled."""
-        return self.active
 
     def _check(self, proposed: Any) -> None:
         carried = payload(proposed)
@@ -152,7 +165,7 @@ class ArmNode(ManagedNode):
             self.control.states.check(Request.TOOL)
         if self.active and carried != self._payload:
             self.control.states.check(Request.PAYLOAD)
-            self.control.check_payload()
+            self.control.driver.check_payload(self.control.states.state)
         self.control.controller.check(controller_settings(proposed))
 
     def use_parameters(self) -> None:
@@ -180,16 +193,6 @@ class ArmNode(ManagedNode):
             answer.give(str(error))
         self._changes.append((names, answer))
 
-    @property
-    def given_payload(self) -> Payload | None:
-        """What the parameters say that the arm carries; None if nothing."""
-        return None if self._payload == Payload() else self._payload
-
-    @property
-    def given_tool(self) -> ToolTransform | None:
-        """Where the parameters say that the tool is; None if at its site."""
-        return None if self._tool == ToolTransform() else self._tool
-
     def _on_posture(self, message: JointState) -> None:
         """Use another posture of the null space, or refuse it."""
         try:
@@ -199,7 +202,7 @@ class ArmNode(ManagedNode):
             if len(message.name) not in (0, len(position)):
                 raise ParameterError(f'{len(message.name)} names and {len(position)} positions')
             if message.name:
-                position = position[indices_of(self._joint_names, message.name, 'the joint')]
+                position = position[indices_of(self.joint_names, message.name, 'the joint')]
             self.commands.ask(Request.POSTURE, position)
         except GdmpError as error:
             self._refuse(f'~/posture: {error}')
@@ -242,7 +245,7 @@ class ArmNode(ManagedNode):
                     for limit, largest in zip(LIMITS, counters.largest)}}
         self._diagnostics.publish(lateness_diagnostics(
             self.get_fully_qualified_name().lstrip('/'), level, text,
-            self.lateness.punctuality(1000), {**extra, **self.diagnosed()}, self.stamp()))
+            self.lateness.punctuality(1000), {**extra, **self.backend.diagnosed()}, self.stamp()))
 
     def _changed(self, before: State) -> None:
         # A reason that comes again between two reports is a new one.
@@ -274,7 +277,7 @@ class ArmNode(ManagedNode):
             if states.reason != self._reason:
                 logger.warning(text)
         self._reason = states.reason
-        text = self.activity() or text
+        text = self._activity() or text
         if self._twins:
             level, text = max(level, DiagnosticStatus.WARN), f'{text}, {self._twins}'
             logger.warning(self._twins, throttle_duration_sec=5.0)
@@ -289,18 +292,15 @@ class ArmNode(ManagedNode):
             logger.warning(f'limited: {limited}', throttle_duration_sec=5.0)
         return level, text
 
-    def diagnosed(self) -> dict[str, Any]:
-        """More entries of the diagnostics."""
-        return {}
-
-    def activity(self) -> str:
-        """What the arm does, if its mode does not say it; problems are logged."""
+    def _activity(self) -> str:
+        """What the arm does, if its state does not say it; problems are logged."""
         motion = self.control.joint_motion
-        return motion.what if motion is not None and not motion.done else ''
+        return self.backend.activity() or (
+            motion.what if motion is not None and not motion.done else '')
 
     def describe(self) -> None:
         """Publish the URDF for RViz, and the frames of its links."""
-        arm, p = self.described_arm(), self.parameters
+        arm, p = self.backend.model, self.parameters
         try:
             text = urdf(arm, p.frame_id, p.joint_speed)
         except DataError as error:
@@ -308,10 +308,6 @@ class ArmNode(ManagedNode):
             return
         self._description.publish(String(data=text))
         self.state_out.tf.describe(LinkFrames(arm, p.frame_id))
-
-    def described_arm(self) -> Arm:
-        """Model of the arm, with its tool."""
-        raise NotImplementedError
 
 
 def _failed(loop: RunningLoop) -> str:

@@ -1,12 +1,12 @@
-"""Services of an arm."""
+"""Services and actions of an arm."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-import json
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from gdmp_msgs.srv import MoveJoints, SetPayload, SetTool
+from gdmp_msgs.action import IdentifyFriction, MoveJoints
+from gdmp_msgs.srv import SetPayload, SetTool
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
@@ -15,70 +15,64 @@ from gdmp_ros.control.guard import ARMED_S
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
 from gdmp_ros.errors import GdmpError, ParameterError
-from gdmp_ros.ros.arm.commands import ArmCommands
-from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import pose_numbers
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.known_model import PAYLOAD_S
 from gdmp_ros.sim.payload import Payload
+from gdmp_ros.util.names import indices_of
+
+if TYPE_CHECKING:
+    from gdmp_ros.ros.arm.node import ArmNode
 
 #: Speed of a joint that moves to a posture, unless another is given [rad/s].
 MOVING_SPEED = 0.5
-#: Time between two looks for an answer [s].
-LOOK_S = 0.005
+#: Time between two looks for an answer, and between two messages of feedback [s].
+LOOK_S, FEEDBACK_S = 0.005, 0.05
 
 
 class ArmServices:
-    """
-    What a user or another node may ask of an arm, besides following references.
+    """What a user or another node may ask of an arm, besides following references."""
 
-    :ivar guiding: what to do after hand guiding has begun
-    """
-
-    guiding = 'only gravity is compensated: guide the arm by hand'
-
-    def __init__(self, node: ManagedNode, commands: ArmCommands, is_active: Callable[[], bool],
-                 moved: Callable[[], None], home: np.ndarray):
-        """
-        Add the services; each answers when its request has been carried out.
-
-        :param home: posture to move to without another one [rad]
-        :param is_active: whether the loop of the arm runs
-        :param moved: called after the tool has changed
-        """
-        self._node, self._commands, self._is_active = node, commands, is_active
-        self._control, self._moved, self._home = commands.control, moved, home
-        triggers: dict[str, tuple[Request, Callable[[], str]]] = {
-            'arm': (Request.ARM, lambda: 'the arm follows the motion that is streamed, or begins '
-                    f'within {ARMED_S:g} s, from wherever it is'),
-            'stop': (Request.STOP, lambda: 'the arm stops and holds'),
-            'comply': (Request.COMPLY, lambda: 'the arm stops and gives way, until ~/stop or '
-                       '~/arm'),
-            'recover': (Request.RECOVER, lambda: 'the arm holds; a motion must begin near it, or '
-                        'call ~/arm'),
-            'refill_tank': (Request.REFILL, self._filled)}
-        for name, (what, said) in triggers.items():
-            node.add_service(Trigger, name, partial(self.on_trigger, what, said), concurrent=True)
+    def __init__(self, node: ArmNode):
+        """Add the services; each answers when its request has been carried out."""
+        self._node, self._commands, self._control = node, node.commands, node.control
+        self.offer('arm', Request.ARM, lambda: (
+            'the arm follows the motion that is streamed, or begins within '
+            f'{ARMED_S:g} s, from wherever it is'))
+        self.offer('stop', Request.STOP, lambda: 'the arm stops and holds')
+        self.offer('comply', Request.COMPLY,
+                   lambda: 'the arm stops and gives way, until ~/stop or ~/arm')
+        self.offer('recover', Request.RECOVER,
+                   lambda: 'the arm holds; a motion must begin near it, or call ~/arm')
+        self.offer('refill_tank', Request.REFILL, lambda: (
+            'the energy tank is filled to '
+            f'{self._control.controller.settings.tank.energy:g} J'))
         for kind, name, answer in (
                 (SetBool, 'teach', self.on_teach), (SetPayload, 'set_payload', self.on_payload),
-                (SetTool, 'set_tool', self.on_tool), (MoveJoints, 'move_joints', self.on_move),
-                (SetBool, 'identify_friction', self.on_identify)):
+                (SetTool, 'set_tool', self.on_tool)):
             node.add_service(kind, name, answer, concurrent=True)
+        for kind, name, make in ((MoveJoints, 'move_joints', self.move),
+                                 (IdentifyFriction, 'identify_friction', self.identify)):
+            node.add_action(kind, f'~/{name}', make, accept=lambda _: True, cancel=True)
 
-    async def on_trigger(self, what: Any, said: Callable[[], str], request: Trigger.Request,
-                         reply: Trigger.Response) -> Trigger.Response:
-        """Services without a request; ``said`` describes what has been done."""
-        return await self._replied(reply, what, None, said)
+    def offer(self, name: str, request: Request, said: Callable[[], str]) -> None:
+        """
+        Add a service without an argument.
 
-    def _filled(self) -> str:
-        return ('the energy tank is filled to '
-                f'{self._control.controller.settings.tank.energy:g} J')
+        :param said: describes what has been done
+        """
+        self._node.add_service(Trigger, name, partial(self._on_trigger, request, said),
+                               concurrent=True)
+
+    async def _on_trigger(self, request: Request, said: Callable[[], str], _: Trigger.Request,
+                          reply: Trigger.Response) -> Trigger.Response:
+        return await self._replied(reply, request, None, said)
 
     async def on_teach(self, request: SetBool.Request, reply: SetBool.Response
                        ) -> SetBool.Response:
         return await self._replied(
             reply, Request.GUIDE if request.data else Request.RELEASE, None,
-            lambda: self.guiding if request.data else 'no hand guides the arm')
+            lambda: self._node.backend.guiding if request.data else 'no hand guides the arm')
 
     async def on_payload(self, request: SetPayload.Request, reply: SetPayload.Response
                          ) -> SetPayload.Response:
@@ -100,52 +94,73 @@ class ArmServices:
         await self._replied(reply, Request.TOOL, tool, lambda: (
             f'the tool is at {pose[:3].round(4).tolist()} m of its site'))
         if reply.success:
-            self._moved()
+            self._node.describe()
         return reply
 
-    async def on_move(self, request: MoveJoints.Request, reply: MoveJoints.Response
-                      ) -> MoveJoints.Response:
-        """Answers when the joints have arrived."""
-        joints = self._control.joints
-        try:
-            goal = np.array(request.position) if len(request.position) else self._home
-            joints.check(goal)
-            postures = np.vstack([_postures(request.via, len(goal)), goal])
-            await self._moved_joints(PostureMotion(joints, postures,
-                                                   request.speed or MOVING_SPEED))
-            reply.success, reply.message = True, 'the arm has arrived'
-        except GdmpError as error:
-            reply.message = str(error)
-        return reply
+    async def move(self, handle: Any) -> MoveJoints.Result:
+        """Move the joints to a posture."""
+        request, control, result = handle.request, self._control, MoveJoints.Result()
 
-    async def on_identify(self, request: SetBool.Request, reply: SetBool.Response
-                          ) -> SetBool.Response:
-        """Answers when the motions have ended, with the friction as JSON."""
-        if not request.data:
-            return await self._replied(reply, Request.STOP, None, lambda: 'the arm holds')
-        motion = FrictionIdentification(self._control.joints)
-        try:
-            await self._moved_joints(motion)
-            reply.message = json.dumps({name: [round(float(value), 4) for value in values]
-                                        for name, values in motion.result()._asdict().items()})
-            reply.success = True
-        except GdmpError as error:
-            reply.message = str(error)
-        return reply
+        def plan() -> JointMotion:
+            given, goal = request.joint_names, np.array(request.position)
+            order: Any = slice(None)
+            if len(given):
+                if len(goal) not in (0, len(given)):
+                    raise ParameterError(f'{len(given)} joint names and {len(goal)} positions')
+                order = indices_of(self._node.joint_names, given, 'the joint')
+            goal = goal[order] if len(goal) else self._node.backend.model.home
+            ways = _postures(request.via, len(goal))[:, order]
+            control.joints.check(goal)
+            return PostureMotion(control.joints, np.vstack([ways, goal]),
+                                 request.speed or MOVING_SPEED)
+        await self._make(handle, result, plan, lambda motion: MoveJoints.Feedback(
+            remaining=motion.remaining))
+        return result
 
-    async def _moved_joints(self, motion: JointMotion) -> None:
+    async def identify(self, handle: Any) -> IdentifyFriction.Result:
+        """Measure the friction of the joints."""
+        result, motion = IdentifyFriction.Result(), FrictionIdentification(self._control.joints)
+        await self._make(handle, result, lambda: motion, lambda _: IdentifyFriction.Feedback(
+            activity=motion.what, remaining=motion.remaining))
+        if result.success:
+            friction = motion.result()
+            result.joint_names = list(self._node.joint_names)
+            result.viscous, result.dry = (values.round(4).tolist() for values in friction)
+        return result
+
+    async def _make(self, handle: Any, result: Any, plan: Callable[[], JointMotion],
+                    feedback: Callable[[JointMotion], Any]) -> None:
         """
-        Let motions of the joints begin, and wait for their end.
+        Make motions of the joints for the goal of an action, and complete its result.
 
-        :raises ParameterError: if they are refused, or ended early
+        A goal that is refused is accepted first: a rejection could not carry the reason.
         """
-        control = self._control
-        await self._carried_out(motion.request, motion)
-        await self._node.wait_until(lambda: not control.moves_joints)
-        if not motion.done:
-            raise ParameterError(control.joint_motion_problem or 'it was ended')
+        control, stopped = self._control, False
 
-    async def _replied(self, reply: Any, request: Any, argument: Any, said: Callable[[], str]
+        def over() -> bool:
+            nonlocal stopped
+            if handle.is_cancel_requested and not stopped:
+                stopped = True
+                self._commands.ask(Request.STOP)
+            if control.joint_motion is motion:
+                handle.publish_feedback(feedback(motion))
+            return not control.moves_joints
+        try:
+            motion = plan()
+            await self._carried_out(motion.request, motion)
+            await self._node.wait_until(over, FEEDBACK_S)
+            result.success = motion.done
+            result.message = '' if motion.done else control.joint_motion_problem or 'it was ended'
+        except GdmpError as error:
+            result.message = str(error)
+        if result.success:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+
+    async def _replied(self, reply: Any, request: Request, argument: Any, said: Callable[[], str]
                        ) -> Any:
         """Reply when a request has been carried out, or with the reason of the refusal."""
         try:
@@ -155,13 +170,13 @@ class ArmServices:
             reply.message = str(error)
         return reply
 
-    async def _carried_out(self, request: Any, argument: Any) -> None:
+    async def _carried_out(self, request: Request, argument: Any) -> None:
         """
         Wait until a request has been carried out.
 
         :raises ParameterError: if it is refused
         """
-        if not self._is_active():
+        if not self._node.active:
             raise ParameterError('the node is not active')
         answer = self._commands.ask(request, argument)
         await self._node.wait_until(lambda: answer.done, LOOK_S)

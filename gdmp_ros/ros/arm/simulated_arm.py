@@ -1,24 +1,24 @@
 """A simulated arm instead of the robot, in MuJoCo: follows references at 1 kHz."""
 from __future__ import annotations
 
-from gdmp_msgs.msg import Reference
+from gdmp_msgs.srv import StepSimulation
 from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool
 
-from gdmp_ros.control.arm_states import State
+from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.ros.arm.commands import MAX_REFERENCES
+from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
-from gdmp_ros.ros.arm.simulation import Simulation
-from gdmp_ros.ros.arm.simulation_services import SimulationServices
 from gdmp_ros.ros.gripper import GripperInterface
-from gdmp_ros.ros.messages import stamp_of
-from gdmp_ros.ros.middleware import CLOCK_DEPTH
+from gdmp_ros.ros.messages import checked_pose, stamp_of
+from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
 from gdmp_ros.ros.running import run
-from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.closed_loop import SimulatedDriver
+from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.viewer import Viewer
 
 #: Largest number of missed periods that are made up in one tick.
@@ -27,88 +27,95 @@ MAX_CATCH_UP = 10
 PAUSED_NS = 1_000_000
 #: The viewer is updated once in this many ticks.
 VIEWER_EVERY = 16
+#: Without a message for this time the hand releases the tool [s].
+HAND_TIMEOUT_S = 0.3
+#: The pose of the hand is polled once in this many ticks.
+HAND_EVERY = 5
+MAX_STEPS = 100_000
+#: Time for steps of a paused simulation, beyond their own duration [s].
+STEP_TIMEOUT_S = 5.0
 
 
-class SimulatedArmNode(ArmNode):
-    """The managed node ``panda_sim``."""
+class SimulatedArm(ArmBackend):
+    """
+    An arm in a simulation, which can be paused, stepped and reset; a hand may pull its tool.
 
-    simulation: Simulation
+    :ivar driver: of the arm
+    :ivar paused: whether time passes by ``~/step_simulation`` only
+    """
+
+    name, specs = 'panda_sim', SIMULATION
+    guiding = 'only gravity is compensated: guide the arm by ~/hand_pose or with the mouse'
+    driver: SimulatedDriver
     _viewer: Viewer | None = None
 
-    def __init__(self) -> None:
-        super().__init__('panda_sim', SIMULATION)
-        self._ticks = 0
+    def open(self) -> SimulatedDriver:
+        self.model, gripper = simulated_arm(self.node.parameters)
+        self.driver = SimulatedDriver(self.model, gripper)
+        self.paused = False
+        # Ticks of the last request that a pause prevented.
+        self._steps_dropped = 0
+        # Only the loop counts ticks, and only the other thread sets the last one of a request.
+        self._ticks = self._last_tick = 0
+        self._hand_problem, self._hand_ticks = '', 0
+        return self.driver
 
-    def configure(self) -> None:
-        p = self.parameters
-        arm, gripper = simulated_arm(p)
-        loop = ClosedLoop(arm, self.settings(), gripper)
-        if self.given_payload is not None:
-            loop.arm.announce(self.given_payload)
-        if self.given_tool is not None:
-            loop.use_tool(self.given_tool)
-        # Compile the control law, or load it from the cache.
-        loop.warm_up(loop.arm.measure(), loop.arm.period)
-        self.commands = self.simulation = Simulation(
-            loop, p.frame_id,
-            self.add_subscription(Reference, p.reference_topic, None, MAX_REFERENCES),
-            self.add_subscription(PoseStamped, '~/hand_pose', None), hand_settings(p))
-        if p.pace == 'fast':
-            self._clock_out = self.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
-        self.arm_services = SimulationServices(self, self.simulation, self.is_active,
-                                               self.describe)
-        self.prepare(loop.arm.period)
-        if gripper is not None:
-            GripperInterface(self, gripper)
+    def offer(self) -> None:
+        node = self.node
+        if node.parameters.pace == 'fast':
+            self._clock_out = node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+        self._hand_poses = node.add_subscription(PoseStamped, '~/hand_pose', None)
+        node.add_service(SetBool, 'set_pause', self._on_pause)
+        node.arm_services.offer('reset_world', Request.RESET,
+                            lambda: 'the arm is reset to its first keyframe')
+        node.add_service(StepSimulation, 'step_simulation', self._on_step, concurrent=True)
+        node.control.states.watchers.append(self._entered)
+        if self.driver.gripper is not None:
+            GripperInterface(node, self.driver.gripper)
 
-    def activate(self) -> None:
-        arm = self.simulation.loop.arm
-        if not self.parameters.headless:
-            self._viewer = Viewer(arm)
-        self._period_ns = round(arm.period * NS)
-        self.lateness = LatenessRecorder(self._period_ns)
+    def begin(self) -> None:
+        if not self.node.parameters.headless:
+            self._viewer = Viewer(self.model)
+        self._period_ns = round(self.model.period * NS)
+        self.node.lateness = LatenessRecorder(self._period_ns)
         self._last = 0
-        # The brakes have held it.
-        self.simulation.loop.rest()
-        self.start(self._fast_loop() if self.parameters.pace == 'fast' else
-                   periodic(self._wall_tick, self._period_ns, self.clock))
 
-    def ticks(self) -> bool:
-        return not self.simulation.paused
-
-    def deactivate(self) -> None:
-        super().deactivate()
+    def end(self) -> None:
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
 
-    def use_parameters(self) -> None:
-        super().use_parameters()
-        self.simulation.hand_settings = hand_settings(self.parameters)
+    def ticks(self) -> bool:
+        return not self.paused
 
     # The loop
 
+    def cycles(self) -> Loop:
+        return (self._fast_loop() if self.node.parameters.pace == 'fast' else
+                periodic(self._wall_tick, self._period_ns, self.node.clock))
+
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
-        self.lateness.add(deadline_ns, now_ns)
+        clock = self.node.clock
+        self.node.lateness.add(deadline_ns, now_ns)
         # After an overrun, make up the missed periods: simulated time must keep up with wall time.
         periods = (deadline_ns - self._last) // self._period_ns if self._last else 1
         self._last = deadline_ns
-        stamp = self.clock.wall() - (self.clock.now() - deadline_ns)
+        stamp = clock.wall() - (clock.now() - deadline_ns)
         for late in range(min(periods, MAX_CATCH_UP) - 1, -1, -1):
             # Not the time of the tick: a simulation that lags would call new references early.
-            self._advance(stamp - late * self._period_ns, self.clock.wall())
+            self._advance(stamp - late * self._period_ns, clock.wall())
         self._sync_viewer()
 
     def _fast_loop(self) -> Loop:
-        arm, clock = self.simulation.loop.arm, self.clock
+        clock, lateness = self.node.clock, self.node.lateness
         while True:
-            simulated = round(arm.time * NS)
+            simulated = round(self.model.time * NS)
             if not self._advance(simulated, simulated):
                 yield clock.now() + PAUSED_NS
                 continue
-            self._clock_out.publish(ClockMessage(clock=stamp_of(round(arm.time * NS))))
+            self._clock_out.publish(ClockMessage(clock=stamp_of(round(self.model.time * NS))))
             now = clock.now()
-            self.lateness.add(now, now)
+            lateness.add(now, now)
             self._sync_viewer()
             yield now
 
@@ -121,35 +128,120 @@ class SimulatedArmNode(ArmNode):
         Make a tick and publish it; False while paused.
 
         :param stamp_ns: time of the tick
-        :param now_ns: present time
+        :param now_ns: present time, of the clock of the references
         """
-        tick = self.simulation.advance(now_ns)
-        if tick is not None:
-            self._ticks += 1
-            self.state_out.publish(tick, stamp_ns, self.simulation.sequence,
-                                   self.simulation.loop.others)
-        return tick is not None
+        node, driver = self.node, self.driver
+        node.commands.carry_out()
+        if self.paused and self.steps_left == 0:
+            return False
+        node.commands.take_references(now_ns)
+        self._poll_hand()
+        tick = node.control.answer(driver.measure())
+        self.model.advance()
+        self._ticks += 1
+        node.state_out.publish(tick, stamp_ns, node.commands.sequence, driver.others)
+        return True
+
+    # Pause and steps
+
+    def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
+        # Steps that are left are not made.
+        self._steps_dropped += self.steps_left
+        self.paused = request.data
+        self._last_tick = self._ticks
+        reply.success = True
+        reply.message = 'paused' if request.data else 'running'
+        return reply
+
+    async def _on_step(self, request: StepSimulation.Request, reply: StepSimulation.Response
+                       ) -> StepSimulation.Response:
+        try:
+            if not self.node.active:
+                raise ParameterError('the node is not active')
+            self._request_steps(request.steps)
+            seconds = request.steps * self.model.period + STEP_TIMEOUT_S
+            await self.node.wait_until(lambda: self.steps_left == 0, 0.005, seconds)
+            if self.steps_left:
+                raise ParameterError(f'{self.steps_left} of {request.steps} steps were not '
+                                     'made in time')
+            if self._steps_dropped:
+                raise ParameterError(f'{self._steps_dropped} of {request.steps} steps were '
+                                     'not made: ~/set_pause was called')
+            reply.success = True
+        except ParameterError as error:
+            reply.message = str(error)
+        reply.time = self.model.time
+        return reply
+
+    def _request_steps(self, steps: int) -> None:
+        """:raises ParameterError: if it is not paused, or is advancing already"""
+        if not self.paused:
+            raise ParameterError('the simulation is not paused: call ~/set_pause first')
+        if not 1 <= steps <= MAX_STEPS:
+            raise ParameterError(f'steps is {steps}, expected 1 to {MAX_STEPS}')
+        if self.steps_left:
+            raise ParameterError(f'{self.steps_left} steps are left of another request')
+        self._steps_dropped = 0
+        self._last_tick = self._ticks + steps
+
+    @property
+    def steps_left(self) -> int:
+        """Ticks that are left of a request."""
+        return max(0, self._last_tick - self._ticks)
+
+    # The hand
+
+    def _entered(self, before: State) -> None:
+        """A hand guides the arm from now on, or does not any more."""
+        if State.GUIDED in (before, self.node.control.states.state):
+            self._hand_poses.discard()
+            self._hand_ticks = 0
+            self.driver.release()
+
+    def _poll_hand(self) -> None:
+        self._hand_ticks += 1
+        if self._hand_ticks % HAND_EVERY:
+            return
+        received = self._hand_poses.newest()
+        if received is not None:
+            self._take_hand(received.data)
+        elif (self.driver.hand is not None
+              and self._hand_ticks * self.model.period > HAND_TIMEOUT_S):
+            # Without a hand, the mouse in the viewer may apply a force: do not reset it here.
+            self.driver.release()
+
+    def _take_hand(self, data: bytes) -> None:
+        """Hold the tool with a hand at the pose of a serialised message, or refuse the pose."""
+        parameters = self.node.parameters
+        try:
+            pose = checked_pose(deserialized(data, PoseStamped), parameters.frame_id)
+        except GdmpError as error:
+            self._hand_problem = f'hand_pose refused: {error}'
+            return
+        self.driver.hand = Hand(pose, hand_settings(parameters))
+        self._hand_ticks = 0
 
     # Reports
 
     def activity(self) -> str:
-        simulation = self.simulation
-        if simulation.hand_problem:
-            self.get_logger().warning(simulation.hand_problem, throttle_duration_sec=1.0)
-            simulation.hand_problem = ''
-        if simulation.paused:
+        problem, self._hand_problem = self._hand_problem, ''
+        if problem:
+            self.node.get_logger().warning(problem, throttle_duration_sec=1.0)
+        if self.paused:
             return 'paused'
-        if simulation.loop.states.state is State.GUIDED:
-            return 'guided by hand' if simulation.loop.hand is not None else 'waiting for a hand'
-        return super().activity()
+        if self.node.control.states.state is State.GUIDED:
+            return 'guided by hand' if self.driver.hand is not None else 'waiting for a hand'
+        return ''
 
-    def described_arm(self) -> Arm:
-        return self.simulation.loop.arm
+
+def node() -> ArmNode:
+    """Return the node ``panda_sim``."""
+    return ArmNode(SimulatedArm())
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node ``panda_sim``."""
-    return run([SimulatedArmNode], arguments)
+    return run([node], arguments)
 
 
 if __name__ == '__main__':

@@ -3,35 +3,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-import json
 from pathlib import Path
 import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from gdmp_msgs.srv import MoveJoints
+from gdmp_msgs.action import IdentifyFriction, MoveJoints
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from std_srvs.srv import SetBool, Trigger
 
-from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.clients.testbed import NodeTestbed
-from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.files import write_text
-from gdmp_ros.util.terminal import progress
 
-#: Longest time for a motion; a simulation may run slower than real time [s].
-LONGEST_MOTION_S = 300.0
+#: Longest time for an answer [s].
+ANSWER_S = 10.0
 #: Time between two lines of progress [s].
 SHOW_S = 2.0
-#: Longest time for the motions; a simulation may run slower than real time [s].
-LONGEST_IDENTIFICATION_S = 1800.0
 
 
 def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed: float = 0.0,
@@ -45,34 +38,47 @@ def move_joints(client: Client, arm: str, position: Sequence[float] = (), speed:
     :param via: postures on the way [rad], shape ``(T, n)``; by default straight
     :raises GdmpError: if the arm refuses, or does not arrive
     """
-    service = client.service(MoveJoints, f'{arm}/move_joints')
-    reply = service.call_async(MoveJoints.Request(
-        position=[*map(float, position)], speed=speed,
-        via=[] if via is None else via.reshape(-1).tolist()))
+    goal = MoveJoints.Goal(position=[*map(float, position)], speed=speed,
+                           via=[] if via is None else via.reshape(-1).tolist())
+    _make(client, MoveJoints, f'{arm}/move_joints', goal)
+
+
+def _make(client: Client, kind: Any, name: str, goal: Any) -> Any:
+    """
+    Let an arm make motions of its joints; Ctrl-C stops them.
+
+    :returns: result of the action
+    :raises GdmpError: if the arm refuses, is gone, or does not arrive
+    """
+    feedback: list[Any] = []
+    action = client.action(kind, name)
+    sent = client.send(action, goal, ANSWER_S, feedback.append)
+    reported = client.now()
     try:
-        _wait(client, arm, service, reply)
-    except (KeyboardInterrupt, GdmpError):
+        sent.accepted(ANSWER_S)
+        while not sent.done():
+            client.spend(0.1)
+            if client.now() - reported > SHOW_S:
+                reported = client.now()
+                if not action.server_is_ready():
+                    raise GdmpError(f'{name}: its node has ended, or was cleaned up')
+                print(f'{name}: {_described(feedback)}', file=sys.stderr, flush=True)
+    except BaseException:  # rclpy turns a KeyboardInterrupt into other exceptions
         with suppress(GdmpError):  # the arm may be gone
-            client.call(Trigger, f'{arm}/stop')
+            sent.cancel()
         raise
-    result = reply.result()
+    result = sent.result(ANSWER_S)
     if not result.success:
-        raise GdmpError(f'{arm}: {result.message}')
+        raise GdmpError(f'{name}: {result.message}')
+    return result
 
 
-def _wait(client: Client, arm: str, service: Any, reply: Any) -> None:
-    """:raises GdmpError: if the arm is gone, or takes too long"""
-    begun = reported = client.now()
-    while not reply.done():
-        client.spend(0.1)
-        now = client.now()
-        if now - begun > LONGEST_MOTION_S:
-            raise GdmpError(f'waited {LONGEST_MOTION_S:g} s for the motion, without success')
-        if now - reported > SHOW_S:
-            reported = now
-            if not service.service_is_ready():
-                raise GdmpError(f'{arm} has ended, or was cleaned up, while its joints moved')
-            print(f'{arm}: moving, {now - begun:.0f} s', file=sys.stderr, flush=True)
+def _described(feedback: list[Any]) -> str:
+    """What an arm says of its motion."""
+    if not feedback:
+        return 'waiting for the arm to rest'
+    what = getattr(feedback[-1], 'activity', 'moving')
+    return f'{what}, {feedback[-1].remaining:.0f} s left'
 
 
 def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
@@ -118,32 +124,9 @@ def _write(output: Path, arm: str, result: dict[str, list[float]]) -> None:
 
 
 def _measure(client: Client, arm: str) -> dict[str, list[float]]:
-    service = client.service(SetBool, f'{arm}/identify_friction')
-    reply = service.call_async(SetBool.Request(data=True))
-    model = Arm()
-    plan = FrictionIdentification(model.limits)
-    plan.begin(model.measure().position)
-    expected = round(plan.seconds)
-    begun = reported = client.now()
-    try:
-        with progress('moving each joint slowly', expected) as step:
-            while not reply.done():
-                client.spend(0.2)
-                if client.now() - reported >= 1.0 and reported - begun < expected:
-                    reported += 1.0
-                    step()
-                if client.now() - begun > LONGEST_IDENTIFICATION_S:
-                    raise GdmpError(f'waited {LONGEST_IDENTIFICATION_S:g} s for the motions, '
-                                    'without success')
-    except BaseException:
-        service.call_async(SetBool.Request(data=False))
-        client.spend(0.5)
-        raise
-    result = reply.result()
-    if not result.success:
-        raise GdmpError(f'{arm}: {result.message}')
-    friction: dict[str, list[float]] = json.loads(result.message)
-    return friction
+    """Friction of each joint by kind of friction."""
+    result = _make(client, IdentifyFriction, f'{arm}/identify_friction', IdentifyFriction.Goal())
+    return {'viscous': list(result.viscous), 'dry': list(result.dry)}
 
 
 def _set(client: Client, arm: str, result: dict[str, list[float]]) -> None:

@@ -47,6 +47,7 @@ class Client:
         self.participant = current().client(name)
         self.clock = self.participant.clock
         self._services: dict[str, ServiceClient] = {}
+        self._actions: dict[str, ActionClient] = {}
 
     def close(self) -> None:
         """Leave."""
@@ -117,6 +118,30 @@ class Client:
         self.wait(f'the reply of {name}', future.done, 60.0)
         return future.result()
 
+    def action(self, kind: Any, name: str) -> ActionClient:
+        """
+        An action that is ready for a goal.
+
+        :raises GdmpError: if no node offers it in time
+        """
+        if name not in self._actions:
+            client = self.participant.action_client(kind, name)
+            self.wait(f'the action {name}', client.server_is_ready, START_UP_S)
+            self.spend(DISCOVERY_S)
+            self._actions[name] = client
+        return self._actions[name]
+
+    def send(self, action: ActionClient, goal: Any, timeout: float,
+             feedback: Callable[[Any], None] | None = None) -> SentGoal:
+        """
+        Send a goal to an action; `SentGoal.accepted` comes next.
+
+        :param feedback: gets each feedback
+        :raises GdmpError: if no node offers the action
+        """
+        self.wait('the action server', action.server_is_ready, timeout)
+        return SentGoal(self, action, goal, feedback)
+
     def request(self, kind: Any, name: str, **fields: Any) -> str:
         """
         Call a service.
@@ -128,6 +153,66 @@ class Client:
         if not reply.success:
             raise GdmpError(f'{name}: {reply.message}')
         return str(reply.message)
+
+
+class SentGoal:
+    """A goal that was sent to an action, until its result."""
+
+    def __init__(self, client: Client, action: ActionClient, goal: Any,
+                 feedback: Callable[[Any], None] | None = None):
+        """
+        Send.
+
+        :param feedback: gets each feedback
+        """
+        self._client = client
+        self._sent: Any = action.send_goal_async(
+            goal, None if feedback is None else lambda message: feedback(message.feedback))
+        self._result: Any = None
+        self._rejected = False
+
+    def accepted(self, timeout: float) -> None:
+        """
+        Wait for the answer.
+
+        :raises GdmpError: if it is rejected, or there is no answer
+        """
+        self._client.wait('the goal to be accepted', self._sent.done, timeout)
+        handle = self._sent.result()
+        if not handle.accepted:
+            self._rejected = True
+            raise GdmpError('the server rejected the goal')
+        if self._result is None:
+            self._result = handle.get_result_async()
+
+    def cancel(self, timeout: float = 5.0) -> bool:
+        """
+        Cancel it, if it has not ended; the motion stops smoothly.
+
+        An interrupted start is waited for: nothing that was sent goes on.
+        """
+        if self._rejected or self.done():
+            return False
+        self.accepted(timeout)
+        request = self._sent.result().cancel_goal_async()
+        self._client.wait('the motion to be cancelled', request.done, timeout)
+        return True
+
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._result is not None and bool(self._result.done())
+
+    def succeeded(self) -> bool:
+        """Whether it has ended well."""
+        if not self.done():
+            return False
+        answer = self._result.result()
+        return bool(answer.status == GoalStatus.STATUS_SUCCEEDED)
+
+    def result(self, timeout: float) -> Any:
+        """Wait for its result."""
+        self._client.wait('the motion to finish', self.done, timeout)
+        return self._result.result().result
 
 
 class ServerClient(Client):
@@ -152,9 +237,7 @@ class ServerClient(Client):
         self._action, self._sequences = (
             self.participant.action_client(kind, f'{server}/{name}') for kind, name in (
                 (ExecuteSkill, 'execute'), (ExecuteSequence, 'execute_sequence')))
-        # A goal that was sent, and what is known of it.
-        self._sent: Any = None
-        self._result: Any = None
+        self._goal: SentGoal | None = None
 
     def _on_state(self, message: ServerState) -> None:
         self.state = message
@@ -201,57 +284,38 @@ class ServerClient(Client):
                    timeout)
 
     def _send(self, action: ActionClient, goal: Any, timeout: float) -> None:
-        self.wait('the action server', action.server_is_ready, timeout)
-        self._result = None
-        self._sent = action.send_goal_async(goal)
-        self._answered(timeout)
-
-    def _answered(self, timeout: float) -> None:
-        """Wait for the answer to the goal that was sent."""
-        self.wait('the goal to be accepted', self._sent.done, timeout)
-        handle = self._sent.result()
-        if not handle.accepted:
-            self._sent = None
-            raise GdmpError('the server rejected the goal')
-        if self._result is None:
-            self._result = handle.get_result_async()
+        self._goal = self.send(action, goal, timeout)
+        self._goal.accepted(timeout)
 
     def cancel(self, timeout: float = 5.0) -> bool:
-        """
-        Cancel the motion that was started, if it has not ended; it stops smoothly.
-
-        An interrupted start is waited for: nothing that was sent goes on.
-        """
-        if self._sent is None or self.done():
-            return False
-        self._answered(timeout)
-        request = self._sent.result().cancel_goal_async()
-        self.wait('the motion to be cancelled', request.done, timeout)
-        return True
+        """Cancel the motion that was started, if it has not ended; see `SentGoal.cancel`."""
+        return self._goal is not None and self._goal.cancel(timeout)
 
     def done(self) -> bool:
         """Whether the motion that was started has ended."""
-        return self._result is not None and bool(self._result.done())
+        return self._goal is not None and self._goal.done()
 
     def succeeded(self) -> bool:
         """Whether the motion or sequence that was started has ended well."""
-        if not self.done():
-            return False
-        answer = self._result.result()
-        return bool(answer.status == GoalStatus.STATUS_SUCCEEDED)
+        return self._goal is not None and self._goal.succeeded()
 
     def check_failure(self) -> None:
         """:raises GdmpError: if the motion that was started has ended without success"""
         if self.done():
-            result = self._result.result().result
+            result = self.result(0.0)
             if result.error_code != result.SUCCESSFUL:
                 raise GdmpError(f'the motion ended with {result.error_code}: '
                                 f'{result.error_string}')
 
     def result(self, timeout: float) -> Any:
-        """Wait for the result of the action."""
-        self.wait('the motion to finish', self._result.done, timeout)
-        return self._result.result().result
+        """
+        Wait for the result of the action.
+
+        :raises GdmpError: if it takes too long, or no motion was started
+        """
+        if self._goal is None:
+            raise GdmpError('no motion was started')
+        return self._goal.result(timeout)
 
     def goal_pose(self, pose: np.ndarray, frame: str) -> None:
         """Switch the pose goal (x, y, z, qw, qx, qy, qz)."""
