@@ -84,8 +84,9 @@ class RewardWeighted:
     def ask(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Numbers to try, shape ``(count, n)``."""
         values, axes = np.linalg.eigh(self.covariance)
-        return np.asarray(self.mean + rng.standard_normal((count, len(values)))
-                          * np.sqrt(values) @ axes.T)
+        # The symmetric root: eigenvectors, and so the samples, would depend on the machine.
+        root = axes * np.sqrt(values) @ axes.T
+        return np.asarray(self.mean + rng.standard_normal((count, len(values))) @ root)
 
     def tell(self, samples: np.ndarray, costs: Sequence[float | None]) -> None:
         """Learn from the costs of samples."""

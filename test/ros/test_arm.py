@@ -223,7 +223,8 @@ def test_joints_move_by_name_until_the_goal_is_cancelled(running):
     result = motion.result(10.0)
     assert not result.success and '~/stop was called' in result.message
     left = [message.remaining for message in feedback]
-    assert left[0] == pytest.approx(0.2 / 0.1 * 1.875 + 0.3, abs=0.1) and left == sorted(left)[::-1]
+    assert left[0] == pytest.approx(0.2 / 0.1 * 1.875 + 0.3, abs=0.1)
+    assert left == sorted(left)[::-1]
     running.wait_rest()
     assert running.robot[-1].mode == RobotState.HOLD
     assert np.abs(np.array(running.robot[-1].position) - begun).max() > 0.05

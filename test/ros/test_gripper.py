@@ -4,11 +4,16 @@ from gdmp_msgs.msg import GripperCommand, GripperState
 from gdmp_msgs.srv import LoadSkill
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 
+from gdmp_ros.control import gripper
+from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.demo.tasks import picking_motion
 from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.ros.clients.testbed import SERVER
+from gdmp_ros.ros.gripper import PARALLEL, parallel_command
 from test.ros.nodes import open_testbed
 
 
@@ -86,3 +91,36 @@ def test_a_pick_that_fails_ends_the_motion_with_the_reason(running, picking, tmp
     assert 'there is nothing between the fingers' in result.error_string
     running.wait_rest()
     assert running.tool()[2] > 0.25  # far above the box
+
+
+def test_the_action_of_parallel_grippers(running):
+    """Where control_msgs is installed."""
+    kind = pytest.importorskip('control_msgs.action').ParallelGripperCommand
+    states = watch(running)
+
+    def act(**command):
+        action = running.client.action(kind, PARALLEL)
+        sent = running.client.send(action, kind.Goal(command=JointState(**command)), 10.0)
+        return sent.result(30.0), sent.succeeded()
+    names = ['panda_finger_joint1', 'panda_finger_joint2']
+    result, succeeded = act(name=names[:1], position=[0.04], effort=[10.0])
+    assert succeeded and result.reached_goal and not result.stalled
+    assert states[-1].width == pytest.approx(0.08, abs=2e-3)
+    result, succeeded = act(name=names, position=[0.01, 0.01], velocity=[0.05, 0.05])
+    assert succeeded and result.reached_goal
+    assert list(result.state.position) == pytest.approx([0.01, 0.01], abs=1e-3)
+    for wrong in ({}, {'name': names, 'position': [0.01]}, {'name': names, 'position': [0.5] * 2}):
+        assert not act(**wrong)[1]
+
+
+def test_commands_of_parallel_grippers():
+    names = ['one', 'other']
+    assert parallel_command(JointState(name=names, position=[0.01, 0.02]), 0.08) == (
+        gripper.GripperCommand(0.03, 0.0, DEFAULT_SPEED))
+    closes = JointState(name=names[:1], position=[0.01], velocity=[0.1], effort=[20.0])
+    assert parallel_command(closes, 0.08) == (0.02, 20.0, 0.2)
+    assert parallel_command(closes, 0.01) == (0.02, 0.0, 0.2)
+    for fields in ({}, {'position': [0.1]}, {'effort': [1.0] * 3}):
+        with pytest.raises(ParameterError, match='expected'):
+            parallel_command(JointState(**{'name': names, 'position': [0.0, 0.0], **fields})
+                             if fields else JointState(), 0.08)

@@ -134,7 +134,7 @@ class Client:
     def send(self, action: ActionClient, goal: Any, timeout: float,
              feedback: Callable[[Any], None] | None = None) -> SentGoal:
         """
-        Send a goal to an action; `SentGoal.accepted` comes next.
+        Send a goal to an action; `SentGoal.accepted` or `SentGoal.result` comes next.
 
         :param feedback: gets each feedback
         :raises GdmpError: if no node offers the action
@@ -210,7 +210,12 @@ class SentGoal:
         return bool(answer.status == GoalStatus.STATUS_SUCCEEDED)
 
     def result(self, timeout: float) -> Any:
-        """Wait for its result."""
+        """
+        Wait for its result.
+
+        :raises GdmpError: if it is rejected, or has not ended in time
+        """
+        self.accepted(timeout)
         self._client.wait('the motion to finish', self.done, timeout)
         return self._result.result().result
 
