@@ -30,6 +30,7 @@ from gdmp_ros.util.dds_network import Domain
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
+TABLES = (ROOT / 'docs' / 'nodes.md').read_text()
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
 #: Processes that a page has started must still run at its end.
 _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
@@ -195,14 +196,24 @@ def test_what_needs_ros_s_tools_names_topics_services_and_arguments_that_there_a
                         assert name == '--show-args' or f"'{name}'" in launched, words
                     seen += 1
                 elif words[:3] == ['ros2', 'topic', 'pub']:
-                    set_message_fields(message_class(words[5]), yaml.safe_load(words[6]))
+                    set_message_fields(interface(words[5]), yaml.safe_load(words[6]))
+                    seen += 1
+                elif words[:2] in (['ros2', 'service'], ['ros2', 'action']):
+                    name, kind, *fields = words[3:]
+                    package, what, of = kind.split('/')
+                    shown = f'{"action " if what == "action" else ""}{package}/{of}'
+                    assert any(f'`~/{name.rpartition("/")[2]}`' in line and f'| {shown} |' in line
+                               for line in TABLES.splitlines()), words
+                    request = interface(kind)
+                    set_message_fields(request.Goal if what == 'action' else request.Request,
+                                       yaml.safe_load(fields[0]) if fields else {})
                     seen += 1
     assert seen > 3
 
 
-def message_class(name):
-    package, _, kind = name.split('/')
-    return getattr(importlib.import_module(f'{package}.msg'), kind)
+def interface(name):
+    package, what, kind = name.split('/')
+    return getattr(importlib.import_module(f'{package}.{what}'), kind)
 
 
 def set_message_fields(kind, values):
