@@ -81,8 +81,8 @@ def start(context):
         return f'{share}/config/{name}.yaml'
 
     common = {'namespace': given['namespace'], 'output': 'screen'}
-    # libfranka would stop the other nodes of a process while the hand moves.
-    alone = [name for name in wanted if name == 'franka_gripper' or not on['composed']]
+    # libfranka would stop the other nodes of a process while it waits.
+    alone = [name for name in wanted if name.startswith('franka_') or not on['composed']]
     result = [Node(package='gdmp_ros', executable=name, name=name,
                    parameters=[config(name), wanted[name], *last], **common) for name in alone]
     if on['composed']:

@@ -16,7 +16,13 @@ from typing import NamedTuple
 from gdmp_ros.kernels import is_warm
 from gdmp_ros.realtime.loop import NS, periodic, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.util.dds_network import default_environment, RANGE, REACH, TRANSPORT
+from gdmp_ros.util.dds_network import (
+    default_environment,
+    RANGE,
+    REACH,
+    TRANSPORT,
+    unasked_restriction,
+)
 
 GOOD, FAIR, BAD = 'good', 'could be better', 'bad'
 PERIOD_NS = 1_000_000
@@ -144,7 +150,7 @@ def _reach() -> Finding:
     chosen = [name for name in (*REACH, *TRANSPORT) if os.environ.get(name)]
     given = default_environment()
     if RANGE in given:
-        return Finding('DDS', GOOD, 'this machine only, over UDP')
+        return Finding('DDS', GOOD, unasked_restriction() or 'this machine only, over UDP')
     words = ', '.join(f'{name}={os.environ[name]}' for name in chosen)
     if 'FASTDDS_BUILTIN_TRANSPORTS' in (*chosen, *given):
         return Finding('DDS', GOOD, f'{words}, over {given.get("FASTDDS_BUILTIN_TRANSPORTS", "")}'

@@ -139,6 +139,39 @@ def raised_priority() -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+class _Punctual:
+    """The interpreter of a process in which loops have deadlines: from the first to the last."""
+
+    def __init__(self) -> None:
+        self._loops: set[LoopThread] = set()
+        self._changing = threading.Lock()
+
+    def begin(self, loop: LoopThread) -> None:
+        """Switch threads often, and collect no garbage, while a loop runs."""
+        with self._changing:
+            if not self._loops:
+                self._switch_interval = sys.getswitchinterval()
+                sys.setswitchinterval(SWITCH_INTERVAL_S)
+                gc.collect()
+                gc.freeze()
+                gc.disable()
+            self._loops.add(loop)
+
+    def end(self, loop: LoopThread) -> None:
+        """The loop has ended."""
+        with self._changing:
+            if loop not in self._loops:
+                return
+            self._loops.remove(loop)
+            if not self._loops:
+                sys.setswitchinterval(self._switch_interval)
+                gc.enable()
+                gc.unfreeze()
+
+
+_punctual = _Punctual()
+
+
 class LoopThread:
     """
     A thread for a loop.
@@ -162,26 +195,20 @@ class LoopThread:
     def start(self) -> None:
         """Start the thread and wait until its priority is known."""
         if self._in_time:
-            self._switch_interval = sys.getswitchinterval()
-            sys.setswitchinterval(SWITCH_INTERVAL_S)
-            gc.collect()
-            gc.freeze()
-            gc.disable()
+            _punctual.begin(self)
         self._thread.start()
         self._ready.wait()
 
     def end(self) -> None:
-        """End the loop where it yields, then enable the garbage collector again."""
+        """End the loop where it yields."""
         self._ending.set()
         self.join()
 
     def join(self) -> None:
-        """Wait until the loop ends by itself, then enable the garbage collector again."""
+        """Wait until the loop ends by itself."""
         self._thread.join()
         if self._in_time:
-            sys.setswitchinterval(self._switch_interval)
-            gc.enable()
-            gc.unfreeze()
+            _punctual.end(self)
 
     def _run(self) -> None:
         if self._priority > 0:

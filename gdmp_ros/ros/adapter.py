@@ -159,7 +159,7 @@ class Adapter(ManagedNode):
         p.check = self._check
         self._check(p)
         self._reference = self.add_subscription(Reference, p.reference_topic, None)
-        self._measured = self.add_subscription(PoseStamped, p.measured_pose_topic, None)
+        self._measured = self.add_sensor(PoseStamped, p.measured_pose_topic)
         self._poses, self._arms = PoseReader(p.reference_frame), False
         self._pose_seen = self._joints_seen = 0
         self._ticks, self._streamed = 0, False
@@ -169,7 +169,7 @@ class Adapter(ManagedNode):
         self.guard = ReferenceGuard(GuardSettings(p.reference_frame), ANYWHERE, 0.7,
                                     len(self._names))
         if self._names:
-            self._joint_states = self.add_subscription(JointState, p.measured_joints_topic, None)
+            self._joint_states = self.add_sensor(JointState, p.measured_joints_topic)
             self._trajectory = JointTrajectoryOutput(
                 self.add_publisher(JointTrajectory, p.joint_trajectory_topic, 1), self._names,
                 p.joint_horizon)

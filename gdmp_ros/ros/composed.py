@@ -37,6 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
     names = parser.parse_args(own_arguments(arguments)).nodes
     if len(set(names)) < len(names):
         parser.error(f'every node must occur once, got {" ".join(names)}')
+    if 'franka_arm' in names and len(names) > 1:
+        parser.error('franka_arm needs a process of its own: libfranka keeps the interpreter '
+                     'while it waits for the robot, and all other nodes would wait too')
     return run([NODES[name] for name in names], arguments)
 
 

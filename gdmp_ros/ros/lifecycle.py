@@ -19,6 +19,7 @@ from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.dds import answered_transitions, current
 from gdmp_ros.ros.messages import fill_matrix, fill_pose_stamped, matrix_message, stamp_of
 from gdmp_ros.ros.middleware import (
+    best_effort,
     latched,
     Participant,
     Publisher,
@@ -88,6 +89,10 @@ class ManagedNode(LifecycleNode):
         """
         return self._own(self.participant.subscription(
             kind, topic, latched(depth) if late else reliable(depth), callback))
+
+    def add_sensor(self, kind: Any, topic: str) -> Subscription:
+        """Subscription to what is measured: the newest message, also of best-effort publishers."""
+        return self._own(self.participant.subscription(kind, topic, best_effort(1), None))
 
     def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
                     concurrent: bool = False) -> None:

@@ -27,6 +27,13 @@ def reliable(depth: int) -> QoSProfile:
                       durability=DurabilityPolicy.VOLATILE)
 
 
+def best_effort(depth: int) -> QoSProfile:
+    """As `reliable`, without repetition: publishers of either kind are heard."""
+    quality = reliable(depth)
+    quality.reliability = ReliabilityPolicy.BEST_EFFORT
+    return quality
+
+
 def latched(depth: int) -> QoSProfile:
     """As `reliable`; late subscribers get the last messages too (transient local)."""
     quality = reliable(depth)

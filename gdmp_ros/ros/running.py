@@ -18,7 +18,7 @@ from gdmp_ros.realtime.loop import NS, periodic, raised_priority
 from gdmp_ros.realtime.loop import run as run_loop
 from gdmp_ros.ros.dds import CallbackExecutor, current
 from gdmp_ros.ros.lifecycle import ManagedNode, REPORT_S
-from gdmp_ros.util.dds_network import default_environment
+from gdmp_ros.util.dds_network import default_environment, unasked_restriction
 from gdmp_ros.util.processes import stop_event
 
 #: Longest time to finish the configuration when a process is to end [s]; ``launch`` sends the next
@@ -152,6 +152,7 @@ def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | N
 
     :returns: exit code
     """
+    restriction = unasked_restriction()
     os.environ.update(default_environment())
     words = list(sys.argv if arguments is None else arguments)
     try:
@@ -167,6 +168,8 @@ def run(makes: Sequence[Callable[[], ManagedNode]], arguments: Sequence[str] | N
         print(f'error: {error}', file=sys.stderr)
         rclpy.shutdown()
         return 2
+    if restriction:
+        nodes[0].get_logger().info(restriction)
     spinner = _Spinner(nodes)
     try:
         spinner.spin(stop)

@@ -46,6 +46,14 @@ def default_environment() -> dict[str, str]:
             **({'ROS_LOCALHOST_ONLY': '0'} if localhost_only else {})}
 
 
+def unasked_restriction() -> str:
+    """Say how to reach other machines, if only `default_environment` prevents it; else empty."""
+    if RANGE not in default_environment() or any(os.environ.get(name) for name in REACH):
+        return ''
+    return (f'only nodes of this machine are reached: set {RANGE}=SUBNET to reach others, RViz '
+            'on another machine, too')
+
+
 def reaching_other_machines(environment: Mapping[str, str]) -> dict[str, str]:
     """The environment, changed so that nodes reach other machines too, over UDP."""
     kept = {name: value for name, value in environment.items() if name not in (*REACH, *TRANSPORT)}

@@ -102,6 +102,18 @@ def test_only_the_streaming_thread_gets_priority():
     assert slow.scheduler == 'other' and policies['collects']
 
 
+def test_a_loop_that_ends_does_not_disturb_another_one():
+    clock, interval = SystemClock(), sys.getswitchinterval()
+    loops = [clock.start(periodic(lambda *_: None, 2_000_000, clock), 0) for _ in range(2)]
+    shortest = sys.getswitchinterval()
+    loops[0].end()
+    loops[0].join()  # ended already
+    during = gc.isenabled(), sys.getswitchinterval()
+    loops[1].end()
+    assert during == (False, shortest) and shortest < interval
+    assert gc.isenabled() and sys.getswitchinterval() == interval
+
+
 CHILD = 'import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)'
 
 

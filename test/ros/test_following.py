@@ -2,7 +2,7 @@
 import copy
 
 from gdmp_msgs.action import ExecuteSkill
-from gdmp_msgs.msg import ArmStatus, Reference, RobotState
+from gdmp_msgs.msg import ArmStatus, MovingGoal, Reference, RobotState
 from gdmp_msgs.srv import SetPayload, SetTool
 from geometry_msgs.msg import Point, Pose, PoseStamped
 import numpy as np
@@ -14,7 +14,8 @@ from gdmp_ros.control.target import resting_target
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from test.ros.nodes import ACTIVATE, DEACTIVATE, FRAME
+from gdmp_ros.ros.middleware import best_effort
+from test.ros.nodes import ACTIVATE, CONFIGURE, DEACTIVATE, FRAME
 
 RESULT = ExecuteSkill.Result
 
@@ -333,3 +334,24 @@ def test_without_a_robot_a_motion_ends_unverified(nodes):
     nodes.client.execute()
     result = nodes.client.result(30.0)
     assert (result.error_code, result.flags[-1]) == (RESULT.SUCCESSFUL, 'unverified')
+
+
+def test_what_best_effort_publishers_measure_is_heard(running):
+    running.unconfigure()
+    assert running.transition(SERVER, CONFIGURE, ACTIVATE)
+    running.wait('the flag', lambda: 'no_robot' in running.state.flags)
+    camera = [running.client.participant.publisher(kind, topic, best_effort(1))
+              for kind, topic in ((PoseStamped, f'{ARM}/measured_pose'),
+                                  (MovingGoal, f'{SERVER}/moving_goal'))]
+    pose = messages.stamped_pose(np.array([0.4, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]), FRAME)
+    goal = MovingGoal(header=pose.header, pose=pose.pose)
+
+    def measure():
+        for publisher, message in zip(camera, (pose, goal)):
+            message.header.stamp = messages.stamp_of(running.client.clock.wall())
+            publisher.publish(message)
+    running.every(0.01, measure)
+    running.wait('the robot', lambda: 'no_robot' not in running.state.flags, 5.0)
+    running.wait('the goal', lambda: 'moving_goal' in running.state.last_refusal, 5.0)
+    for publisher in camera:
+        running.client.participant.destroy(publisher)

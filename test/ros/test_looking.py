@@ -151,7 +151,8 @@ def test_launch_files_start_executables_and_set_parameters_that_exist(path):
 
 @pytest.mark.parametrize('names, reason', [
     (['panda_sim', 'oven'], "invalid choice: 'oven'"),
-    (['adapter', 'adapter'], 'every node must occur once')])
+    (['adapter', 'adapter'], 'every node must occur once'),
+    (['franka_arm', 'trajectory_server'], 'franka_arm needs a process of its own')])
 def test_composed_refuses_unknown_and_repeated_nodes(capsys, names, reason):
     with pytest.raises(SystemExit) as ended:
         composed.main(names)

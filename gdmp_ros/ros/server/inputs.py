@@ -96,7 +96,9 @@ class GoalTopics:
         self._poses = PoseReader(frame_id, base.pose)
         second = [(PoseStamped, 'second/goal_pose', partial(self._use_pose, side=1))]
         self._inputs = [
-            GoalInput(node.clock, node.add_subscription(kind, f'~/{topic}', None), topic, use,
+            # A goal that moves is measured, again and again.
+            GoalInput(node.clock, node.add_sensor(kind, f'~/{topic}') if kind is MovingGoal else
+                      node.add_subscription(kind, f'~/{topic}', None), topic, use,
                       streamer.refusals.add)
             for kind, topic, use in ((PoseStamped, 'goal_pose', self._use_pose),
                                      *(second if second_arm else ()),
@@ -192,7 +194,7 @@ class RobotInputs:
         """Subscribe; `connect` follows."""
         joints = parameters.measured_joints_topic
         self._reader = PoseReader(base.name, base.pose)
-        self._states = node.add_subscription(JointState, joints, None)
+        self._states = node.add_sensor(JointState, joints)
         self.pose = self.pose_of(node, parameters.measured_pose_topic)
         self.joints = MeasuredInput(node.clock, self._newest_joints,
                                     node.resolve_topic_name(joints), 'positions of the joints')
@@ -207,7 +209,7 @@ class RobotInputs:
 
     def pose_of(self, node: ManagedNode, topic: str) -> MeasuredInput:
         """Subscribe to the measured pose of a tool."""
-        poses = node.add_subscription(PoseStamped, topic, None)
+        poses = node.add_sensor(PoseStamped, topic)
 
         def newest() -> tuple[np.ndarray, float] | None:
             received = poses.newest()
