@@ -23,6 +23,9 @@ class State(Enum):
     IDENTIFYING = 'each joint moves slowly, to measure its friction'
     FAULT = 'the pose is held, and nothing is followed'
 
+    #: Looked up in every tick; that of `Enum` is slow.
+    __hash__ = object.__hash__
+
     @property
     def mode(self) -> ArmMode:
         """As ``~/state`` and ``~/status`` report it."""
@@ -70,6 +73,8 @@ class Request(Enum):
     COLLISION = 'collision'
     ARRIVED = 'at rest, or arrived'
     FAILURE = 'failure'
+
+    __hash__ = object.__hash__
 
 
 class Stop(NamedTuple):
@@ -163,8 +168,10 @@ class ArmStates:
         :param reason: of a stop, of giving way or of a fault
         :raises ParameterError: if it is refused
         """
-        self.check(request)
         entry, before = TABLE[self.state][request], self.state
+        if entry is before and reason == self.reason and before is not State.STOPPING:
+            return
+        self.check(request)
         if isinstance(entry, Stop):
             released = before is State.STOPPING and request is Request.RELEASE
             if not released or self.then is State.GUIDED:

@@ -3,11 +3,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gdmp_ros.control.settings import ContactSettings
-from gdmp_ros.control.target import TWIST, WRENCH, WRENCH_GAIN
-from gdmp_ros.manifolds.linalg import is_finite, is_zero
+from gdmp_ros.control.target import WRENCH, WRENCH_GAIN
+from gdmp_ros.kernels import kernel
 
 #: The external wrench is smoothed with this time constant [s].
 SMOOTHING_S = 0.01
@@ -17,74 +14,94 @@ DECAY_S = 0.2
 UNKNOWN_S = 0.1
 #: A reference slower than this does not collide [m/s, rad/s].
 LEAST_SPEED, LEAST_ANGULAR_SPEED = 0.005, 0.02
+#: What `feel` finds.
+NOTHING, FORCE, TORQUE, BLIND = range(4)
 
 
-class Contact:
+@kernel
+def correct(scalars, felt, correction, reference):
     """
-    Wrench feedback and collision reflex of one arm.
+    Add the correction to the wrench of a reference.
 
-    :ivar wrench: smoothed external wrench, acting on the tool [N, Nm]
+    It grows with the difference between the wished and the measured wrench, at the rate
+    ``wrench_gain``, up to ``force_feedback_max``.
+
+    :param scalars: those of `gdmp_ros.control.memory`
+    :param felt: smoothed external wrench, acting on the tool [N, Nm]
+    :param correction: changed [N, Nm]
+    :param reference: `TARGET_SIZE` numbers, changed
     """
-
-    def __init__(self, settings: ContactSettings):
-        self.settings = settings
-        self.reset()
-
-    def reset(self) -> None:
-        """Without contact and correction."""
-        self.wrench, self._correction = np.zeros(6), np.zeros(6)
-        self._unknown = 0.0
-
-    def correct(self, reference: np.ndarray, dt: float) -> None:
-        """
-        Add the correction to the wrench of a reference.
-
-        It grows with the difference between the wished and the measured wrench, at the rate
-        ``wrench_gain``, up to ``force_feedback_max``.
-        """
-        gain, wished = reference[WRENCH_GAIN:], reference[WRENCH:WRENCH_GAIN]
-        correction = self._correction
-        if is_zero(gain) and is_zero(correction):
-            return
+    active = False
+    for i in range(6):
+        active = active or reference[WRENCH_GAIN + i] != 0.0 or correction[i] != 0.0
+    if not active:
+        return
+    dt = scalars.dt
+    for i in range(6):
+        gain = reference[WRENCH_GAIN + i]
         # What the tool exerts is the opposite of what acts on it.
-        correction += np.where(gain > 0.0, dt * gain * (wished + self.wrench),
-                               -min(dt / DECAY_S, 1.0) * correction)
-        for part, largest in zip((correction[:3], correction[3:]),
-                                 self.settings.force_feedback_max):
-            size = math.sqrt(part @ part)
+        if gain > 0.0:
+            correction[i] += dt * gain * (reference[WRENCH + i] + felt[i])
+        else:
+            correction[i] -= min(dt / DECAY_S, 1.0) * correction[i]
+    for first in range(0, 6, 3):
+        largest = scalars.feedback_force if first == 0 else scalars.feedback_torque
+        size = 0.0
+        for i in range(first, first + 3):
+            size += correction[i] ** 2
+        size = math.sqrt(size)
+        for i in range(first, first + 3):
             if size > largest:
-                part *= largest / size
-        correction[np.abs(correction) < 1e-6] = 0.0
-        wished += correction
+                correction[i] *= largest / size
+            if abs(correction[i]) < 1e-6:
+                correction[i] = 0.0
+            reference[WRENCH + i] += correction[i]
 
-    def update(self, wrench: np.ndarray, reference: np.ndarray, dt: float) -> str:
-        """
-        Use a measured external wrench.
 
-        :param wrench: acting on the tool [N, Nm]
-        :param reference: with its twist, and the wrench that it exerts
-        :returns: description of a collision, or that none would be felt; empty without one
-        """
-        settings = self.settings
-        if not is_finite(wrench):
-            self._unknown += dt
-            felt = settings.collision_force or settings.collision_torque
-            return ('the external torque is not finite: a collision would not be felt'
-                    if felt and self._unknown > UNKNOWN_S else '')
-        self._unknown = 0.0
-        self.wrench += min(dt / SMOOTHING_S, 1.0) * (wrench - self.wrench)
-        for first, least, largest, unit in (
-                (0, LEAST_SPEED, settings.collision_force, 'N'),
-                (3, LEAST_ANGULAR_SPEED, settings.collision_torque, 'Nm')):
-            if not largest:
-                continue
-            twist = reference[TWIST + first:TWIST + first + 3]
-            speed = math.sqrt(twist @ twist)
-            if speed < least:
-                continue
-            unexpected = (self.wrench[first:first + 3]
-                          + reference[WRENCH + first:WRENCH + first + 3])
-            against = -float(unexpected @ twist) / speed
-            if against > largest:
-                return f'collision: {against:.3g} {unit} against the motion'
-        return ''
+@kernel
+def feel(scalars, felt, wrench, twist, exerted):
+    """
+    Use a measured external wrench.
+
+    :param felt: smoothed, changed [N, Nm]
+    :param wrench: acting on the tool [N, Nm]
+    :param twist: of the reference
+    :param exerted: wrench of the reference
+    :returns: `FORCE` or `TORQUE` if one opposes the motion, with its size in ``scalars.against``;
+        `BLIND` if none would be felt, though it is to be; else `NOTHING`
+    """
+    dt = scalars.dt
+    for i in range(6):
+        if not math.isfinite(wrench[i]):
+            scalars.unknown += dt
+            asked = scalars.collision_force != 0.0 or scalars.collision_torque != 0.0
+            return BLIND if asked and scalars.unknown > UNKNOWN_S else NOTHING
+    scalars.unknown = 0.0
+    for i in range(6):
+        felt[i] += min(dt / SMOOTHING_S, 1.0) * (wrench[i] - felt[i])
+    for first in range(0, 6, 3):
+        largest = scalars.collision_force if first == 0 else scalars.collision_torque
+        if largest == 0.0:
+            continue
+        speed, along = 0.0, 0.0
+        for i in range(first, first + 3):
+            speed += twist[i] ** 2
+            along += (felt[i] + exerted[i]) * twist[i]
+        speed = math.sqrt(speed)
+        if speed < (LEAST_SPEED if first == 0 else LEAST_ANGULAR_SPEED):
+            continue
+        if -along / speed > largest:
+            scalars.against = -along / speed
+            return FORCE if first == 0 else TORQUE
+    return NOTHING
+
+
+def described(found: int, against: float) -> str:
+    """
+    Describe what `feel` has found, for people.
+
+    :param against: what opposes the motion [N, Nm]
+    """
+    if found == BLIND:
+        return 'the external torque is not finite: a collision would not be felt'
+    return f'collision: {against:.3g} {"N" if found == FORCE else "Nm"} against the motion'

@@ -32,6 +32,7 @@ from gdmp_ros.manifolds.linalg import copy_into, norm
 
 #: Steps of the bisections for the affordable part of a change.
 _HALVINGS = 20
+_LIMIT_COUNT = len(LIMITS)
 #: Smallest factor of the stiffness in a tick in which it is shed.
 LEAST_SOFTENING = 0.8
 
@@ -216,8 +217,8 @@ def soften(stiffness, error, gain_numbers, least, energy):
     return before - _energy_of(stiffness, error, gain_numbers, spring)
 
 
-def release(pose: np.ndarray, reference: np.ndarray, gain_numbers: np.ndarray,
-            bounds: np.ndarray, energy: float) -> float:
+@kernel
+def release(pose, reference, gain_numbers, bounds, energy):
     """
     Let the spring of a reference release an energy by a smaller stiffness.
 
@@ -230,5 +231,5 @@ def release(pose: np.ndarray, reference: np.ndarray, gain_numbers: np.ndarray,
     before = stored_energy(pose, reference, gain_numbers)
     soften(stiffness, error, gain_numbers, LEAST_SOFTENING, energy)
     # The lower bound has priority: a spring below it would not come back.
-    bound_stiffness(stiffness, bounds[0], bounds[1], np.zeros(len(LIMITS)))
-    return float(before - stored_energy(pose, reference, gain_numbers))
+    bound_stiffness(stiffness, bounds[0], bounds[1], np.zeros(_LIMIT_COUNT))
+    return before - stored_energy(pose, reference, gain_numbers)

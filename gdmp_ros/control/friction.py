@@ -2,11 +2,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import FrictionSettings
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import kernel
@@ -19,27 +17,11 @@ REST_DELAY_S = 0.004
 LEAST_SCALE = 0.02
 
 
-class Credit(NamedTuple):
+def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Friction that is there for certain, viscous [Nm s/rad] and dry [Nm], shape (n,) each.
+    Friction that is compensated, and that which is there for certain, shape (2, n) each.
 
-    :ivar none: whether there is none
-    """
-
-    viscous: np.ndarray
-    dry: np.ndarray
-    none: bool = False
-
-    def power(self, velocity: np.ndarray) -> float:
-        """What it dissipates [W]."""
-        if self.none:
-            return 0.0
-        return float(self.viscous @ velocity ** 2 + self.dry @ np.abs(velocity))
-
-
-def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarray, Credit]:
-    """
-    Friction that is compensated, viscous and dry, shape (2, n), and that credited.
+    Viscous [Nm s/rad] and dry [Nm].
 
     :param model: viscous friction of the model's joints [Nm s/rad], shape (n,)
     :raises ParameterError: unless there is one number for all joints, or one for each
@@ -52,10 +34,9 @@ def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarr
             raise ParameterError(f'friction, {name}: {given.size} numbers, expected 1 or {count}, '
                                  'one for each joint')
         return np.asarray(np.broadcast_to(given, count).copy())
-    credited = np.array([of_joints('credit_viscous'), of_joints('credit_dry')])
     viscous = model if settings.viscous == (0.0,) else of_joints('viscous')
     return (np.array([viscous, of_joints('dry')]),
-            Credit(credited[0], credited[1], not credited.any()))
+            np.array([of_joints('credit_viscous'), of_joints('credit_dry')]))
 
 
 @kernel
@@ -97,16 +78,17 @@ def friction_torque(viscous, dry, speed, spring, smoothing, at_rest, scale):
     return torque
 
 
-def without_friction(measured: Measurement, dry: np.ndarray | None, smoothing: float
-                     ) -> np.ndarray:
+@kernel
+def without_friction(external, velocity, dry, smoothing, result):
     """
-    External joint torque without the dry friction that is known [Nm], shape (n,).
+    Write the external joint torque without the dry friction that is known [Nm].
 
     At rest friction and what holds against it cannot be told apart.
 
-    :param dry: that is known [Nm], shape (n,); None if none is
+    :param dry: that is known [Nm], shape (n,)
     :param smoothing: speed at which three quarters of the dry friction act [rad/s]
     """
-    if dry is None:
-        return measured.external
-    return np.asarray(measured.external + dry * np.tanh(measured.velocity / smoothing))
+    for i in range(external.size):
+        result[i] = external[i]
+        if dry[i] != 0.0:
+            result[i] += dry[i] * math.tanh(velocity[i] / smoothing)

@@ -25,8 +25,6 @@ MARGIN = 0.05
 ACCELERATION = 3.0
 #: Time after a turn that does not count, and time at rest before the first motion [s].
 SETTLE_S, REST_S = 0.2, 0.5
-#: Bandwidth of the joint control [1/s].
-BANDWIDTH = 20.0
 
 
 class JointFriction(NamedTuple):
@@ -167,10 +165,3 @@ class FrictionIdentification:
         coefficients = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
                                  for row in friction])
         return JointFriction(coefficients[:, 0], coefficients[:, 1])
-
-
-def joint_torque(measured: Measurement, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Torque that lets the joints follow positions and velocities [Nm]."""
-    target = (BANDWIDTH ** 2 * (position - measured.position)
-              + 2.0 * BANDWIDTH * (velocity - measured.velocity))
-    return np.asarray(measured.bias + measured.inertia @ target)

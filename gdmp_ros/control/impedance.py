@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from gdmp_ros.control.friction import friction_torque, rest_scale
-from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
 from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, STIFFNESS, TWIST, WRENCH
@@ -177,15 +176,30 @@ def _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task
                                      gains.friction_smoothing, gains.friction_at_rest, scale)
 
 
-def external_wrench(measured: Measurement, external: np.ndarray, singularity: float) -> np.ndarray:
+@kernel
+def external_wrench(jacobian, inertia, external, singularity, wrench):
     """
-    Wrench at the tool that explains external joint torques: ``Λ J M⁻¹ τ_ext`` [N, Nm].
+    Write the wrench at the tool that explains external joint torques: ``Λ J M⁻¹ τ_ext``.
 
     :param external: external joint torque [Nm], shape (n,)
+    :param wrench: written [N, Nm], shape (6,)
     """
-    solved = np.empty((len(external), 6))
-    inverse = task_inertia_inverse(measured.inertia, measured.jacobian, singularity, solved)
-    return np.asarray(np.linalg.solve(inverse, solved.T @ external))
+    n = external.size
+    solved, lower, lower_inverse, work = np.empty((n, 6)), np.empty(36), np.empty(36), np.empty(6)
+    inverse = task_inertia_inverse(inertia, jacobian, singularity, solved)
+    cholesky(6, inverse.reshape(36), lower)
+    invert_lower(6, lower, lower_inverse)
+    for j in range(6):
+        work[j] = 0.0
+        for k in range(j + 1):
+            total = 0.0
+            for i in range(n):
+                total += solved[i, k] * external[i]
+            work[j] += lower_inverse[6 * j + k] * total
+    for j in range(6):
+        wrench[j] = 0.0
+        for k in range(j, 6):
+            wrench[j] += lower_inverse[6 * k + j] * work[k]
 
 
 @kernel

@@ -49,20 +49,24 @@ class LimitCounters:
     """
     How often each limit was active, and the largest violation.
 
-    :ivar ticks: shape ``(len(LIMITS),)``
     :ivar largest: in the unit of each limit
     """
 
-    def __init__(self) -> None:
-        self.ticks = np.zeros(len(LIMITS), dtype=np.int64)
-        self.largest = np.zeros(len(LIMITS))
-        self._recent = np.zeros(len(LIMITS))
-        self._reported = self.ticks.copy()
+    def __init__(self, counts: np.ndarray, recent: np.ndarray):
+        """
+        Begin.
 
-    def add(self, violation: np.ndarray) -> None:
-        """Count a tick."""
-        self.ticks += violation > 0.0
-        np.fmax(self._recent, violation, out=self._recent)
+        :param counts: ticks in which each limit was exceeded, counted by the controller
+        :param recent: largest violations since the last call of `recent`
+        """
+        self.largest = np.zeros(len(LIMITS))
+        self._counts, self._recent = counts, recent
+        self._reported = self.ticks
+
+    @property
+    def ticks(self) -> np.ndarray:
+        """Ticks in which each limit was active, shape ``(len(LIMITS),)``."""
+        return self._counts.astype(np.int64)
 
     def recent(self) -> str:
         """
@@ -73,7 +77,7 @@ class LimitCounters:
         """
         brief = (self.ticks - self._reported <= BRIEF) & np.isfinite(self._recent)
         words = described(np.where(_SMOOTHS | brief, 0.0, self._recent))
-        self._reported = self.ticks.copy()
+        self._reported = self.ticks
         np.maximum(self.largest, self._recent, out=self.largest)
         self._recent[:] = 0.0
         return ', '.join(words)

@@ -212,5 +212,6 @@ class ControllerSettings:
         'critical', '', SMALLEST_DAMPING_RATIO, 2.0)
 
 
-#: The numbers of the gains and of the limits, as kernels see them.
-GAIN_NUMBERS, LIMIT_NUMBERS = numbers_type(ImpedanceGains), numbers_type(LimitSettings)
+#: The numbers of gains, limits and tank, as kernels see them.
+GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS = (
+    numbers_type(kind) for kind in (ImpedanceGains, LimitSettings, TankSettings))

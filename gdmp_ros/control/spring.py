@@ -16,11 +16,11 @@ import numpy as np
 
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.target import (
+    ACCELERATION,
     extrapolate_pose,
     POSE,
     resting_target,
     STIFFNESS,
-    TARGET_SIZE,
     TWIST,
 )
 from gdmp_ros.kernels import kernel, records_at
@@ -235,19 +235,21 @@ def spring_wrench(pose, target, gain_numbers, wrench):
     left_jacobian_inverse(error[3:], wrench[3:].copy(), wrench[3:])
 
 
-def spring_power(pose: np.ndarray, twist: np.ndarray, reference: np.ndarray,
-                 gain_numbers: np.ndarray, stored: float, dt: float) -> float:
+@kernel
+def spring_power(pose, twist, reference, gain_numbers, stored, dt):
     """
     Rate at which a motion increases the energy in the spring of a reference [W].
 
     :param twist: of the tool [m/s, rad/s]
     :param stored: energy in the spring now [J]
     """
-    moving, ahead = np.zeros(TARGET_SIZE), np.empty(7)
-    moving[POSE:POSE + 7] = pose
-    moving[TWIST:TWIST + 6] = twist
+    moving, ahead = np.empty(ACCELERATION), np.empty(7)
+    for i in range(7):
+        moving[POSE + i] = pose[i]
+    for i in range(6):
+        moving[TWIST + i] = twist[i]
     extrapolate_pose(moving, dt, ahead)
-    return (float(stored_energy(ahead, reference, gain_numbers)) - stored) / dt
+    return (stored_energy(ahead, reference, gain_numbers) - stored) / dt
 
 
 def moved_with_tool(reference: np.ndarray, before: np.ndarray, after: np.ndarray,

@@ -15,12 +15,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gdmp_ros.control.friction import Credit
-from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.memory import ArmMemory, MOST_TORQUES
 from gdmp_ros.control.settings import TankSettings
-from gdmp_ros.manifolds.linalg import is_finite
+from gdmp_ros.kernels import kernel
+from gdmp_ros.util.settings import numbers
 
 #: A tick may draw at most the share dt / SPENDING_S of the content: the tank empties smoothly [s].
 SPENDING_S = 0.05
@@ -30,22 +28,132 @@ CORIOLIS_S = 0.02
 LOW_SHARE = 0.2
 
 
+@kernel
+def draw(scalars, tank, energy):
+    """Take energy from the tank [J]; a negative amount refills it, up to the capacity."""
+    if not math.isfinite(energy):
+        # What was drawn is not known.
+        scalars.known, scalars.energy = 0.0, 0.0
+    else:
+        scalars.energy = min(scalars.energy - energy, tank.capacity)
+
+
+@kernel
+def spendable(scalars, tank):
+    """Energy that may be drawn in a tick [J]."""
+    if tank.passive == 0.0:
+        return math.inf
+    return max(scalars.energy, 0.0) * min(1.0, scalars.dt / SPENDING_S)
+
+
+@kernel
+def _credited(credit, velocity):
+    """What the friction that is there for certain dissipates [W]."""
+    power = 0.0
+    for i in range(velocity.size):
+        power += credit[0, i] * velocity[i] ** 2 + credit[1, i] * abs(velocity[i])
+    return power
+
+
+@kernel
+def measure_energy(scalars, tank, sent, credit, velocity, velocity_before, bias_before, stored):
+    """
+    Draw the work of the last torque between the last tick and this one.
+
+    :param scalars: those of `gdmp_ros.control.memory`
+    :param tank: `TankSettings` as numbers
+    :param sent: torques that may act, the last one first [Nm]
+    :param credit: friction that is there for certain, shape (2, n)
+    :param stored: energy in the spring now, with the reference of the last tick [J]
+    """
+    n, dt = velocity.size, scalars.dt
+    total = stored + scalars.potential
+    for i in range(n):
+        total += velocity[i]
+    if not math.isfinite(total):
+        scalars.known = 0.0
+    if scalars.known != 0.0:
+        # With the mean velocity the work equals the change of kinetic energy, to rounding.
+        # Which of the last torques acted is not known: the one that draws most counts.
+        most, free = -math.inf, 0.0
+        for k in range(int(scalars.torques)):
+            power = 0.0
+            for i in range(n):
+                power += sent[k, i] * (velocity_before[i] + velocity[i])
+            most = max(most, power)
+        for i in range(n):
+            free += velocity_before[i] * bias_before[i]
+        work, gain = 0.5 * dt * most, scalars.potential - scalars.potential_before
+        change = dt * free - gain - scalars.coriolis
+        if math.isfinite(change):
+            scalars.coriolis += min(dt / CORIOLIS_S, 1.0) * change
+        lost = 0.5 * dt * (_credited(credit, velocity_before) + _credited(credit, velocity))
+        draw(scalars, tank, work - gain + stored - scalars.stored_before - lost)
+    scalars.energy = min(scalars.energy + dt * tank.recharge_power, tank.capacity)
+
+
+@kernel
+def missing_energy(scalars, tank, credit, velocity, bias, torque, spring_power):
+    """
+    Energy that a torque would draw in this tick beyond what may be drawn [J].
+
+    :param spring_power: rate of the energy in the spring at the measured motion [W]
+    """
+    # The weight does the power of the bias but for that of the Coriolis forces, which is
+    # filtered: the change of the potential in one tick is mostly noise of the positions.
+    power = 0.0
+    for i in range(velocity.size):
+        power += velocity[i] * (torque[i] - bias[i])
+    drawn = scalars.dt * (power + spring_power - _credited(credit, velocity)) + scalars.coriolis
+    return drawn - spendable(scalars, tank)
+
+
+@kernel
+def remember(scalars, tank, sent, velocity, bias, velocity_before, bias_before, torque, stored):
+    """Keep the torque that is sent and the state it acts on, for the next `measure_energy`."""
+    n, late = velocity.size, math.ceil(tank.delay / scalars.dt - 1e-6)
+    rows = min(int(late) + 1, MOST_TORQUES)
+    for i in range(n):
+        velocity_before[i], bias_before[i] = velocity[i], bias[i]
+        for k in range(rows - 1, 0, -1):
+            sent[k, i] = sent[k - 1, i] if scalars.torques == rows else torque[i]
+        sent[0, i] = torque[i]
+    scalars.torques = rows
+    scalars.known, scalars.potential_before = 1.0, scalars.potential
+    scalars.stored_before = stored
+
+
 class EnergyTank:
-    """
-    Energy that the controller may add to robot and spring.
+    """Energy that the controller may add to robot and spring: a view of its memory."""
 
-    :ivar energy: content [J]
-    """
-
-    def __init__(self, settings: TankSettings, credit: Credit):
+    def __init__(self, arm: ArmMemory, settings: TankSettings):
+        self._arm = arm
         self.settings = settings
-        self.credit = credit
-        self.energy = min(settings.energy, settings.capacity)
-        # Velocity, bias, potential and spring energy when the last torque was sent.
-        self._before: tuple[np.ndarray, np.ndarray, float, float] | None = None
-        # Those that may act now, the last one first.
-        self._torques = np.zeros((1, len(credit.dry)))
-        self._coriolis = 0.0
+
+    @property
+    def settings(self) -> TankSettings:
+        """Settings of the tank."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: TankSettings) -> None:
+        self._settings = settings
+        self._arm.tank.numbers[:] = numbers(settings)
+
+    @property
+    def energy(self) -> float:
+        """Content [J]."""
+        return float(self._arm.scalars.energy)
+
+    @energy.setter
+    def energy(self, energy: float) -> None:
+        self._arm.scalars.energy = energy
+
+    def reset(self) -> None:
+        """Content as at the start, and no past."""
+        scalars = self._arm.scalars
+        scalars.known, scalars.torques, scalars.coriolis = 0.0, 0.0, 0.0
+        self.fill()
 
     def configure(self, settings: TankSettings) -> None:
         """
@@ -63,70 +171,12 @@ class EnergyTank:
         """Fill it as at the start."""
         self.energy = min(self.settings.energy, self.settings.capacity)
 
+    def empty(self) -> None:
+        """Start again with no energy: what was drawn is not known."""
+        self._arm.scalars.known = 0.0
+        self.energy = 0.0
+
     @property
     def is_low(self) -> bool:
         """Whether little is left: motions will be slowed down and springs softened."""
         return self.settings.passive and self.energy < LOW_SHARE * self.settings.energy
-
-    def spendable(self, dt: float) -> float:
-        """Energy that may be drawn in a tick [J]."""
-        if not self.settings.passive:
-            return math.inf
-        return max(self.energy, 0.0) * min(1.0, dt / SPENDING_S)
-
-    def measure(self, measured: Measurement, stored: float, dt: float) -> None:
-        """
-        Draw the work of the last torque between the last tick and this one.
-
-        :param stored: energy in the spring now, with the reference of the last tick [J]
-        """
-        if not (math.isfinite(stored + measured.potential) and is_finite(measured.velocity)):
-            self._before = None
-        if self._before is not None:
-            velocity, bias, potential, spring = self._before
-            # With the mean velocity the work equals the change of kinetic energy, to rounding.
-            # Which of the last torques acted is not known: the one that draws most counts.
-            work = 0.5 * dt * max((self._torques @ (velocity + measured.velocity)).tolist())
-            gain = measured.potential - potential
-            change = dt * float(velocity @ bias) - gain - self._coriolis
-            if math.isfinite(change):
-                self._coriolis += min(dt / CORIOLIS_S, 1.0) * change
-            lost = 0.5 * dt * (self.credit.power(velocity) + self.credit.power(measured.velocity))
-            self.draw(work - gain + stored - spring - lost)
-        self.energy = min(self.energy + dt * self.settings.recharge_power, self.settings.capacity)
-
-    def draw(self, energy: float) -> None:
-        """Take energy from the tank [J]; a negative amount refills it, up to the capacity."""
-        if not math.isfinite(energy):
-            self.empty()
-            return
-        self.energy = min(self.energy - energy, self.settings.capacity)
-
-    def missing(self, measured: Measurement, torque: np.ndarray, spring_power: float,
-                dt: float) -> float:
-        """
-        Energy that a torque would draw in this tick beyond what may be drawn [J].
-
-        :param spring_power: rate of the energy in the spring at the measured motion [W]
-        """
-        # The weight does the power of the bias but for that of the Coriolis forces, which is
-        # filtered: the change of the potential in one tick is mostly noise of the positions.
-        drawn = dt * (float(measured.velocity @ (torque - measured.bias)) + spring_power
-                      - self.credit.power(measured.velocity)) + self._coriolis
-        return drawn - self.spendable(dt)
-
-    def empty(self) -> None:
-        """Start again with no energy: what was drawn is not known."""
-        self._before = None
-        self.energy = 0.0
-
-    def remember(self, measured: Measurement, torque: np.ndarray, stored: float, dt: float
-                 ) -> None:
-        """Keep the torque that is sent and the state it acts on, for the next `measure`."""
-        self._before = (measured.velocity.copy(), measured.bias.copy(), measured.potential, stored)
-        late = math.ceil(self.settings.delay / dt - 1e-6)
-        if len(self._torques) != late + 1:
-            self._torques = np.repeat(torque[None], late + 1, axis=0)
-        else:
-            self._torques[1:] = self._torques[:-1]
-            self._torques[0] = torque

@@ -1,8 +1,10 @@
 """A wrench that is wished is kept in contact; a wrench against the motion stops it."""
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from gdmp_ros.control.contact import Contact
+from gdmp_ros.control.contact import described, feel
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import WRENCH_LIMIT
 from gdmp_ros.control.modes import ArmMode
@@ -15,8 +17,6 @@ from gdmp_ros.control.settings import (
 from gdmp_ros.control.target import (
     HOLD_STIFFNESS,
     resting_target,
-    TARGET_SIZE,
-    TWIST,
     WRENCH,
     WRENCH_GAIN,
 )
@@ -113,19 +113,26 @@ def test_a_small_force_or_one_along_the_motion_does_not(force, along, plant):
 
 
 def test_an_external_torque_that_is_not_finite_does_not_hide_a_collision():
-    contact = Contact(ContactSettings(collision_force=15.0))
-    motion = np.zeros(TARGET_SIZE)
-    motion[TWIST + 1] = 0.1
-    against = np.array([0.0, -30.0, 0.0, 0.0, 0.0, 0.0])
-    assert contact.update(np.full(6, np.nan), motion, 1e-3) == ''
-    said = [contact.update(against, motion, 1e-3) for _ in range(50)]
-    assert 'N against the motion' in said[-1]
+    def felt_by(largest):
+        """What is felt of a wrench while the tool moves; collisions from ``largest`` [N] on."""
+        scalars, felt = SimpleNamespace(dt=1e-3, collision_force=largest, collision_torque=0.0,
+                                        unknown=0.0, against=0.0), np.zeros(6)
+        motion = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+
+        def found(wrench):
+            what = feel.py_func(scalars, felt, np.asarray(wrench), motion, np.zeros(6))
+            return described(what, scalars.against) if what else ''
+        return found
+    broken, against = np.full(6, np.nan), [0.0, -30.0, 0.0, 0.0, 0.0, 0.0]
+    found = felt_by(15.0)
+    assert found(broken) == ''
+    assert 'N against the motion' in [found(against) for _ in range(50)][-1]
     # A sensor that has broken down is no reason to move on without one.
-    contact.reset()
-    said = [contact.update(np.full(6, np.nan), motion, 1e-3) for _ in range(150)]
+    found = felt_by(15.0)
+    said = [found(broken) for _ in range(150)]
     assert said[50] == '' and 'is not finite' in said[-1]
-    blind = Contact(ContactSettings())
-    assert not any(blind.update(np.full(6, np.nan), motion, 1e-3) for _ in range(150))
+    blind = felt_by(0.0)
+    assert not any(blind(broken) for _ in range(150))
 
 
 def moved_joint(loop, ticks, push=None):

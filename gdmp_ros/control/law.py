@@ -1,0 +1,342 @@
+"""
+One tick of an arm's impedance law, compiled: from what was measured to the torque.
+
+There are two laws, a spring at the tool and springs at the joints. Each has a governed reference,
+which moves within the limits and as far as the energy tank pays for it. Without a reference the
+joints are damped, or follow a motion of their own.
+"""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gdmp_ros.control.contact import correct, feel
+from gdmp_ros.control.energy_budget import apply_energy_budget, LEAST_SOFTENING, release
+from gdmp_ros.control.friction import without_friction
+from gdmp_ros.control.governor import govern
+from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
+from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
+from gdmp_ros.control.limits import ENERGY, TOOL_SPEED, TORQUE, WRENCH_LIMIT
+from gdmp_ros.control.memory import arm_view, FREE, JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.reference_kinds import HOLD_JOINT_STIFFNESS
+from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, SMALLEST_DAMPING_RATIO
+from gdmp_ros.control.spring import spring_power, stored_energy
+from gdmp_ros.control.tank import draw, measure_energy, missing_energy, remember, spendable
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    DAMPING_RATIO,
+    POSE,
+    resting_target,
+    TARGET_SIZE,
+    TWIST,
+    WRENCH,
+)
+from gdmp_ros.control.torque_limits import limit_torque
+from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.manifolds.linalg import norm
+
+#: Band below the speed limit of the tool in which what drives it decreases [m/s].
+TOOL_SPEED_BAND = 0.15
+#: Bandwidth with which joints follow a motion of their own [1/s].
+BANDWIDTH = 20.0
+#: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
+NOT_FINITE = 10
+#: Pose aside, what a reference at the tool begins with.
+_AT_REST = resting_target(np.zeros(7))
+
+
+@kernel
+def hold_tool(pose, reference, past):
+    """Hold a pose of the tool from now on, with the stiffness before the first reference."""
+    for i in range(TARGET_SIZE):
+        reference[i] = _AT_REST[i]
+    for i in range(7):
+        reference[POSE + i] = pose[i]
+    past[:] = 0.0
+
+
+@kernel
+def hold_joints(position, damping_ratio, reference, mean):
+    """Hold the joints from now on, with the stiffness before the first reference."""
+    n = position.size
+    for i in range(n):
+        reference[i], reference[n + i] = position[i], 0.0
+        reference[2 * n + i], mean[i] = HOLD_JOINT_STIFFNESS, 0.0
+    reference[3 * n] = damping_ratio
+
+
+@kernel
+def _ratio(asked, usual):
+    """Damping ratio of a reference; 0 in a message stands for nothing."""
+    return max(asked if asked != 0.0 else usual, SMALLEST_DAMPING_RATIO)
+
+
+@kernel
+def _multiply(matrix, vector, result):
+    for i in range(matrix.shape[0]):
+        result[i] = 0.0
+        for j in range(matrix.shape[1]):
+            result[i] += matrix[i, j] * vector[j]
+
+
+@kernel
+def _free(velocity, bias, damping, torque, twist):
+    """Compensate gravity, and damp the joints."""
+    for i in range(velocity.size):
+        torque[i] = bias[i] - damping * velocity[i]
+    twist[:] = 0.0
+
+
+@kernel
+def _follow_joints(position, velocity, bias, jacobian, inertia, wanted, wanted_rate, gains, torque,
+                   twist):
+    """
+    Let the joints follow a motion of their own, with a bounded wrench at the tool.
+
+    :param twist: written: of the tool, as it is wanted
+    :returns: fraction by which the wrench was reduced
+    """
+    n, share = position.size, 1.0
+    acceleration, active, pushed = np.empty(n), np.empty(n), np.empty(6)
+    for i in range(n):
+        acceleration[i] = (BANDWIDTH ** 2 * (wanted[i] - position[i])
+                           + 2.0 * BANDWIDTH * (wanted_rate[i] - velocity[i]))
+    _multiply(inertia, acceleration, active)
+    external_wrench(jacobian, inertia, active, gains.singularity, pushed)
+    for part in range(2):
+        size = norm(3, pushed[3 * part:3 * part + 3])
+        share = min(share, gains.wrench_max[part] / max(size, 1e-9))
+    for i in range(n):
+        torque[i] = bias[i] + share * active[i]
+    _multiply(jacobian, wanted_rate, twist)
+    return 1.0 - share
+
+
+@kernel
+def _slow_tool(jacobian, velocity, bias, largest, torque):
+    """
+    Reduce what drives a tool that is too fast, and brake it.
+
+    :param largest: speed of the tool [m/s]
+    :returns: excess [m/s]
+    """
+    band, moving = min(TOOL_SPEED_BAND, 0.5 * largest), np.empty(3)
+    _multiply(jacobian[:3], velocity, moving)
+    speed = norm(3, moving)
+    excess = speed - largest + band
+    if excess <= 0.0:
+        return 0.0
+    driving, left = 0.0, 1.0
+    for i in range(velocity.size):
+        driving += (torque[i] - bias[i]) * velocity[i]
+    if driving > 0.0:
+        left = max(1.0 - excess / band, 0.0)
+    for i in range(velocity.size):
+        brake = 0.0
+        for j in range(3):
+            brake -= jacobian[j, i] * moving[j] * TOOL_BRAKE * excess / speed
+        torque[i] = bias[i] + left * (torque[i] - bias[i]) + brake
+    return excess
+
+
+@kernel
+def _soften_joints(position, reference, energy):
+    """Soften the springs of the joints until they have released an energy; what they did [J]."""
+    n, before = position.size, joint_energy(position, reference)
+    if before <= 0.0:
+        return 0.0
+    for i in range(2 * n, 3 * n):
+        reference[i] *= max(1.0 - energy / before, LEAST_SOFTENING)
+    return before - joint_energy(position, reference)
+
+
+@kernel
+def _joint_power(position, velocity, reference, stored, dt):
+    """Rate of the energy in the springs of the joints at the measured motion [W]."""
+    ahead = np.empty(position.size)
+    for i in range(position.size):
+        ahead[i] = position[i] + dt * velocity[i]
+    return (joint_energy(ahead, reference) - stored) / dt
+
+
+@kernel
+def finish(numbers, failed):
+    """
+    Limit the torque and send it: the end of a tick.
+
+    :param failed: whether none could be computed
+    """
+    arm = arm_view(numbers)
+    s, n = arm.scalars, arm.position.size
+    if s.does == TOOL_SPRING or s.does == JOINT_SPRINGS:
+        wished = arm.torque.copy()
+        _limit(numbers)
+        if not failed:
+            _pay(numbers, wished)
+    else:
+        _limit(numbers)
+    if failed:
+        arm.violation[TORQUE] = math.inf
+    remember(s, arm.tank, arm.sent, arm.velocity, arm.bias, arm.velocity_before, arm.bias_before,
+             arm.torque, s.stored)
+    for i in range(n):
+        arm.last[i] = arm.torque[i]
+    for i in range(arm.violation.size):
+        if arm.violation[i] > 0.0:
+            arm.counts[i] += 1.0
+            arm.recent[i] = max(arm.recent[i], arm.violation[i])
+
+
+@kernel
+def _limit(numbers):
+    """Limit the torque; without a finite measurement the last one is sent."""
+    arm = arm_view(numbers)
+    s, n = arm.scalars, arm.position.size
+    limit_torque(arm.position, arm.velocity, arm.bias, arm.last, arm.joint_limits[0],
+                 arm.joint_limits[1], arm.largest, arm.fastest, min(s.dt, s.cycle), arm.limits,
+                 arm.torque, arm.violation)
+    for i in range(n):
+        if not math.isfinite(arm.torque[i]):
+            for j in range(n):
+                arm.torque[j] = arm.last[j]
+            return
+
+
+@kernel
+def _pay(numbers, wished):
+    """With too little energy for a torque, shed wrench, then stiffness."""
+    arm = arm_view(numbers)
+    s, n = arm.scalars, arm.position.size
+    if s.law == TOOL_SPRING:
+        power = spring_power(arm.pose, arm.twist, arm.reference, arm.gains, s.stored, s.dt)
+    else:
+        power = _joint_power(arm.position, arm.velocity, arm.joint_reference, s.stored, s.dt)
+    missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.bias, arm.torque, power)
+    if not missing > 0.0:
+        return
+    arm.violation[ENERGY] += missing
+    driving = 0.0
+    for i in range(n):
+        driving += s.dt * arm.velocity[i] * (arm.torque[i] - arm.bias[i])
+    if driving > 0.0:
+        left = max(1.0 - missing / driving, 0.0)
+        for i in range(n):
+            arm.torque[i] = arm.bias[i] + left * (wished[i] - arm.bias[i])
+        _limit(numbers)
+        missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.bias, arm.torque,
+                                 power)
+    if missing > 0.0:
+        if s.law == TOOL_SPRING:
+            released = release(arm.pose, arm.reference, arm.gains, arm.bounds, missing)
+        else:
+            released = _soften_joints(arm.position, arm.joint_reference, missing)
+        draw(s, arm.tank, -released)
+        s.stored -= released
+
+
+@kernel
+def compute(numbers):
+    """
+    Compute the torque of one tick, and send it.
+
+    :param numbers: memory (`gdmp_ros.control.memory`), with what was measured, the target, and
+        what the tick is to do
+    :returns: what was felt (`gdmp_ros.control.contact.feel`), or `NOT_FINITE`: then nothing is
+        sent before `finish`
+    """
+    arm = arm_view(numbers)
+    s, n = arm.scalars, arm.position.size
+    gains = records_at(arm.gains, 0, 1, GAIN_NUMBERS)[0]
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    springs = s.does == TOOL_SPRING or s.does == JOINT_SPRINGS
+    stored = 0.0
+    if springs:
+        stored = (stored_energy(arm.pose, arm.reference, arm.gains) if s.law == TOOL_SPRING
+                  else joint_energy(arm.position, arm.joint_reference))
+    measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
+                   arm.bias_before, stored)
+    _multiply(arm.jacobian, arm.velocity, arm.twist)
+    arm.violation[:] = 0.0
+    external, twist, exerted = np.empty(n), np.empty(6), np.zeros(6)
+    without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,
+                     external)
+    if not springs:
+        s.law, s.stored = TOOL_SPRING, 0.0
+        hold_tool(arm.pose, arm.reference, arm.past)
+        arm.commanded[:] = 0.0
+        if s.does == FREE:
+            _free(arm.velocity, arm.bias, s.free_damping, arm.torque, twist)
+        else:
+            arm.violation[WRENCH_LIMIT] = _follow_joints(
+                arm.position, arm.velocity, arm.bias, arm.jacobian, arm.inertia, arm.wanted,
+                arm.wanted_rate, gains, arm.torque, twist)
+        external_wrench(arm.jacobian, arm.inertia, external, gains.singularity, arm.wrench)
+    elif s.does == TOOL_SPRING:
+        if s.law != TOOL_SPRING:
+            hold_tool(arm.pose, arm.reference, arm.past)
+        s.law = TOOL_SPRING
+        _spring_at_tool(numbers, external, limits)
+        for i in range(6):
+            twist[i], exerted[i] = arm.reference[TWIST + i], arm.reference[WRENCH + i]
+    else:
+        if s.law != JOINT_SPRINGS:
+            hold_joints(arm.position, s.damping_ratio, arm.joint_reference, arm.joint_mean)
+        s.law = JOINT_SPRINGS
+        _springs_at_joints(numbers, external, limits)
+        arm.commanded[:] = 0.0
+        _multiply(arm.jacobian, arm.joint_reference[n:2 * n], twist)
+    for i in range(n):
+        if springs and not math.isfinite(arm.torque[i]):
+            return NOT_FINITE
+    found = feel(s, arm.felt, arm.wrench, twist, exerted)
+    finish(numbers, False)
+    return found
+
+
+@kernel
+def _spring_at_tool(numbers, external, limits):
+    """Move the reference of the tool, and compute the torque that follows it."""
+    arm = arm_view(numbers)
+    s, target, reference = arm.scalars, arm.target, arm.reference
+    budget = spendable(s, arm.tank)
+    govern(reference, arm.past, target, arm.pose, arm.position, arm.jacobian, arm.inertia,
+           arm.joint_limits, arm.gains, arm.limits, s.dt, arm.violation)
+    for i in range(WRENCH, TARGET_SIZE):
+        reference[i] = target[i]
+    correct(s, arm.felt, arm.correction, reference)
+    reference[DAMPING_RATIO] = _ratio(target[DAMPING_RATIO], s.damping_ratio)
+    drawn, s.stored = apply_energy_budget(
+        reference, target, arm.pose, arm.gains, arm.bounds, s.dt * limits.stiffness_rate, budget,
+        s.dt, arm.violation)
+    draw(s, arm.tank, drawn)
+    wanted = reference.copy()
+    # Subtract J̇q̇: the arm produces it without torque.
+    for i in range(6):
+        wanted[ACCELERATION + i] -= arm.acceleration[i]
+    scale, too_fast = impedance_torque(
+        arm.position, arm.velocity, arm.pose, arm.jacobian, arm.inertia, arm.bias, arm.friction,
+        wanted, arm.posture, arm.gains, limits.tool_speed, external, arm.torque, arm.wrench,
+        arm.commanded)
+    arm.violation[WRENCH_LIMIT], arm.violation[TOOL_SPEED] = 1.0 - scale, too_fast
+
+
+@kernel
+def _springs_at_joints(numbers, external, limits):
+    """Move the reference of the joints, and compute the torque that follows it."""
+    arm = arm_view(numbers)
+    s, reference = arm.scalars, arm.joint_reference
+    gains = records_at(arm.gains, 0, 1, GAIN_NUMBERS)[0]
+    last = reference.size - 1
+    reference[last] = _ratio(arm.joint_target[last], s.damping_ratio)
+    drawn, s.stored = move_joint_reference(
+        reference, arm.joint_mean, arm.joint_target, arm.position, arm.joint_limits,
+        limits.joint_acceleration, s.dt * limits.stiffness_rate, spendable(s, arm.tank), s.dt,
+        arm.violation)
+    draw(s, arm.tank, drawn)
+    joint_law(arm.position, arm.velocity, arm.inertia, arm.bias, arm.friction, arm.gains,
+              reference, arm.joint_mean, arm.torque)
+    excess = _slow_tool(arm.jacobian, arm.velocity, arm.bias, limits.tool_speed, arm.torque)
+    if excess > 0.0:
+        arm.violation[TOOL_SPEED] = excess
+    external_wrench(arm.jacobian, arm.inertia, external, gains.singularity, arm.wrench)

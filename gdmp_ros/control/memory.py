@@ -1,0 +1,196 @@
+"""
+Layout of the memory of an arm's controller: one flat array, cut into named parts.
+
+One array makes a call of the compiled tick cheap, and holds all that the tick knows of the past.
+The memory begins with a record of sizes; the parts follow in the order in which `arm_view` cuts
+them. Python and kernels see the same parts.
+"""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.kernels import inlined, records_at, without_refcount
+
+#: What a tick does: a spring at the tool, springs at the joints, damping alone, a joint motion.
+TOOL_SPRING, JOINT_SPRINGS, FREE, JOINT_MOTION = range(4)
+#: Torques that may still be on their way to the motors.
+MOST_TORQUES = 24
+
+SIZES = np.dtype([(name, np.int64) for name in ('total', 'joints')])
+
+#: The scalars of a controller; flags are 0 or 1.
+SCALARS = np.dtype([(name, np.float64) for name in (
+    'dt',                # time for which the torque acts [s]
+    'cycle',             # longest time that counts for the rate of the torque [s]
+    'does',              # what this tick does: `TOOL_SPRING` …
+    'law',               # the spring that holds energy: `TOOL_SPRING` or `JOINT_SPRINGS`
+    'potential',         # measured, of gravity [J]
+    'free_damping',      # of joints that a hand moves [Nm s/rad]
+    'damping_ratio',     # setting, of references that have none
+    'torques',           # how many torques of the past are known
+    # Energy tank.
+    'energy',            # content [J]
+    'coriolis',          # energy of the Coriolis forces in a tick, smoothed [J]
+    'known',             # flag: the state at the last torque is known
+    'potential_before', 'stored_before',  # at the last torque [J]
+    # Contact.
+    'collision_force', 'collision_torque', 'feedback_force', 'feedback_torque',  # settings
+    'unknown',           # time since when the external wrench is not finite [s]
+    'against',           # what opposes the motion in a collision [N, Nm]
+    # What the tick has found.
+    'stored')])          # energy in the spring at its end [J]
+_SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
+_GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
+_LIMIT_COUNT = len(LIMITS)
+
+
+class ArmMemory(NamedTuple):
+    """
+    The parts of a controller's memory; n is the number of joints.
+
+    :ivar gains: `ImpedanceGains` as numbers
+    :ivar limits: `LimitSettings` as numbers
+    :ivar bounds: of the stiffness at the tool, shape (2, 36)
+    :ivar pose: measured, of the tool (x, y, z, qw, qx, qy, qz)
+    :ivar acceleration: measured, of the tool at constant joint velocity, J̇ q̇
+    :ivar jacobian: measured, shape (6, n)
+    :ivar inertia: measured, shape (n, n)
+    :ivar target: of the guard, `TARGET_SIZE` numbers
+    :ivar reference: the governed one of the tool
+    :ivar past: its mean acceleration and its last one, shape (2, 6)
+    :ivar joint_target: of the guard, 3 n + 1 numbers
+    :ivar joint_reference: the governed one of the joints
+    :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], shape (3, n)
+    :ivar friction: that is compensated, viscous [Nm s/rad] and dry [Nm], shape (2, n)
+    :ivar credit: that is there for certain, the same
+    :ivar sent: torques that may act now, the last one first [Nm], shape (`MOST_TORQUES`, n)
+    :ivar position: measured [rad], shape (n,), as all that follow
+    :ivar velocity: measured [rad/s]
+    :ivar bias: gravity and Coriolis torque [Nm]
+    :ivar external: torque of the environment [Nm]
+    :ivar posture: of the null space [rad]
+    :ivar wanted: positions of a joint motion [rad]
+    :ivar wanted_rate: their velocities [rad/s]
+    :ivar joint_mean: acceleration of the reference of the joints, smoothed [rad/s²]
+    :ivar largest: torque limits [Nm]
+    :ivar fastest: speed limits [rad/s]
+    :ivar velocity_before: at the last torque
+    :ivar bias_before: the same
+    :ivar last: torque of the last tick [Nm]
+    :ivar torque: of this tick [Nm]
+    :ivar felt: smoothed external wrench, acting on the tool [N, Nm]
+    :ivar correction: of the wrench of a reference
+    :ivar twist: measured, of the tool
+    :ivar wrench: external, at the tool
+    :ivar commanded: wrench of the law at the tool
+    :ivar violation: by how much each limit was exceeded in this tick
+    :ivar counts: ticks in which each limit was exceeded
+    :ivar recent: largest violations since the last report
+    """
+
+    scalars: Any
+    tank: Any
+    gains: Any
+    limits: Any
+    bounds: Any
+    pose: Any
+    acceleration: Any
+    jacobian: Any
+    inertia: Any
+    target: Any
+    reference: Any
+    past: Any
+    joint_target: Any
+    joint_reference: Any
+    joint_limits: Any
+    friction: Any
+    credit: Any
+    sent: Any
+    position: Any
+    velocity: Any
+    bias: Any
+    external: Any
+    posture: Any
+    wanted: Any
+    wanted_rate: Any
+    joint_mean: Any
+    largest: Any
+    fastest: Any
+    velocity_before: Any
+    bias_before: Any
+    last: Any
+    torque: Any
+    felt: Any
+    correction: Any
+    twist: Any
+    wrench: Any
+    commanded: Any
+    violation: Any
+    counts: Any
+    recent: Any
+
+
+@inlined
+def arm_view(numbers):
+    """Cut a memory into its parts."""
+    memory = without_refcount(numbers)
+    n = records_at(memory, 0, 1, SIZES)[0].joints
+    scalars = records_at(memory, _SIZES, 1, SCALARS)[0]
+    at = _SIZES + _SCALARS
+    tank = records_at(memory, at, 1, TANK_NUMBERS)[0]
+    at += _TANK
+    gains, limits = memory[at:at + _GAINS], memory[at + _GAINS:at + _GAINS + _LIMITS]
+    at += _GAINS + _LIMITS
+    bounds = memory[at:at + 72].reshape(2, 36)
+    pose, acceleration = memory[at + 72:at + 79], memory[at + 79:at + 85]
+    at += 85
+    jacobian = memory[at:at + 6 * n].reshape(6, n)
+    at += 6 * n
+    inertia = memory[at:at + n * n].reshape(n, n)
+    at += n * n
+    target, reference = memory[at:at + TARGET_SIZE], memory[at + TARGET_SIZE:at + 2 * TARGET_SIZE]
+    at += 2 * TARGET_SIZE
+    past = memory[at:at + 12].reshape(2, 6)
+    at += 12
+    size = 3 * n + 1
+    joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
+    at += 2 * size
+    joint_limits = memory[at:at + 3 * n].reshape(3, n)
+    friction = memory[at + 3 * n:at + 5 * n].reshape(2, n)
+    credit = memory[at + 5 * n:at + 7 * n].reshape(2, n)
+    at += 7 * n
+    sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
+    at += MOST_TORQUES * n
+    joints = memory[at:at + 14 * n].reshape(14, n)
+    at += 14 * n
+    tool = memory[at:at + 30].reshape(5, 6)
+    at += 30
+    limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
+    return ArmMemory(
+        scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
+        reference, past, joint_target, joint_reference, joint_limits, friction, credit, sent,
+        joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
+        joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], tool[0], tool[1],
+        tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
+
+
+def blank(joints: int) -> np.ndarray:
+    """Memory of the controller of an arm; everything but the sizes is zero."""
+    total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
+             + 2 * TARGET_SIZE + 12 + 2 * (3 * joints + 1) + (7 + MOST_TORQUES + 14) * joints + 30
+             + 3 * _LIMIT_COUNT)
+    memory = np.zeros(total)
+    memory[:_SIZES].view(SIZES)[0] = (total, joints)
+    return memory
+
+
+def parts(memory: np.ndarray) -> ArmMemory:
+    """Cut a memory into its parts, in Python."""
+    view: Any = arm_view
+    result: ArmMemory = view.py_func(memory)
+    return result
