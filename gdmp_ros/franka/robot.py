@@ -1,7 +1,9 @@
 """Access to a Franka robot: measure, command, recover."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
 import socket
 import time
 from typing import Any, NamedTuple
@@ -41,6 +43,22 @@ def opened(host: str, config: Any) -> Any:
                            ) from None
     time.sleep(BETWEEN_CLIENTS_S)
     return libfranka.Robot(host, config)
+
+
+@contextmanager
+def own_priority() -> Iterator[None]:
+    """
+    Keep the priority of the calling thread.
+
+    libfranka gives it the highest one, for ever: the threads that it starts would inherit it, and
+    stop all others of the machine.
+    """
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        if (os.sched_getscheduler(0), os.sched_getparam(0)) != (policy, parameters):
+            os.sched_setscheduler(0, policy, parameters)
 
 
 class Reading(NamedTuple):
@@ -136,7 +154,7 @@ class FrankaRobot:
         realtime = libfranka.RealtimeConfig
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
         self._robot = self._control = None
-        with self._explained:
+        with self._explained, own_priority():
             self._robot = self._opened(settings.host, config)
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
             self._robot.set_collision_behavior(torques, torques, wrench, wrench)
@@ -163,7 +181,7 @@ class FrankaRobot:
 
         :raises ArmStopped: if the robot refuses
         """
-        with self._explained:
+        with self._explained, own_priority():
             self._control = self._robot.start_torque_control()
 
     def read(self) -> Reading:

@@ -1,4 +1,6 @@
 """A stand-in for the robot, and a loop that controls it."""
+import os
+
 import pytest
 
 from gdmp_ros.control.arm_control import ArmControl
@@ -8,6 +10,14 @@ from gdmp_ros.franka.settings import FrankaSettings
 from test.franka.bed import HOLD, open_bed
 from test.franka.stand_in import StandIn
 from test.lockstep.clock import SteppedClock
+
+
+@pytest.fixture(autouse=True)
+def _keeps_its_priority():
+    """Whatever connects to a robot leaves the priority of its thread as it was."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+    yield
+    assert (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority) == before
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
 """Control of a Franka, with a stand-in for the robot that enforces its limits."""
+from contextlib import suppress
+import os
+
 import numpy as np
 import pytest
 
@@ -135,3 +138,12 @@ def test_what_cannot_be_reached_is_named():
         FrankaRobot(FrankaSettings(host='127.0.0.9'))
     with pytest.raises(ParameterError, match='reflex_torque has 3 numbers, expected 1 or 7'):
         FrankaSettings(host='x', reflex_torque=(1.0, 2.0, 3.0))
+
+
+def test_a_library_that_raises_the_priority_of_a_thread_does_not_keep_it(robot):
+    def opened(host, config):
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        return robot.open(host, config)
+    FrankaRobot(FrankaSettings(host='robot'), robot.clock, opened).close()
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
