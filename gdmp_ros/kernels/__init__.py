@@ -10,6 +10,7 @@ from gdmp_ros.kernels.cache import (
     remove_stale,
 )
 from gdmp_ros.kernels.intrinsics import (
+    call_c,
     call_kernel,
     matrix_at,
     measure_with_kernel,
@@ -19,6 +20,6 @@ from gdmp_ros.kernels.intrinsics import (
     without_refcount,
 )
 
-__all__ = ['always_inline', 'cache_folder', 'call_kernel', 'inlined', 'is_warm', 'jitable',
-           'kernel', 'matrix_at', 'measure_with_kernel', 'noinline', 'numbers_at', 'on_compile',
-           'records_at', 'remove_stale', 'without_refcount']
+__all__ = ['always_inline', 'cache_folder', 'call_c', 'call_kernel', 'inlined', 'is_warm',
+           'jitable', 'kernel', 'matrix_at', 'measure_with_kernel', 'noinline', 'numbers_at',
+           'on_compile', 'records_at', 'remove_stale', 'without_refcount']

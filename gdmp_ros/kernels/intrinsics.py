@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 from typing import Any, TYPE_CHECKING
 
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
 from numba.np import arrayobj
@@ -213,6 +214,24 @@ def measure_with_kernel(typing_context, address, size, parts):
         return _call(types.float64, context, builder, signature, values)
 
     return types.float64(types.int64, types.int64, parts), build
+
+
+@intrinsic
+def call_c(typing_context, address, arguments):
+    """
+    Call a C function at an address, and return nothing.
+
+    :param arguments: a tuple: numbers are passed as they are, arrays as the address of their first
+        number
+    """
+    def build(context, builder, signature, values):
+        kinds, parts = signature.args[1].types, cgutils.unpack_tuple(builder, values[1])
+        data = [_data_of(context, builder, kind, part) for kind, part in zip(kinds, parts)]
+        kind = ir.FunctionType(ir.VoidType(), [part.type for part in data]).as_pointer()
+        builder.call(builder.inttoptr(values[0], kind), data)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, arguments), build
 
 
 @intrinsic

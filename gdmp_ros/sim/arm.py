@@ -14,6 +14,7 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
+from gdmp_ros.sim.native import address, external_torque, functions, step
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import Actuation, change, PlantSettings
 
@@ -100,6 +101,9 @@ class Arm:
         self._plant = plant
         self.model, self.data, self._site, self._joints, self._motors = robot
         self._random = np.random.default_rng(0)
+        true = self.data
+        self._torques = (true.qfrc_smooth, true.qfrc_passive, true.qfrc_bias, true.qfrc_actuator,
+                         true.qfrc_constraint)
         self._body = int(self.model.site_bodyid[self._site])
         self._mount = Mount(self.model, self._site)
         self.known = KnownModel(known, self.data if shared else mujoco.MjData(known), site, shared)
@@ -178,7 +182,7 @@ class Arm:
         mujoco.mj_kinematics(self.model, self.data)
 
     def measure(self) -> Measurement:
-        """Read the present state; the arrays are valid until the next call."""
+        """Read the present state."""
         known, plant, true = self.known, self._plant, self.data
         joints = self._joints
         position, velocity = true.qpos[joints].copy(), true.qvel[joints].copy()
@@ -187,10 +191,9 @@ class Arm:
             position += plant.position_noise * noise[0]
             velocity += plant.velocity_noise * noise[1]
         known.look(position, velocity, self.period)
-        # Everything that is not passive, bias or motor torque is external.
-        external = (true.qfrc_smooth - true.qfrc_passive + true.qfrc_bias - true.qfrc_actuator
-                    + true.qfrc_constraint)
-        return known.measurement(position, velocity, external[joints])
+        external = np.empty(len(position))
+        external_torque(*self._torques, joints.start or 0, external)
+        return known.measurement(position, velocity, external)
 
     def linear_state(self, axes: int = 3) -> PositionState:
         """
@@ -239,8 +242,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
     :raises DataError: if it is unstable
     """
-    mujoco.mj_step2(model, data)
-    mujoco.mj_step1(model, data)
+    step(functions(), address(model), address(data))
     if data.warning.number[_BROKEN].any():
         # MuJoCo has reset everything to its initial state silently.
         data.warning.number[:] = 0

@@ -2,11 +2,13 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.sim import native
 from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.payload import Load, Payload
 
@@ -34,10 +36,9 @@ class KnownModel:
         self._carried = self._carried_before = Payload().moments()
         self._ramp = 1.0
         self._announced: tuple[Payload, mujoco.MjModel, mujoco.MjData, Load] | None = None
-        n = model.nv
-        self._linear, self._angular = np.zeros((3, n)), np.zeros((3, n))
-        self._rate = np.zeros((2, 3, n))
-        self._inertia, self._pose = np.zeros((n, n)), np.zeros(7)
+        # Parts of the data that are read, and the data that they are of.
+        self._viewed: mujoco.MjData | None = None
+        self._views: Any = ()
 
     def announce(self, payload: Payload) -> None:
         """Carry a payload from now on, within `PAYLOAD_S`; any thread may call it."""
@@ -83,21 +84,20 @@ class KnownModel:
         """
         Everything the controller needs in the state of the last `look`.
 
-        The arrays are valid until the next call.
-
         :param external: torque of contacts and external forces [Nm]
         """
-        model, data, site = self.model, self.data, self.site
-        mujoco.mj_jacSite(model, data, self._linear, self._angular, site)
-        mujoco.mj_jacDot(model, data, *self._rate, data.site_xpos[site], self.body)
-        mujoco.mj_fullM(model, data, self._inertia)
-        mujoco.mj_energyPos(model, data)
-        self._pose[:3] = data.site_xpos[site]
-        mujoco.mju_mat2Quat(self._pose[3:], data.site_xmat[site])
-        return Measurement(position, velocity, self._pose,
-                           np.concatenate([self._linear, self._angular]), self._inertia,
-                           data.qfrc_bias.copy(), external, self._rate.reshape(6, -1) @ velocity,
-                           float(data.energy[0]) + self.level)
+        data, n = self.data, len(position)
+        pose, jacobian, inertia, bias, acceleration = (
+            np.empty(7), np.empty((6, n)), np.empty((n, n)), np.empty(n), np.empty(6))
+        if data is not self._viewed:
+            self._viewed = data
+            self._views = (data.site_xpos[self.site], data.site_xmat[self.site], data.qfrc_bias)
+        place, axes, forces = self._views
+        native.measure(native.functions(), native.address(self.model), native.address(data),
+                       self.site, self.body, place, axes, forces, velocity, pose, jacobian,
+                       inertia, bias, acceleration)
+        return Measurement(position, velocity, pose, jacobian, inertia, bias, external,
+                           acceleration, float(data.energy[0]) + self.level)
 
     def _be(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.data.qpos[:] = position
