@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 #: Benches; the module of each in `experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
-            'improve', 'stream', 'loop', 'franka')
+            'improve', 'stream', 'tick', 'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

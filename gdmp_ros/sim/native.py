@@ -37,6 +37,13 @@ def step(addresses, model, data):
 
 
 @kernel
+def steps(addresses, model, data, count):
+    """Several times `step`."""
+    for _ in range(count):
+        step(addresses, model, data)
+
+
+@kernel
 def measure(addresses, model, data, site, body, place, axes, bias, velocity, measured_pose,
             jacobian, inertia, measured_bias, acceleration):
     """
