@@ -28,6 +28,7 @@ from gdmp_ros.util.settings import numbers
 #: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
 FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 _NOTHING = np.zeros(36)
+_NOTHING.setflags(write=False)
 
 
 class ImpedanceController:
