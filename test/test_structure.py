@@ -20,7 +20,8 @@ ONLY_IN = {'rclpy': {'ros'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
 #: Files that import by a string: from a list of the package, or outside of it.
 LISTS = {
     'gdmp_ros.cli.program': [f'gdmp_ros.cli.{name.replace(" ", "_")}' for name in PROGRAM.verbs],
-    'gdmp_ros.ros.recorder.record': [], 'gdmp_ros.sim.model_sources': [],
+    'gdmp_ros.ros.gripper': [], 'gdmp_ros.ros.recorder.record': [],
+    'gdmp_ros.sim.model_sources': [],
 }
 
 

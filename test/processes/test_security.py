@@ -19,7 +19,8 @@ ROOT = Path(__file__).parents[2]
 #: In addition to what a node has itself: the measured pose of the launch file, simulated time, and
 #: the gripper of an arm that has one.
 EXTRA = {SERVER: {'/panda_sim/measured_pose', '/clock'},
-         ARM: {'/clock', '/gripper/state', '/gripper/command', '/gripper/move'}}
+         ARM: {'/clock', '/gripper/state', '/gripper/command', '/gripper/move',
+               '/gripper/gripper_cmd'}}
 
 
 def allowed(node):

@@ -46,8 +46,7 @@ class Client:
         self._check = check or (lambda: None)
         self.participant = current().client(name)
         self.clock = self.participant.clock
-        self._services: dict[str, ServiceClient] = {}
-        self._actions: dict[str, ActionClient] = {}
+        self._offered: dict[str, Any] = {}
 
     def close(self) -> None:
         """Leave."""
@@ -105,18 +104,10 @@ class Client:
 
         :raises GdmpError: if no node offers it in time
         """
-        if name not in self._services:
-            client = self.participant.client(kind, name)
-            self.wait(f'the service {name}', client.service_is_ready, START_UP_S)
-            self.spend(DISCOVERY_S)
-            self._services[name] = client
-        return self._services[name]
-
-    def call(self, kind: Any, name: str, **fields: Any) -> Any:
-        """Call a service and return its reply."""
-        future = self.service(kind, name).call_async(kind.Request(**fields))
-        self.wait(f'the reply of {name}', future.done, 60.0)
-        return future.result()
+        found: ServiceClient = self._found(
+            f'the service {name}', lambda: self.participant.client(kind, name),
+            lambda client: client.service_is_ready())
+        return found
 
     def action(self, kind: Any, name: str) -> ActionClient:
         """
@@ -124,12 +115,24 @@ class Client:
 
         :raises GdmpError: if no node offers it in time
         """
-        if name not in self._actions:
-            client = self.participant.action_client(kind, name)
-            self.wait(f'the action {name}', client.server_is_ready, START_UP_S)
+        found: ActionClient = self._found(
+            f'the action {name}', lambda: self.participant.action_client(kind, name),
+            lambda client: client.server_is_ready())
+        return found
+
+    def _found(self, what: str, make: Callable[[], Any], ready: Callable[[Any], bool]) -> Any:
+        if what not in self._offered:
+            client = make()
+            self.wait(what, lambda: ready(client), START_UP_S)
             self.spend(DISCOVERY_S)
-            self._actions[name] = client
-        return self._actions[name]
+            self._offered[what] = client
+        return self._offered[what]
+
+    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Call a service and return its reply."""
+        future = self.service(kind, name).call_async(kind.Request(**fields))
+        self.wait(f'the reply of {name}', future.done, 60.0)
+        return future.result()
 
     def send(self, action: ActionClient, goal: Any, timeout: float,
              feedback: Callable[[Any], None] | None = None) -> SentGoal:
