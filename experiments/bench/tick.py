@@ -7,20 +7,19 @@ from typing import Any
 import numpy as np
 
 from experiments import timing
-from gdmp_ros.control.settings import ControllerSettings, FrictionSettings
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.skill import Skill
 
 TITLE = 'a tick of a simulated Panda, compared with the steps of MuJoCo alone; one core, no ROS'
 #: Steps of MuJoCo that are measured at a time.
 STEPS = 2000
-#: Friction that the controller compensates and credits.
-FRICTION = FrictionSettings(dry=(1.1,), credit_dry=(0.5,))
 
 
 def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """
     Time of a tick: guard, governor, tank, friction, law and simulation, with a moving reference.
+
+    The friction that is compensated is that of the model.
 
     Medians over repetitions of one skill from start to end. MuJoCo alone: ``mj_step1`` and
     ``mj_step2`` of the same arm, called by compiled code.
@@ -30,7 +29,7 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     from gdmp_ros.sim.execution import execution_ticks
     from gdmp_ros.sim.native import address, functions, steps
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
-    loop, alone = ClosedLoop(Arm(), ControllerSettings(friction=FRICTION)), Arm()
+    loop, alone = ClosedLoop(Arm()), Arm()
     references = [target.copy() for target, _ in execution_ticks(skill, loop)]
     times, simulations, errors = [], [], []
     with timing.one_core():
