@@ -32,7 +32,7 @@ from gdmp_ros.sim.payload import Payload
 DT = 1e-3
 #: Ticks in a state that does not move after which the arm rests; it then moves less than this [m].
 SETTLED, STILL_M = 1000, 5e-3
-#: After a push or another payload it needs so many ticks more.
+#: Additional ticks until the arm rests, after a push or a change of the payload.
 DISTURBED = 1000
 #: Longest time in which the arm comes to rest [ticks].
 LONGEST_STOP = 450

@@ -1,10 +1,9 @@
 """Contact: a wrench that is wished is kept by feedback, one that opposes a motion stops it."""
 from __future__ import annotations
 
-import math
-
 from gdmp_ros.control.target import WRENCH, WRENCH_GAIN
 from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.linalg import is_finite, is_zero, limit_norm, norm
 
 #: The external wrench is smoothed with this time constant [s].
 SMOOTHING_S = 0.01
@@ -14,7 +13,7 @@ DECAY_S = 0.2
 UNKNOWN_S = 0.1
 #: A reference slower than this does not collide [m/s, rad/s].
 LEAST_SPEED, LEAST_ANGULAR_SPEED = 0.005, 0.02
-#: What `feel` finds.
+#: What `feel` returns.
 NOTHING, FORCE, TORQUE, BLIND = range(4)
 
 
@@ -31,10 +30,7 @@ def correct(scalars, felt, correction, reference):
     :param correction: changed [N, Nm]
     :param reference: `TARGET_SIZE` numbers, changed
     """
-    active = False
-    for i in range(6):
-        active = active or reference[WRENCH_GAIN + i] != 0.0 or correction[i] != 0.0
-    if not active:
+    if is_zero(reference[WRENCH_GAIN:WRENCH_GAIN + 6]) and is_zero(correction):
         return
     dt = scalars.dt
     for i in range(6):
@@ -46,13 +42,8 @@ def correct(scalars, felt, correction, reference):
             correction[i] -= min(dt / DECAY_S, 1.0) * correction[i]
     for first in range(0, 6, 3):
         largest = scalars.feedback_force if first == 0 else scalars.feedback_torque
-        size = 0.0
+        limit_norm(3, correction[first:first + 3], largest)
         for i in range(first, first + 3):
-            size += correction[i] ** 2
-        size = math.sqrt(size)
-        for i in range(first, first + 3):
-            if size > largest:
-                correction[i] *= largest / size
             if abs(correction[i]) < 1e-6:
                 correction[i] = 0.0
             reference[WRENCH + i] += correction[i]
@@ -71,11 +62,10 @@ def feel(scalars, felt, wrench, twist, exerted):
         `BLIND` if none would be felt, though it is to be; else `NOTHING`
     """
     dt = scalars.dt
-    for i in range(6):
-        if not math.isfinite(wrench[i]):
-            scalars.unknown += dt
-            asked = scalars.collision_force != 0.0 or scalars.collision_torque != 0.0
-            return BLIND if asked and scalars.unknown > UNKNOWN_S else NOTHING
+    if not is_finite(wrench):
+        scalars.unknown += dt
+        asked = scalars.collision_force != 0.0 or scalars.collision_torque != 0.0
+        return BLIND if asked and scalars.unknown > UNKNOWN_S else NOTHING
     scalars.unknown = 0.0
     for i in range(6):
         felt[i] += min(dt / SMOOTHING_S, 1.0) * (wrench[i] - felt[i])
@@ -83,11 +73,9 @@ def feel(scalars, felt, wrench, twist, exerted):
         largest = scalars.collision_force if first == 0 else scalars.collision_torque
         if largest == 0.0:
             continue
-        speed, along = 0.0, 0.0
+        speed, along = norm(3, twist[first:first + 3]), 0.0
         for i in range(first, first + 3):
-            speed += twist[i] ** 2
             along += (felt[i] + exerted[i]) * twist[i]
-        speed = math.sqrt(speed)
         if speed < (LEAST_SPEED if first == 0 else LEAST_ANGULAR_SPEED):
             continue
         if -along / speed > largest:
@@ -96,12 +84,12 @@ def feel(scalars, felt, wrench, twist, exerted):
     return NOTHING
 
 
-def described(found: int, against: float) -> str:
+def described(event: int, against: float) -> str:
     """
-    Describe what `feel` has found, for people.
+    Describe what `feel` returns, for people.
 
     :param against: what opposes the motion [N, Nm]
     """
-    if found == BLIND:
+    if event == BLIND:
         return 'the external torque is not finite: a collision would not be felt'
-    return f'collision: {against:.3g} {"N" if found == FORCE else "Nm"} against the motion'
+    return f'collision: {against:.3g} {"N" if event == FORCE else "Nm"} against the motion'

@@ -118,8 +118,7 @@ class ImpedanceController:
             self.memory.scalars.free_damping = damping
             return self._without_reference(measured, FREE, dt)
         self._take_settings()
-        arm, guard = self._measured(measured, dt), self.guard
-        twist = measured.jacobian @ measured.velocity
+        (arm, twist), guard = self._measured(measured, dt), self.guard
         known = is_finite(measured.pose) and is_finite(twist)
         robot = MeasuredMotion(measured.pose, twist, measured.position, measured.velocity)
         target, requested = guard.target(dt, robot if known else None), _NOTHING
@@ -133,12 +132,12 @@ class ImpedanceController:
         if does == TOOL_SPRING:
             arm.posture[:] = self.posture.advance(dt)
         arm.scalars.does = does
-        found = compute(self._numbers)
-        if found == NOT_FINITE:
+        event = compute(self._numbers)
+        if event == NOT_FINITE:
             self._recover(measured)
             finish(self._numbers, True)
-        elif found:
-            self._react(found)
+        elif event:
+            self._react(event)
         if known:
             self._last_pose = measured.pose.copy()
         return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
@@ -178,28 +177,29 @@ class ImpedanceController:
         arm = self.memory
         return (arm.reference if arm.scalars.law == TOOL_SPRING else arm.joint_reference).copy()
 
-    def _measured(self, measured: Measurement, dt: float) -> memory.ArmMemory:
-        """Write what was measured into the memory."""
+    def _measured(self, measured: Measurement, dt: float
+                  ) -> tuple[memory.ArmMemory, np.ndarray]:
+        """Write what was measured into the memory; returns its parts, and the twist."""
         arm = self.memory
         (arm.position[:], arm.velocity[:], arm.pose[:], arm.jacobian[:], arm.inertia[:],
          arm.bias[:], arm.external[:], arm.acceleration[:], arm.scalars.potential) = measured
-        arm.scalars.dt = dt
-        return arm
+        twist = measured.jacobian @ measured.velocity
+        arm.twist[:], arm.scalars.dt = twist, dt
+        return arm, twist
 
     def _without_reference(self, measured: Measurement, does: int, dt: float) -> Tick:
         """Gravity is compensated, and there is no stiffness."""
         self._take_settings()
-        arm = self._measured(measured, dt)
-        twist = measured.jacobian @ measured.velocity
+        arm, twist = self._measured(measured, dt)
         self.posture.hold(measured.position)
         self.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                               measured.velocity))
         self.guard.hold(measured.pose)
         arm.scalars.does = does
         # A collision ends what the arm does after this tick.
-        mode, found = self.states.state.mode, compute(self._numbers)
-        if found:
-            self._react(found)
+        mode, event = self.states.state.mode, compute(self._numbers)
+        if event:
+            self._react(event)
         return self._tick(measured, twist, _NOTHING, None, mode)
 
     def _tick(self, measured: Measurement, twist: np.ndarray, requested: np.ndarray,
@@ -212,12 +212,12 @@ class ImpedanceController:
                     self.guard.mode if mode is None else mode, scalars.stored, scalars.energy,
                     arm.violation.copy(), joints)
 
-    def _react(self, found: int) -> None:
+    def _react(self, event: int) -> None:
         """React to a collision with what the arm does because of a request."""
         if self.states.state.moves:
             comply = self.settings.contact.collision_reaction == 'comply'
             self.states.take(Request.COMPLY if comply else Request.COLLISION,
-                             contact.described(found, self.memory.scalars.against))
+                             contact.described(event, self.memory.scalars.against))
 
     def _use(self, settings: ControllerSettings) -> None:
         self.settings = settings

@@ -34,7 +34,7 @@ from gdmp_ros.control.target import (
 )
 from gdmp_ros.control.torque_limits import limit_torque
 from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import norm
+from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
 #: Band below the speed limit of the tool in which what drives it decreases [m/s].
 TOOL_SPEED_BAND = 0.15
@@ -168,20 +168,15 @@ def finish(numbers, failed):
     :param failed: whether none could be computed
     """
     arm = arm_view(numbers)
-    s, n = arm.scalars, arm.position.size
-    if s.does == TOOL_SPRING or s.does == JOINT_SPRINGS:
-        wished = arm.torque.copy()
-        _limit(numbers)
-        if not failed:
-            _pay(numbers, wished)
-    else:
-        _limit(numbers)
+    s, wished = arm.scalars, arm.torque.copy()
+    _limit(numbers)
+    if not failed and (s.does == TOOL_SPRING or s.does == JOINT_SPRINGS):
+        _pay(numbers, wished)
     if failed:
         arm.violation[TORQUE] = math.inf
     remember(s, arm.tank, arm.sent, arm.velocity, arm.bias, arm.velocity_before, arm.bias_before,
              arm.torque, s.stored)
-    for i in range(n):
-        arm.last[i] = arm.torque[i]
+    copy_into(arm.torque, arm.last)
     for i in range(arm.violation.size):
         if arm.violation[i] > 0.0:
             arm.counts[i] += 1.0
@@ -190,17 +185,12 @@ def finish(numbers, failed):
 
 @kernel
 def _limit(numbers):
-    """Limit the torque; without a finite measurement the last one is sent."""
+    """Limit the torque."""
     arm = arm_view(numbers)
-    s, n = arm.scalars, arm.position.size
+    s = arm.scalars
     limit_torque(arm.position, arm.velocity, arm.bias, arm.last, arm.joint_limits[0],
                  arm.joint_limits[1], arm.largest, arm.fastest, min(s.dt, s.cycle), arm.limits,
                  arm.torque, arm.violation)
-    for i in range(n):
-        if not math.isfinite(arm.torque[i]):
-            for j in range(n):
-                arm.torque[j] = arm.last[j]
-            return
 
 
 @kernel
@@ -256,7 +246,6 @@ def compute(numbers):
                   else joint_energy(arm.position, arm.joint_reference))
     measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
                    arm.bias_before, stored)
-    _multiply(arm.jacobian, arm.velocity, arm.twist)
     arm.violation[:] = 0.0
     external, twist, exerted = np.empty(n), np.empty(6), np.zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,
@@ -286,12 +275,11 @@ def compute(numbers):
         _springs_at_joints(numbers, external, limits)
         arm.commanded[:] = 0.0
         _multiply(arm.jacobian, arm.joint_reference[n:2 * n], twist)
-    for i in range(n):
-        if springs and not math.isfinite(arm.torque[i]):
-            return NOT_FINITE
-    found = feel(s, arm.felt, arm.wrench, twist, exerted)
+    if springs and not is_finite(arm.torque):
+        return NOT_FINITE
+    contact = feel(s, arm.felt, arm.wrench, twist, exerted)
     finish(numbers, False)
-    return found
+    return contact
 
 
 @kernel

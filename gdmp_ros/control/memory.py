@@ -21,7 +21,7 @@ TOOL_SPRING, JOINT_SPRINGS, FREE, JOINT_MOTION = range(4)
 #: Torques that may still be on their way to the motors.
 MOST_TORQUES = 24
 
-SIZES = np.dtype([(name, np.int64) for name in ('total', 'joints')])
+SIZES = np.dtype([('joints', np.int64)])
 
 #: The scalars of a controller; flags are 0 or 1.
 SCALARS = np.dtype([(name, np.float64) for name in (
@@ -185,7 +185,7 @@ def blank(joints: int) -> np.ndarray:
              + 2 * TARGET_SIZE + 12 + 2 * (3 * joints + 1) + (7 + MOST_TORQUES + 14) * joints + 30
              + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
-    memory[:_SIZES].view(SIZES)[0] = (total, joints)
+    memory[:_SIZES].view(SIZES)[0] = (joints,)
     return memory
 
 

@@ -9,7 +9,7 @@ from gdmp_ros.control.limits import JOINT_POSITION, JOINT_SPEED, TORQUE, TORQUE_
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LIMIT_NUMBERS, LimitSettings
 from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import is_finite
+from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.util.settings import numbers
 
 #: A joint is braked from this fraction of its speed limit on.
@@ -63,7 +63,7 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
 
     The active torque, without gravity and Coriolis, is scaled as a whole: cut joint by joint, it
     would no longer belong to a wrench, and the rest would drive the null space. The same holds for
-    its change in a tick.
+    its change in a tick. Without a finite measurement the last torque stays.
 
     :param last: torque of the last tick [Nm]
     :param largest: torque limits [Nm]
@@ -88,6 +88,8 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
         violation[TORQUE_RATE] = max(violation[TORQUE_RATE], change / dt - limits.torque_slew)
         for i in range(n):
             torque[i] = last[i] + limits.torque_slew * dt / change * (torque[i] - last[i])
+    if not is_finite(torque):
+        copy_into(last, torque)
 
 
 class TorqueLimiter:
@@ -100,21 +102,14 @@ class TorqueLimiter:
         self._limits = numbers(settings)
         self._last = np.zeros_like(joints.torque)
 
-    @property
-    def last(self) -> np.ndarray:
-        """Torque that was sent last [Nm]."""
-        return self._last.copy()
-
     def reset(self, torque: np.ndarray) -> None:
         """Begin at ``torque``: the next one may differ from it by the rate."""
         self._last = np.clip(torque, -self._torque, self._torque)
 
-    def limited(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
-                torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
+    def apply(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
+              torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
         """
-        Return what may be sent of a torque [Nm]; see `limit_torque`.
-
-        Without a finite measurement that is the last torque.
+        Return what may be sent of a torque [Nm], and remember it; see `limit_torque`.
 
         :param bias: gravity and Coriolis torque [Nm]
         """
@@ -122,15 +117,5 @@ class TorqueLimiter:
         limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
                      self._torque, self._fastest, min(dt, joints.cycle), self._limits, result,
                      violation)
-        return result if is_finite(result) else self.last
-
-    def sent(self, torque: np.ndarray) -> None:
-        """Remember the torque that was sent [Nm]."""
-        self._last = torque.copy()
-
-    def apply(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
-              torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
-        """Return what may be sent, and remember it as sent."""
-        result = self.limited(position, velocity, bias, torque, dt, violation)
-        self.sent(result)
+        self._last = result.copy()
         return result

@@ -140,7 +140,7 @@ def raised_priority() -> Iterator[None]:
 
 
 class _Punctual:
-    """The interpreter of a process in which loops have deadlines: from the first to the last."""
+    """Settings of the interpreter while loops with deadlines run, from the first to the last."""
 
     def __init__(self) -> None:
         self._loops: set[LoopThread] = set()
@@ -205,7 +205,7 @@ class LoopThread:
         self.join()
 
     def join(self) -> None:
-        """Wait until the loop ends by itself."""
+        """Wait for the end of the loop."""
         self._thread.join()
         if self._in_time:
             _punctual.end(self)

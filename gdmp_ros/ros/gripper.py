@@ -19,6 +19,7 @@ from gdmp_ros.control.gripper import DEFAULT_SPEED, Gripper, GripperCommand, Gri
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.middleware import end_goal
 
 _control_msgs: Any = None
 with suppress(ImportError):
@@ -89,7 +90,7 @@ class GripperInterface:
         except GdmpError as error:
             result.message = str(error)
         result.success = not result.message
-        _end(handle, result.success)
+        end_goal(handle, result.success)
         return result
 
     async def _execute_parallel(self, handle: Any) -> Any:
@@ -114,7 +115,7 @@ class GripperInterface:
         if problem:
             self._node.get_logger().warning(f'{PARALLEL}: {problem}')
         result.state = described(state)
-        _end(handle, not problem)
+        end_goal(handle, not problem)
         return result
 
     async def _carried_out(self, command: GripperCommand,
@@ -162,10 +163,3 @@ def parallel_command(joints: JointState, width: float) -> GripperCommand:
     wanted = sum(joints.position) * 2.0 / fingers
     return GripperCommand(wanted, max(joints.effort, default=0.0) if wanted < width else 0.0,
                           2.0 * min(joints.velocity, default=0.0) or DEFAULT_SPEED)
-
-
-def _end(handle: Any, success: bool) -> None:
-    if success:
-        handle.succeed()
-    else:
-        handle.abort()

@@ -41,6 +41,16 @@ def latched(depth: int) -> QoSProfile:
     return quality
 
 
+def end_goal(handle: Any, success: bool) -> None:
+    """Tell the client of an action how its goal ended."""
+    if success:
+        handle.succeed()
+    elif handle.is_cancel_requested:
+        handle.canceled()
+    else:
+        handle.abort()
+
+
 def deserialized(data: bytes, kind: Any) -> Any:
     """
     Read a serialised message.

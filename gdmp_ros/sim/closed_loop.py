@@ -80,9 +80,9 @@ class SimulatedDriver:
         return self.arm.measure()
 
     def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
-        before = self.arm.measure().pose.copy()
+        before = self.arm.measure().pose
         self.arm.put_tool(tool)
-        return before, self.arm.measure().pose.copy()
+        return before, self.arm.measure().pose
 
     def check_payload(self, state: State) -> None:
         """The model changes smoothly, in any state."""

@@ -58,8 +58,7 @@ def test_clients_of_running_nodes_run_and_leave_a_picture(letter, tmp_path):
             nodes.send_signal(signal.SIGINT)
             nodes.wait(30.0)
     assert said[0].startswith('the goal was reached, within 0.00')
-    # How many come in its time is a question of the machine; none of them is lost.
-    assert int(said[1].split()[0]) > 1000 and said[1].strip().endswith(', 0 lost')
+    assert int(said[1].split()[0]) > 5000 and said[1].strip().endswith(', 0 lost')
 
 
 def test_examples_are_in_the_gallery():

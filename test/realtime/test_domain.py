@@ -27,6 +27,6 @@ def test_a_choice_of_the_user_is_kept(monkeypatch, chosen, given):
     for name, value in chosen.items():
         monkeypatch.setenv(name, value)
     assert dds_network.default_environment() == given
-    # Whoever has not chosen is told.
+    # The restriction is reported unless the user has made a choice.
     asked = any(name in chosen for name in (*dds_network.REACH, *dds_network.TRANSPORT))
     assert bool(dds_network.unasked_restriction()) == (not asked)

@@ -16,6 +16,7 @@ from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import JointMotion, PostureMotion
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.messages import pose_numbers
+from gdmp_ros.ros.middleware import end_goal
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.known_model import PAYLOAD_S
 from gdmp_ros.sim.payload import Payload
@@ -120,20 +121,24 @@ class ArmServices:
     async def identify(self, handle: Any) -> IdentifyFriction.Result:
         """Measure the friction of the joints."""
         result, motion = IdentifyFriction.Result(), FrictionIdentification(self._control.joints)
-        await self._make(handle, result, lambda: motion, lambda _: IdentifyFriction.Feedback(
-            activity=motion.what, remaining=motion.remaining))
-        if result.success:
+
+        def complete() -> None:
             friction = motion.result()
             result.joint_names = list(self._node.joint_names)
             result.viscous, result.dry = (values.round(4).tolist() for values in friction)
+        await self._make(handle, result, lambda: motion, lambda _: IdentifyFriction.Feedback(
+            activity=motion.what, remaining=motion.remaining), complete)
         return result
 
     async def _make(self, handle: Any, result: Any, plan: Callable[[], JointMotion],
-                    feedback: Callable[[JointMotion], Any]) -> None:
+                    feedback: Callable[[JointMotion], Any],
+                    complete: Callable[[], None] = lambda: None) -> None:
         """
-        Make motions of the joints for the goal of an action, and complete its result.
+        Make motions of the joints for the goal of an action, and end it.
 
         A goal that is refused is accepted first: a rejection could not carry the reason.
+
+        :param complete: writes what motions that were made have shown into the result
         """
         control, stopped = self._control, False
 
@@ -149,16 +154,13 @@ class ArmServices:
             motion = plan()
             await self._carried_out(motion.request, motion)
             await self._node.wait_until(over, FEEDBACK_S)
-            result.success = motion.done
-            result.message = '' if motion.done else control.joint_motion_problem or 'it was ended'
+            if not motion.done:
+                raise ParameterError(control.joint_motion_problem or 'it was ended')
+            complete()
+            result.success = True
         except GdmpError as error:
             result.message = str(error)
-        if result.success:
-            handle.succeed()
-        elif handle.is_cancel_requested:
-            handle.canceled()
-        else:
-            handle.abort()
+        end_goal(handle, result.success)
 
     async def _replied(self, reply: Any, request: Request, argument: Any, said: Callable[[], str]
                        ) -> Any:

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 import sys
-from typing import Any
+from typing import Any, TypeVar
 
 from action_msgs.msg import GoalStatus
 from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
@@ -31,6 +31,8 @@ LOOK_S = 0.02
 CLIENT = 'server_client'
 #: Interval at which a wait is reported [s].
 REPORT_S = 2.0
+#: Client of a service or of an action.
+Offer = TypeVar('Offer', ServiceClient, ActionClient)
 
 
 class Client:
@@ -46,7 +48,7 @@ class Client:
         self._check = check or (lambda: None)
         self.participant = current().client(name)
         self.clock = self.participant.clock
-        self._offered: dict[str, Any] = {}
+        self._offers: dict[str, Any] = {}
 
     def close(self) -> None:
         """Leave."""
@@ -104,10 +106,8 @@ class Client:
 
         :raises GdmpError: if no node offers it in time
         """
-        found: ServiceClient = self._found(
-            f'the service {name}', lambda: self.participant.client(kind, name),
-            lambda client: client.service_is_ready())
-        return found
+        return self._offer(f'the service {name}', lambda: self.participant.client(kind, name),
+                           lambda client: client.service_is_ready())
 
     def action(self, kind: Any, name: str) -> ActionClient:
         """
@@ -115,18 +115,20 @@ class Client:
 
         :raises GdmpError: if no node offers it in time
         """
-        found: ActionClient = self._found(
-            f'the action {name}', lambda: self.participant.action_client(kind, name),
-            lambda client: client.server_is_ready())
-        return found
+        return self._offer(f'the action {name}',
+                           lambda: self.participant.action_client(kind, name),
+                           lambda client: client.server_is_ready())
 
-    def _found(self, what: str, make: Callable[[], Any], ready: Callable[[Any], bool]) -> Any:
-        if what not in self._offered:
+    def _offer(self, what: str, make: Callable[[], Offer], ready: Callable[[Offer], bool]
+               ) -> Offer:
+        """What another node offers, made and waited for once."""
+        if what not in self._offers:
             client = make()
             self.wait(what, lambda: ready(client), START_UP_S)
             self.spend(DISCOVERY_S)
-            self._offered[what] = client
-        return self._offered[what]
+            self._offers[what] = client
+        client = self._offers[what]
+        return client
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Call a service and return its reply."""

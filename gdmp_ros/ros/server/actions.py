@@ -20,6 +20,7 @@ from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import ROBOT_LOST, Streamer
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.middleware import end_goal
 from gdmp_ros.ros.server.report import ServerReport
 
 #: Tolerances of the reference if a goal has none [m, rad].
@@ -99,16 +100,6 @@ class ServerAction:
         self._streamer.refusals.add(f'{self.name}: {error}')
         handle.abort()
         return self.kind.Result(error_code=self.kind.Result.INVALID_GOAL, error_string=str(error))
-
-    @staticmethod
-    def _end(handle: Any, result: Any) -> None:
-        """Tell the client how a goal ended."""
-        if result.error_code == result.SUCCESSFUL:
-            handle.succeed()
-        elif handle.is_cancel_requested:
-            handle.canceled()
-        else:
-            handle.abort()
 
     def _finish(self, code: int, text: str) -> None:
         execution, self._execution = self._execution, None
@@ -270,7 +261,7 @@ class ExecuteAction(ServerAction):
         result.factors, result.distance_to_goal = state.factors, state.distance_to_goal
         result.flags = [*state.flags, *(['unverified'] if self._unverified else [])]
         result.robot_distance = state.robot_distance
-        self._end(handle, result)
+        end_goal(handle, result.error_code == result.SUCCESSFUL)
         return result
 
     async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
@@ -385,5 +376,5 @@ class SequenceAction(ServerAction):
         result.error_code, result.error_string = await execution.done
         status = self._streamer.sequence.status
         result.step = 0 if status is None else status.step
-        self._end(handle, result)
+        end_goal(handle, result.error_code == result.SUCCESSFUL)
         return result
