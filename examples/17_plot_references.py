@@ -9,26 +9,29 @@ from gdmp_msgs.msg import Reference
 from matplotlib import pyplot as plt
 import numpy as np
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 rclpy.init()
 node, references = Node('example'), []
-# A short history loses messages when this process is late; 2000 are two seconds.
-qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+# A short history loses messages while this process is late.
+qos = QoSProfile(depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
 node.create_subscription(Reference, 'trajectory_server/reference', references.append, qos)
 start = node.create_client(Trigger, 'trajectory_server/start')
 if not start.wait_for_service(timeout_sec=10.0):
     sys.exit('no trajectory server answers: start "gdmp up skill.json" in another terminal')
 began = start.call_async(Trigger.Request())
-rclpy.spin_until_future_complete(node, began)
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+executor.spin_until_future_complete(began)
 if not began.result().success:
     sys.exit(began.result().message)
 # Eight seconds of the stream; a busy machine needs longer.
 end = time.monotonic() + 60.0
 while len(references) < 8000 and time.monotonic() < end:
-    rclpy.spin_once(node, timeout_sec=0.1)
+    executor.spin_once(timeout_sec=0.1)
 
 times = np.array([r.header.stamp.sec + 1e-9 * r.header.stamp.nanosec for r in references])
 lines = np.array([(r.twist.linear.x, r.twist.linear.y, r.twist.linear.z) for r in references])

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+import re
 import time
 
 import numpy as np
@@ -104,11 +105,16 @@ def _execute(nodes: FaultTrial, reliability: str, quality: Quality, cut: float, 
 
 def _judge(run: Run, output: str, trial: FaultTrial, outcome: TrialResult, which: str,
            arrive: float | None, late_ms: float | None, lost: bool) -> None:
+    from gdmp_msgs.action import ExecuteSkill
     # After a cut a second motion is needed: the arm does not go on by itself.
-    outcome.claim(f'{which}the motion reaches its goal', 'ended with 0' in output
-                  and (lost or output.count('executing') == 1))
+    ended = _ends(output)
+    code, said = ended[-1]
+    outcome.claim(f'{which}the motion reaches its goal'
+                  + (f' ({code} {said})' if code != ExecuteSkill.Result.SUCCESSFUL else ''),
+                  code == ExecuteSkill.Result.SUCCESSFUL and (lost or len(ended) == 1),
+                  code == ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED)
     outcome.claim(f'{which}a lost motion is not called reached',
-                  not lost or -1 < output.find('ended with -') < output.find('ended with 0'))
+                  not lost or ended[0][0] != ExecuteSkill.Result.SUCCESSFUL)
     numbers = np.unique(run.sequences)
     arrived = len(numbers) / float(numbers[-1] - numbers[0] + 1)
     age = 1e3 * _ages(run)
@@ -124,6 +130,12 @@ def _judge(run: Run, output: str, trial: FaultTrial, outcome: TrialResult, which
     judge_limits(run, judged)
     outcome.measured.update({which + name: value for name, value in judged.measured.items()})
     outcome.failed += [which + text for text in judged.failed]
+
+
+def _ends(output: str) -> list[tuple[int, str]]:
+    """Result code and text of each motion that the client executed."""
+    return [(int(code), text) for code, text in
+            re.findall(r'^ended with (-?\d+) ?(.*)$', output, re.MULTILINE)]
 
 
 def _ages(run: Run) -> np.ndarray:
