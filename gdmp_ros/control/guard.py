@@ -5,15 +5,10 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control import stream
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.modes import ArmMode, StreamMode
-from gdmp_ros.control.reference_check import (
-    continues,
-    is_on_time,
-    NewestReference,
-    Origin,
-    refusal,
-)
+from gdmp_ros.control.reference_check import continues, is_on_time, Origin, refusal
 from gdmp_ros.control.reference_kinds import (
     JointReferences,
     MeasuredMotion,
@@ -22,16 +17,13 @@ from gdmp_ros.control.reference_kinds import (
 )
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.kernels import records_at
 from gdmp_ros.util.profiles import smoothstep
 
 #: Reason of a stop because the stream has ended without saying so.
 NO_REFERENCE = 'no reference for'
 #: After `ReferenceGuard.arm` a motion must begin within this time [s].
 ARMED_S = 10.0
-#: The usual delay of references is the mean of about so many, and of none before a gap [s].
-DELAY_SHARE, DELAY_GAP_S = 0.02, 0.05
-#: A reference that is further from its usual time is followed as it is [s].
-LARGEST_SHIFT_S = 0.02
 
 
 class ReferenceGuard:
@@ -43,6 +35,8 @@ class ReferenceGuard:
     motion slows down and the pose is held. A stream that is followed must not jump.
 
     :ivar states: of the arm
+    :ivar numbers: what it knows of its streams (`gdmp_ros.control.stream.STREAM`)
+    :ivar held: where the newest reference was, if it was at rest
     """
 
     def __init__(self, settings: GuardSettings, pose: np.ndarray, damping_ratio: float,
@@ -54,9 +48,13 @@ class ReferenceGuard:
         :param joints: number of joints, if references of the joints may be followed
         :param states: of the arm; by default of one that does nothing but follow
         """
-        self.settings = settings
+        self.numbers = stream.blank()
+        self._stream = records_at(self.numbers, 0, 1, stream.STREAM)[0]
+        self.held = np.zeros(max(7, joints))
+        self._use(settings)
         self.states = states or ArmStates()
         self.states.watchers.append(self._entered)
+        self._stream.state = stream.number_of(self.states.state)
         self._tool = PoseReferences(pose, damping_ratio)
         self._joints = JointReferences(joints, damping_ratio)
         self._kind: ReferenceKind = self._tool
@@ -66,20 +64,20 @@ class ReferenceGuard:
     def restart(self, robot: MeasuredMotion) -> None:
         """Hold the robot as after the start; a stream that runs already is not followed."""
         self.states.refused, self.states.last_refusal = 0, ''
-        self._fresh = self._resumable = False
-        self._armed_s = 0.0
-        self._age, self._sequence, self._delay = math.inf, 0, 0.0
-        # Sequence number of the last reference that was on time.
-        self._on_time = 0
+        known = self._stream
+        known.fresh = known.resumable = known.armed = 0.0
+        known.age, known.sequence, known.delay = math.inf, 0.0, 0.0
+        known.on_time, known.stop_progress = 0.0, 1.0
         self._far = ''
-        self._stop_progress = 1.0
         self.states.take(Request.ACTIVATE)
         self._robot = robot
         self.hold(robot.pose)
 
     def forget_stream(self) -> None:
         """Take the next reference for the first one of its stream."""
-        self._offered = NewestReference()
+        known = self._stream
+        known.offered_mode, known.offered_sequence = StreamMode.ENDED, 0.0
+        known.offered_age, known.offered_rests = math.inf, 0.0
 
     @property
     def following(self) -> bool:
@@ -99,7 +97,12 @@ class ReferenceGuard:
     @property
     def armed(self) -> bool:
         """Whether a motion is followed wherever it is (`arm`)."""
-        return self._armed_s > 0.0
+        return bool(self._stream.armed > 0.0)
+
+    @property
+    def tool_target(self) -> np.ndarray:
+        """The target of the tool: the same array every time."""
+        return self._tool.target
 
     def offer(self, target: np.ndarray, origin: Origin) -> bool:
         """
@@ -109,11 +112,16 @@ class ReferenceGuard:
             quaternion of an accepted one is normalised here
         :returns: whether it was accepted
         """
-        kind = self._kind_of(target)
-        known = self._on_time > 0 and continues(origin.sequence, self._on_time)
-        reason = refusal(origin, self.settings, known)
+        kind, known, age = self._kind_of(target), self._stream, float(origin.age)
+        if kind is self._tool and origin.frame == self.settings.frame:
+            done = stream.go_on(self.numbers, self._tool.target, self.held, target, age,
+                                float(origin.sequence), float(origin.mode))
+            if done != stream.OTHER:
+                return bool(done == stream.FOLLOWED)
+        clocks_agree = known.on_time > 0.0 and _continues(origin, known.on_time)
+        reason = refusal(origin, self.settings, clocks_agree)
         if is_on_time(origin, self.settings):
-            self._on_time = origin.sequence
+            known.on_time = origin.sequence
         if reason is None:
             reason = kind.invalid(target)
         if reason is None:
@@ -122,42 +130,67 @@ class ReferenceGuard:
             if reason:
                 self.refuse(reason)
             return False
-        self._even_out(kind, target, origin.age)
-        self._kind, self._far = kind, ''
+        begins = not self.following
+        self._choose(kind)
+        if kind is self._tool:
+            stream.use(self.numbers, kind.target, target, age, float(origin.sequence), begins)
+        else:
+            kind.target[:] = target
+            shift = stream.usual_delay(self.numbers, age, begins)
+            if shift:
+                kind.extrapolate(shift, 0.0)
+            known.fresh = known.resumable = 1.0
+            known.armed, known.age, known.sequence = 0.0, 0.0, origin.sequence
+        self._far = ''
         self.states.take(_request(origin))
-        self._fresh = self._resumable = True
-        self._armed_s, self._age, self._sequence = 0.0, 0.0, origin.sequence
         return True
 
     def observe(self, target: np.ndarray, origin: Origin) -> None:
         """Remember a reference that is not followed: its stream runs already."""
         kind = self._kind_of(target)
         if kind.invalid(target) is None:
-            self._offered.add(kind, kind.place(target), origin, self.settings.resume_time)
+            self._remember(kind, kind.place(target), origin)
 
     def _kind_of(self, target: np.ndarray) -> ReferenceKind:
         return self._tool if len(target) == TARGET_SIZE else self._joints
 
-    def _even_out(self, kind: ReferenceKind, target: np.ndarray, age: float) -> None:
-        """
-        Use a reference; one later, or earlier, than usual is moved to where it would be now.
+    def _choose(self, kind: ReferenceKind) -> None:
+        """Follow this kind of references."""
+        self._kind, self._stream.of_joints = kind, float(kind is self._joints)
 
-        Otherwise one that was delayed by a millisecond would be a step of the motion.
+    def _remember(self, kind: ReferenceKind, place: np.ndarray, origin: Origin
+                  ) -> tuple[bool, np.ndarray | None, float]:
         """
-        kind.target[:] = target
-        if not self.following or self._age > DELAY_GAP_S:
-            self._delay = age
-        shift = age - self._delay
-        self._delay += DELAY_SHARE * shift
-        if 0.0 < abs(shift) <= LARGEST_SHIFT_S:
-            kind.extrapolate(shift, 0.0)
+        Remember the newest reference; it tells where a motion begins.
+
+        :param place: where it is
+        :returns: whether a motion begins with it; where the same stream rested before, if it did,
+            and how long ago: the first references of a motion may be lost
+        """
+        known, of_joints = self._stream, float(kind is self._joints)
+        same = (known.offered_age <= self.settings.resume_time
+                and _continues(origin, known.offered_sequence)
+                and known.offered_of_joints == of_joints)
+        begins = (origin.mode == StreamMode.STREAMING
+                  and not (same and known.offered_mode == StreamMode.STREAMING))
+        rested = (begins, self.held[:len(place)].copy() if same and known.offered_rests else None,
+                  known.offered_age)
+        stream.remember(self.numbers, float(origin.mode), float(origin.sequence), of_joints)
+        if origin.mode == StreamMode.HOLDING:
+            self.held[:len(place)] = place
+        return rested
 
     def configure(self, settings: GuardSettings, damping_ratio: float) -> None:
         """Use other settings from now on; the damping ratio only while nothing is followed."""
-        self.settings = settings
+        self._use(settings)
         if not self.following:
             self._tool.damp(damping_ratio)
             self._joints.damp(damping_ratio)
+
+    def _use(self, settings: GuardSettings) -> None:
+        self.settings, known = settings, self._stream
+        known.timeout, known.stamp_tolerance = settings.timeout, settings.stamp_tolerance
+        known.jump_position, known.jump_rotation = settings.jump_position, settings.jump_rotation
 
     def refuse(self, reason: str) -> None:
         """Count a reference that is not accepted, and keep the reason."""
@@ -185,11 +218,11 @@ class ReferenceGuard:
         :raises ParameterError: if the arm does something else
         """
         self.states.take(Request.ARM)
-        self._armed_s = ARMED_S
+        self._stream.armed = ARMED_S
 
     def stop(self, reason: str = '') -> None:
         """Stop smoothly and hold; the reason is kept until a motion begins."""
-        self._armed_s, self._resumable = 0.0, False
+        self._stream.armed = self._stream.resumable = 0.0
         self.states.take(Request.STOP, reason)
 
     def fault(self, reason: str) -> None:
@@ -198,23 +231,24 @@ class ReferenceGuard:
 
     def _entered(self, before: State) -> None:
         """The state of the arm has changed, or not."""
-        state = self.states.state
+        state, known = self.states.state, self._stream
+        known.state = stream.number_of(state)
         if state is before:
             return
         if state is State.FAULT:
             self.hold(self._robot.pose)
         elif before.follows and state is State.STOPPING:
-            self._stop_progress, self._resumable = 0.0, False
+            known.stop_progress = known.resumable = 0.0
             self._kind.begin_stop()
             if self.states.then is not State.HOLDING:
-                self._armed_s = 0.0
+                known.armed = 0.0
         elif not (state.follows or before is State.STOPPING and state is State.HOLDING):
             self._forget()
 
     def hold(self, pose: np.ndarray) -> None:
         """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
         self._forget()
-        self._kind = self._tool
+        self._choose(self._tool)
         self._tool.rest_at(self._robot._replace(pose=pose))
 
     def target(self, dt: float, robot: MeasuredMotion | None = None) -> np.ndarray:
@@ -226,42 +260,41 @@ class ReferenceGuard:
             every time
         """
         self.measure(dt, robot)
-        if self.following and self._age > self.settings.timeout + 1e-9:
+        known = self._stream
+        if self.following and stream.is_lost(self.numbers):
             self.states.take(Request.LOST, f'{NO_REFERENCE} {self.settings.timeout:g} s')
-            self._resumable = True
+            known.resumable = 1.0
         if not self.following:
             self._slow_down(dt)
-        elif not self._fresh:
-            self._kind.extrapolate(dt, self._age)
-        self._fresh = False
-        self._age += dt
+        elif self.in_joints and not known.fresh:
+            self._joints.extrapolate(dt, known.age)
+        stream.advance(self.numbers, self._tool.target, dt)
         return self._kind.target
 
     def measure(self, dt: float, robot: MeasuredMotion | None) -> None:
         """Let ``dt`` pass, and remember where the robot is."""
-        self._offered.age += dt
-        self._armed_s -= dt
+        stream.elapse(self.numbers, dt)
         if robot is not None:
             self._robot = robot
 
     def _why_not(self, kind: ReferenceKind, target: np.ndarray, origin: Origin) -> str | None:
         """Why a valid reference is not followed; empty if that need not be told."""
         place, settings = kind.place(target), self.settings
-        begins, held, ago = self._offered.add(kind, place, origin, settings.resume_time)
+        begins, held, ago = self._remember(kind, place, origin)
         # A stream that rests asks for nothing.
         busy = self.states.refusal(_request(origin))
         if busy is not None:
             return busy
         same = kind is self._kind
         if self.following or (same and self._resumes(origin)):
-            gap = 0.0 if self.following else self._age
+            gap = 0.0 if self.following else self._stream.age
             reason = self._out_of_sequence(origin)
             if reason is None and same:
                 reason = kind.jump(kind.target, target, gap, settings)
             if reason is not None or (same and origin.mode != StreamMode.ENDED):
                 return reason
             if same:
-                self._resumable = False
+                self._stream.resumable = 0.0
                 self.states.take(Request.LOST)
         if origin.mode != StreamMode.STREAMING:
             return ''
@@ -278,30 +311,39 @@ class ReferenceGuard:
 
     def _resumes(self, origin: Origin) -> bool:
         """Whether the stream that was followed goes on after a short gap."""
-        return (self._resumable and self.states.state in (State.STOPPING, State.HOLDING)
-                and self._age <= self.settings.resume_time
-                and continues(origin.sequence, self._sequence))
+        known = self._stream
+        return bool(known.resumable and self.states.state in (State.STOPPING, State.HOLDING)
+                    and known.age <= self.settings.resume_time
+                    and _continues(origin, known.sequence))
 
     def _out_of_sequence(self, origin: Origin) -> str | None:
-        if continues(origin.sequence, self._sequence):
+        last = self._stream.sequence
+        if _continues(origin, last):
             return None
-        return (f'sequence number {origin.sequence} does not follow {self._sequence}: there is '
+        return (f'sequence number {origin.sequence} does not follow {last:.0f}: there is '
                 'more than one publisher of references')
 
     def _forget(self) -> None:
         """Follow nothing from now on."""
-        self._armed_s, self._resumable = 0.0, False
-        self._stop_progress, self._sequence = 1.0, 0
+        known = self._stream
+        known.armed = known.resumable = known.sequence = 0.0
+        known.stop_progress = 1.0
 
     def _slow_down(self, dt: float) -> None:
         """Reduce the last velocity and wrench to zero within the stop time."""
-        if self._stop_progress >= 1.0:
+        known = self._stream
+        if known.stop_progress >= 1.0:
             return
-        self._stop_progress = min(1.0, self._stop_progress + dt / self.settings.stop_time)
-        left = 1.0 - smoothstep(self._stop_progress)
+        known.stop_progress = min(1.0, known.stop_progress + dt / self.settings.stop_time)
+        left = 1.0 - smoothstep(known.stop_progress)
         self._kind.slow_down(left, dt)
-        if self._stop_progress >= 1.0 and self.states.state is State.STOPPING:
+        if known.stop_progress >= 1.0 and self.states.state is State.STOPPING:
             self.states.take(Request.ARRIVED)
+
+
+def _continues(origin: Origin, last: float) -> bool:
+    """Whether a reference continues a stream."""
+    return bool(continues(float(origin.sequence), last))
 
 
 def _request(origin: Origin) -> Request:

@@ -52,43 +52,10 @@ class Origin:
     mode: int = StreamMode.STREAMING
 
 
-def continues(sequence: int, last: int) -> bool:
+@kernel
+def continues(sequence, last):
     """Whether a sequence number continues a stream; 0 says nothing."""
-    return not last or 0 < sequence - last <= LARGEST_GAP
-
-
-class NewestReference:
-    """
-    The newest reference that came, followed or not: it tells where a motion begins.
-
-    :ivar held: where the newest reference was, if it was at rest
-    """
-
-    def __init__(self) -> None:
-        self.mode: int = StreamMode.ENDED
-        self.sequence, self.age = 0, math.inf
-        self.held: np.ndarray | None = None
-        self._kind: object = None
-
-    def add(self, kind: object, place: np.ndarray, origin: Origin, longest_gap: float
-            ) -> tuple[bool, np.ndarray | None, float]:
-        """
-        Remember a reference.
-
-        :param kind: what it is of
-        :param place: where it is
-        :returns: whether a motion begins with it; where the same stream rested before, if it did,
-            and how long ago: the first references of a motion may be lost
-        """
-        same = (self.age <= longest_gap and continues(origin.sequence, self.sequence)
-                and self._kind is kind)
-        begins = (origin.mode == StreamMode.STREAMING
-                  and not (same and self.mode == StreamMode.STREAMING))
-        rested = (begins, self.held if same else None, self.age)
-        self.mode, self.sequence, self.age = origin.mode, origin.sequence, 0.0
-        self.held = place if origin.mode == StreamMode.HOLDING else None
-        self._kind = kind
-        return rested
+    return last == 0 or 0 < sequence - last <= LARGEST_GAP
 
 
 def refusal(origin: Origin, settings: GuardSettings, on_time_before: bool = False) -> str | None:
@@ -121,11 +88,11 @@ def invalid_target(target: np.ndarray) -> str | None:
 
     :param target: `TARGET_SIZE` numbers (`gdmp_ros.control.target`)
     """
-    return _why_invalid(target) if _is_invalid(target) else None
+    return _why_invalid(target) if is_invalid(target) else None
 
 
 @kernel
-def _is_invalid(target):
+def is_invalid(target):
     """Whether a number is not finite or too large, or a part is not on its manifold."""
     for i in range(target.size):
         # False for NaN too.

@@ -14,10 +14,9 @@ import numpy as np
 from gdmp_ros.control.joint_target import joint_target_size, MOST_STIFFNESS, resting_joints
 from gdmp_ros.control.reference_check import invalid_target, LARGEST_DAMPING_RATIO
 from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.stream import extrapolate
 from gdmp_ros.control.target import (
-    ACCELERATION,
     DAMPING_RATIO,
-    extrapolate_pose,
     POSE,
     resting_target,
     STIFFNESS,
@@ -25,10 +24,8 @@ from gdmp_ros.control.target import (
     TWIST,
     WRENCH,
 )
-from gdmp_ros.manifolds.quaternion import pose_distance
+from gdmp_ros.manifolds.quaternion import normalize, pose_distance
 
-#: Time for which the acceleration of the last reference is used between two references [s].
-ACCELERATION_S = 0.01
 #: Stiffness with which the joints are held before the first reference of the joints [Nm/rad].
 HOLD_JOINT_STIFFNESS = 200.0
 #: A joint may move at most this fast, before any limit of the arm [rad/s].
@@ -110,8 +107,7 @@ class PoseReferences:
         """Why a target cannot be followed at all; None if it can. What must be is normalised."""
         reason = invalid_target(target)
         if reason is None:
-            quaternion = target[POSE + 3:POSE + 7]
-            quaternion /= math.sqrt(quaternion @ quaternion)
+            normalize(target[POSE + 3:POSE + 7])
         return reason
 
     def place(self, target: np.ndarray) -> np.ndarray:
@@ -151,12 +147,7 @@ class PoseReferences:
 
     def extrapolate(self, dt: float, age: float) -> None:
         """Let ``dt`` pass without a new target; the last one is ``age`` old."""
-        target = self.target
-        if age <= ACCELERATION_S:
-            target[TWIST:TWIST + 6] += dt * target[ACCELERATION:ACCELERATION + 6]
-        else:
-            target[ACCELERATION:ACCELERATION + 6] = 0.0
-        extrapolate_pose(target, dt, target[POSE:POSE + 7])
+        extrapolate(self.target, dt, age)
 
     def begin_stop(self) -> None:
         """The velocity begins to decrease."""

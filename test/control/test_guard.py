@@ -283,3 +283,27 @@ def test_references_that_are_delayed_irregularly_give_a_smooth_motion(guard):
         shown.append(guard.target(DT)[0])
     # Steps of 0.3 mm a tick; without evening out they differ by more than 1 mm.
     assert np.abs(np.diff(shown[500:], 2)).max() < 0.2e-3
+
+
+def test_a_stream_that_goes_on_is_followed_by_the_kernel(guard, monkeypatch):
+    speed, sequence = 0.1, 1
+    assert guard.offer(reference(velocity=(0.0, 0.0, 0.0)), Origin('base', sequence=sequence))
+    # From here on nothing is decided in Python.
+    monkeypatch.delattr(ReferenceGuard, '_why_not')
+    for k in range(1, 200):
+        guard.target(DT)
+        at = 0.3 + speed * k * DT
+        assert guard.offer(reference((at, 0.0, 0.5), (speed, 0.0, 0.0)),
+                           Origin('base', sequence=sequence + k))
+        assert guard.target(DT)[0] == pytest.approx(at, abs=1e-9)
+    for far in (reference((at + 0.06, 0.0, 0.5)), reference((at, 0.0, 0.5))):
+        with pytest.raises(AttributeError):  # a jump; a number that is too old
+            guard.offer(far, Origin('base', sequence=sequence + (200 if far[0] > at else 50)))
+
+
+def test_a_stream_that_rests_is_remembered_by_the_kernel(guard, monkeypatch):
+    monkeypatch.delattr(ReferenceGuard, '_why_not')
+    resting = Origin('base', mode=StreamMode.HOLDING)
+    assert not guard.offer(reference(), resting) and guard.refused == 0
+    monkeypatch.undo()
+    assert guard.offer(reference(velocity=(0.04, 0.0, 0.0)), HERE)

@@ -65,7 +65,8 @@ def test_a_stream_that_goes_on_after_a_stop_is_found(monkeypatch):
 
     def resumes(guard, before):
         entered(guard, before)
-        guard._resumable = guard._resumable or guard.states.state is State.STOPPING
+        if guard.states.state is State.STOPPING:
+            guard._stream.resumable = 1.0
 
     def stopped():
         machine = following()

@@ -378,7 +378,7 @@ def topic_reference() -> Entrance:
             # In every other input the stamp is that of the clock: it would refuse nearly all.
             if message.sequence % 2 == 0:
                 message.header.stamp = stamp_of(made.stamp())
-                made.node.commands.control.controller.guard._sequence = 0
+                made.node.commands.control.controller.guard._stream.sequence = 0.0
                 data = serialize_message(message)
         made.send(Reference, made.node.parameters.reference_topic, data)
     return Entrance(feed, [serialize_message(_reference())])
