@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from gdmp_ros.control.limits import (
     ENERGY,
     LIMITS,
@@ -27,7 +25,7 @@ from gdmp_ros.control.spring import (
 )
 from gdmp_ros.control.stiffness import bound_stiffness, compose_modes, relative_modes
 from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, STIFFNESS, TWIST
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros
 from gdmp_ros.manifolds.linalg import copy_into, norm
 
 #: Steps of the bisections for the affordable part of a change.
@@ -60,7 +58,7 @@ def _limit_modes(old, target, error, largest, budget, violation):
     :param budget: energy for growth, beyond what decreasing modes release [J]
     :returns: energy that was missing [J]
     """
-    values, modes, cost = np.empty(6), np.empty(36), np.zeros(6)
+    values, modes, cost = local_numbers(6), local_numbers(36), local_zeros(6)
     relative_modes(old, target, values, modes)
     released, missing = 0.0, 0.0
     for k in range(6):
@@ -92,7 +90,7 @@ def _change_stiffness(old, target, error, gain_numbers, largest, budget, spring,
     :returns: energy drawn (negative: released), and energy that was missing [J]
     """
     before = spring_energy(spring, error)
-    scaled, force = np.empty(6), np.empty(6)
+    scaled, force = local_numbers(6), local_numbers(6)
     linear, angular = spring_force(spring, error, force)
     for i in range(3):
         scaled[i] = math.sqrt(linear) * error[i]
@@ -103,7 +101,7 @@ def _change_stiffness(old, target, error, gain_numbers, largest, budget, spring,
         return drawn, missing
     # The bounds of the force change with the stiffness, so that the modes are not quite apart.
     missing += drawn - max(budget, 0.0)
-    low, high, change = 0.0, 1.0, np.empty(36)
+    low, high, change = 0.0, 1.0, local_numbers(36)
     for i in range(36):
         change[i] = target[i] - old[i]
     for _ in range(_HALVINGS):
@@ -126,7 +124,7 @@ def _move_reference(reference, pose, spring, budget, dt):
 
     :returns: energy drawn, and energy that was missing [J]
     """
-    moved, error = np.empty(ACCELERATION), np.empty(6)
+    moved, error = local_numbers(ACCELERATION), local_numbers(6)
     before = _energy(pose, reference, spring, error)
     extrapolate_pose(reference, dt, moved)
     drawn = _energy(pose, moved, spring, error) - before
@@ -152,7 +150,7 @@ def _move_reference(reference, pose, spring, budget, dt):
 
 @kernel
 def _report_clipping(spring, error, violation):
-    linear, angular = spring_force(spring, error, np.empty(6))
+    linear, angular = spring_force(spring, error, local_numbers(6))
     violation[POSITION_ERROR] = (1.0 - linear) * norm(3, error[:3])
     violation[ROTATION_ERROR] = (1.0 - angular) * norm(3, error[3:])
 
@@ -174,7 +172,7 @@ def apply_energy_budget(reference, target, pose, gain_numbers, bounds, largest, 
     :returns: energy drawn, and energy in the spring at the end [J]
     """
     stiffness, desired = reference[STIFFNESS:STIFFNESS + 36], target[STIFFNESS:STIFFNESS + 36]
-    error, spring = np.empty(6), np.empty(SPRING_SIZE)
+    error, spring = local_numbers(6), local_numbers(SPRING_SIZE)
     pose_error(pose, reference, error)
     make_spring(stiffness, gain_numbers, spring)
     bound_stiffness(desired, bounds[0], bounds[1], violation)
@@ -201,7 +199,7 @@ def soften(stiffness, error, gain_numbers, least, energy):
     :param energy: to be released [J]
     :returns: energy that was released [J]
     """
-    spring, scaled = np.empty(SPRING_SIZE), np.empty(36)
+    spring, scaled = local_numbers(SPRING_SIZE), local_numbers(36)
     before = _energy_of(stiffness, error, gain_numbers, spring)
     low, high = least, 1.0
     for _ in range(_HALVINGS):
@@ -226,10 +224,10 @@ def release(pose, reference, gain_numbers, bounds, energy):
     :param bounds: smallest and largest stiffness (`gdmp_ros.control.stiffness.diagonal_bounds`)
     :returns: what it released [J]
     """
-    error, stiffness = np.empty(6), reference[STIFFNESS:STIFFNESS + 36]
+    error, stiffness = local_numbers(6), reference[STIFFNESS:STIFFNESS + 36]
     pose_error(pose, reference, error)
     before = stored_energy(pose, reference, gain_numbers)
     soften(stiffness, error, gain_numbers, LEAST_SOFTENING, energy)
     # The lower bound has priority: a spring below it would not come back.
-    bound_stiffness(stiffness, bounds[0], bounds[1], np.zeros(_LIMIT_COUNT))
+    bound_stiffness(stiffness, bounds[0], bounds[1], local_zeros(_LIMIT_COUNT))
     return before - stored_energy(pose, reference, gain_numbers)

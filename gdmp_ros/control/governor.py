@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from gdmp_ros.control.joint_constraints import (
     keep_from_singularity,
     keep_joint_speeds,
@@ -30,7 +28,7 @@ from gdmp_ros.control.limits import (
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.spring import keep_error
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
-from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, records_at
 from gdmp_ros.manifolds.linalg import limit_norm, norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 
@@ -81,7 +79,7 @@ def _brake_at_walls(position, velocity, limits):
 def _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits, gain_numbers,
                limits, violation):
     """Take away what winds up the spring, and what the joints do not allow; scale the rest."""
-    velocities = np.empty((inertia.shape[0], 6))
+    velocities = local_matrix(inertia.shape[0], 6)
     velocity_map(jacobian, inertia, velocities)
     keep_error(pose, reference, gain_numbers, velocity)
     taken = keep_from_singularity(velocities, jacobian, limits.singularity_start,
@@ -108,7 +106,7 @@ def _accelerate(velocity, present, last, first, limit, jerk, dt, change):
     most = jerk * dt
     limit_norm(3, change[first:first + 3], 0.5 * (math.sqrt(most * (most + 8.0 * target)) - most))
     exceeded = limit_norm(3, change[first:first + 3], limit)
-    step = np.empty(3)
+    step = local_numbers(3)
     for i in range(3):
         step[i] = change[first + i] - last[first + i]
     jerked = limit_norm(3, step, most)
@@ -120,7 +118,7 @@ def _accelerate(velocity, present, last, first, limit, jerk, dt, change):
 @kernel
 def _feed_forward(reference, mean, target, first, limit, margin):
     """Write the feed-forward: the target's acceleration, near the mean of the reference's."""
-    deviation = np.empty(3)
+    deviation = local_numbers(3)
     for i in range(3):
         deviation[i] = target[ACCELERATION + first + i] - mean[first + i]
     limit_norm(3, deviation, margin)
@@ -143,7 +141,7 @@ def _is_limited(violation):
 @kernel
 def _wanted_velocity(reference, target, limits, dt, velocity, violation):
     """Velocity of the target plus that which reduces the lag, before the speed limits."""
-    lag = np.empty(6)
+    lag = local_numbers(6)
     for i in range(6):
         velocity[i] = target[TWIST + i] - 0.5 * dt * target[ACCELERATION + i]
     violation[WORKSPACE] = _move_into_workspace(target[POSE:POSE + 3], velocity, limits)
@@ -176,7 +174,7 @@ def govern(reference, past, target, pose, position, jacobian, inertia, joint_lim
     :param violation: written: by how much each limit was exceeded
     """
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
-    velocity, change, mean, last = np.empty(6), np.empty(6), past[0], past[1]
+    velocity, change, mean, last = local_numbers(6), local_numbers(6), past[0], past[1]
     _wanted_velocity(reference, target, limits, dt, velocity, violation)
     stopped = _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits,
                          gain_numbers, limits, violation)

@@ -14,7 +14,7 @@ from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
 from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, STIFFNESS, TWIST, WRENCH
-from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
@@ -30,15 +30,15 @@ SPEED_MARGIN, TOOL_BRAKE = 0.15, 200.0
 
 
 @kernel
-def task_inertia_inverse(inertia, jacobian, singularity, solved):
+def task_inertia_inverse(inertia, jacobian, singularity, solved, result):
     """
-    ``A = J M⁻¹ Jᵀ + ε² I`` (6×6), and ``M⁻¹ Jᵀ`` into ``solved`` (n×6).
+    Write ``M⁻¹ Jᵀ`` into ``solved`` (n×6), and ``A = J M⁻¹ Jᵀ + ε² I`` into ``result`` (6×6).
     """
     n = inertia.shape[0]
-    lower, inverse = np.empty(n * n), np.empty(n * n)
+    lower, inverse = local_numbers(n * n), local_numbers(n * n)
     cholesky(n, inertia.reshape(n * n), lower)
     invert_lower(n, lower, inverse)
-    half = np.empty((n, 6))
+    half = local_matrix(n, 6)
     for i in range(n):
         for j in range(6):
             total = 0.0
@@ -51,7 +51,6 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved):
             for k in range(i, n):
                 total += inverse[k * n + i] * half[k, j]
             solved[i, j] = total
-    result = np.empty((6, 6))
     for i in range(6):
         for j in range(i + 1):
             total = singularity * singularity if i == j else 0.0
@@ -59,11 +58,23 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved):
                 total += half[k, i] * half[k, j]
             result[i, j] = total
             result[j, i] = total
-    return result
 
 
 @kernel
 def damping_design(stiffness, inertia_inverse, damping_ratio):
+    """
+    As `design_damping`.
+
+    :returns: D and Λ, shape (m, m) each
+    """
+    m = stiffness.shape[0]
+    damping, inertia = np.empty((m, m)), np.empty((m, m))
+    design_damping(stiffness, inertia_inverse, damping_ratio, damping, inertia)
+    return damping, inertia
+
+
+@kernel
+def design_damping(stiffness, inertia_inverse, damping_ratio, damping, inertia):
     """
     Damping by double diagonalisation, and the task inertia Λ.
 
@@ -72,20 +83,20 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
 
     :param stiffness: K, shape (m, m), positive definite
     :param inertia_inverse: Λ⁻¹, shape (m, m)
-    :returns: D and Λ, shape (m, m) each
+    :param damping: result D, shape (m, m)
+    :param inertia: result Λ, shape (m, m)
     """
     m = stiffness.shape[0]
-    lower, inverse, work, rotated = (np.empty(m * m), np.empty(m * m), np.empty(m * m),
-                                     np.empty(m * m))
+    lower, inverse = local_numbers(m * m), local_numbers(m * m)
+    work, rotated = local_numbers(m * m), local_numbers(m * m)
     cholesky(m, inertia_inverse.reshape(m * m), lower)
     invert_lower(m, lower, inverse)
     multiply(m, stiffness.reshape(m * m), lower, work)
     transposed_multiply(m, lower, work, rotated)
-    values, vectors = np.empty(m), np.empty(m * m)
+    values, vectors = local_numbers(m), local_numbers(m * m)
     symmetric_eigen(m, rotated, values, vectors, work)
     # Rows of V L⁻¹ are the columns of Q.
     multiply(m, vectors, inverse, work)
-    damping, inertia = np.empty((m, m)), np.empty((m, m))
     for i in range(m):
         for j in range(i + 1):
             d, inert = 0.0, 0.0
@@ -97,7 +108,6 @@ def damping_design(stiffness, inertia_inverse, damping_ratio):
             damping[j, i] = damping[i, j]
             inertia[i, j] = inert
             inertia[j, i] = inert
-    return damping, inertia
 
 
 @kernel
@@ -116,7 +126,7 @@ def _limit_wrench(wrench, largest):
 @kernel
 def _limit_tool_speed(jacobian, dq, largest, force):
     """Reduce what drives a tool that is too fast, and brake it; return the excess [m/s]."""
-    velocity, along = np.zeros(3), 0.0
+    velocity, along = local_zeros(3), 0.0
     for i in range(3):
         for j in range(dq.size):
             velocity[i] += jacobian[i, j] * dq[j]
@@ -136,7 +146,7 @@ def _limit_tool_speed(jacobian, dq, largest, force):
 def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
     """Add the posture torque projected to the null space: ``(I - Jᵀ Λ J M⁻¹) τ``."""
     n = q.size
-    posture, task = np.empty(n), np.zeros(6)
+    posture, task = local_numbers(n), local_zeros(6)
     for i in range(n):
         posture[i] = gains.posture_stiffness * (rest[i] - q[i]) - gains.posture_damping * dq[i]
     for j in range(6):
@@ -158,7 +168,7 @@ def _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task
     :param friction: viscous [Nm s/rad] and dry [Nm], shape (2, n)
     :param pull: torque of the springs at tool and posture [Nm]
     """
-    impulse = np.zeros(6)
+    impulse = local_zeros(6)
     for j in range(6):
         for k in range(6):
             impulse[j] += task_inertia[j, k] * target[TWIST + k]
@@ -185,8 +195,9 @@ def external_wrench(jacobian, inertia, external, singularity, wrench):
     :param wrench: written [N, Nm], shape (6,)
     """
     n = external.size
-    solved, lower, lower_inverse, work = np.empty((n, 6)), np.empty(36), np.empty(36), np.empty(6)
-    inverse = task_inertia_inverse(inertia, jacobian, singularity, solved)
+    solved, inverse = local_matrix(n, 6), local_matrix(6, 6)
+    lower, lower_inverse, work = local_numbers(36), local_numbers(36), local_numbers(6)
+    task_inertia_inverse(inertia, jacobian, singularity, solved, inverse)
     cholesky(6, inverse.reshape(36), lower)
     invert_lower(6, lower, lower_inverse)
     for j in range(6):
@@ -223,12 +234,13 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
     """
     gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     n = q.size
-    solved, rate, impulse = np.empty((n, 6)), np.empty(6), np.zeros(6)
-    inverse = task_inertia_inverse(inertia, jacobian, gains.singularity, solved)
+    solved, rate, impulse = local_matrix(n, 6), local_numbers(6), local_zeros(6)
+    inverse, damping, task_inertia = local_matrix(6, 6), local_matrix(6, 6), local_matrix(6, 6)
+    task_inertia_inverse(inertia, jacobian, gains.singularity, solved, inverse)
     stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
-    damping, task_inertia = damping_design(stiffness, inverse, target[DAMPING_RATIO])
+    design_damping(stiffness, inverse, target[DAMPING_RATIO], damping, task_inertia)
     spring_wrench(pose, target, gain_numbers, force)
-    pull = np.zeros(n)
+    pull = local_zeros(n)
     for i in range(n):
         for j in range(6):
             pull[i] += jacobian[j, i] * force[j]

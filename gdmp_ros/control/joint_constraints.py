@@ -6,12 +6,10 @@ singularity, take away only the component of the velocity that leads there.
 """
 from __future__ import annotations
 
-import numpy as np
-
 from gdmp_ros.control.impedance import task_inertia_inverse
 from gdmp_ros.control.settings import ImpedanceGains
 from gdmp_ros.control.singularity import ROTATION_LENGTH, singular_rate, singular_value
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros
 from gdmp_ros.manifolds.linalg import cholesky, invert_lower
 
 #: The reference keeps the joints this far from their limits [rad], and approaches that posture
@@ -28,13 +26,14 @@ _EPSILON = ImpedanceGains.singularity
 def velocity_map(jacobian, inertia, out):
     """``M⁻¹ Jᵀ Λ``: joint velocity for each velocity of the tool, shape (n, 6)."""
     n = inertia.shape[0]
-    solved = np.empty((n, 6))
-    inverse = task_inertia_inverse(inertia, jacobian, _EPSILON, solved)
-    lower, root = np.empty(36), np.empty(36)
+    solved = local_matrix(n, 6)
+    inverse, half = local_matrix(6, 6), local_numbers(6)
+    task_inertia_inverse(inertia, jacobian, _EPSILON, solved, inverse)
+    lower, root = local_numbers(36), local_numbers(36)
     cholesky(6, inverse.reshape(36), lower)
     invert_lower(6, lower, root)
     for i in range(n):
-        half = np.zeros(6)
+        half[:] = 0.0
         for j in range(6):
             for k in range(j + 1):
                 half[j] += root[6 * j + k] * solved[i, k]
@@ -102,11 +101,11 @@ def keep_from_singularity(velocities, jacobian, start, stop, twist):
     :returns: fraction of the approach that was taken away
     """
     n = jacobian.shape[1]
-    direction = np.empty(6)
+    direction = local_numbers(6)
     value = singular_value(jacobian, direction)
     if value >= start:
         return 0.0
-    gradient, unit = np.zeros(6), np.zeros(n)
+    gradient, unit = local_zeros(6), local_zeros(n)
     for i in range(n):
         unit[i] = 1.0
         slope = singular_rate(jacobian, unit, direction)

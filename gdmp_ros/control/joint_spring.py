@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.governor import CATCH_UP_S
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
 from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED, STIFFNESS_RATE
 from gdmp_ros.control.settings import GAIN_NUMBERS
-from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.kernels import kernel, local_numbers, records_at
 
 #: Error beyond which the torque of a spring grows no further [rad].
 CLIP = 0.2
@@ -100,7 +98,8 @@ def move_joint_reference(reference, mean, target, position, limits, acceleration
     :returns: energy drawn, and energy in the springs at the end [J]
     """
     n = position.size
-    before, start, displacement = joint_energy(position, reference), np.empty(n), np.empty(n)
+    before = joint_energy(position, reference)
+    start, displacement = local_numbers(n), local_numbers(n)
     for i in range(n):
         start[i] = reference[i]
         last = reference[n + i]

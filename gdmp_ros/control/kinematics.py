@@ -3,9 +3,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.quaternion import multiply, rotate
 
 
@@ -65,7 +63,7 @@ def chain_pose(frames, axes, position, end, pose):
     :param end: pose in the frame of the last joint
     :param pose: written
     """
-    step, moved, turn = np.empty(4), np.empty(3), pose[3:]
+    step, moved, turn = local_numbers(4), local_numbers(3), pose[3:]
     for i in range(7):
         pose[i] = 1.0 if i == 3 else 0.0
     for k in range(position.size + 1):

@@ -33,7 +33,7 @@ from gdmp_ros.control.target import (
     WRENCH,
 )
 from gdmp_ros.control.torque_limits import limit_torque
-from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
 #: Band below the speed limit of the tool in which what drives it decreases [m/s].
@@ -98,7 +98,7 @@ def _follow_joints(position, velocity, bias, jacobian, inertia, wanted, wanted_r
     :returns: fraction by which the wrench was reduced
     """
     n, share = position.size, 1.0
-    acceleration, active, pushed = np.empty(n), np.empty(n), np.empty(6)
+    acceleration, active, pushed = local_numbers(n), local_numbers(n), local_numbers(6)
     for i in range(n):
         acceleration[i] = (BANDWIDTH ** 2 * (wanted[i] - position[i])
                            + 2.0 * BANDWIDTH * (wanted_rate[i] - velocity[i]))
@@ -121,7 +121,7 @@ def _slow_tool(jacobian, velocity, bias, largest, torque):
     :param largest: speed of the tool [m/s]
     :returns: excess [m/s]
     """
-    band, moving = min(TOOL_SPEED_BAND, 0.5 * largest), np.empty(3)
+    band, moving = min(TOOL_SPEED_BAND, 0.5 * largest), local_numbers(3)
     _multiply(jacobian[:3], velocity, moving)
     speed = norm(3, moving)
     excess = speed - largest + band
@@ -154,7 +154,7 @@ def _soften_joints(position, reference, energy):
 @kernel
 def _joint_power(position, velocity, reference, stored, dt):
     """Rate of the energy in the springs of the joints at the measured motion [W]."""
-    ahead = np.empty(position.size)
+    ahead = local_numbers(position.size)
     for i in range(position.size):
         ahead[i] = position[i] + dt * velocity[i]
     return (joint_energy(ahead, reference) - stored) / dt
@@ -168,7 +168,8 @@ def finish(numbers, failed):
     :param failed: whether none could be computed
     """
     arm = arm_view(numbers)
-    s, wished = arm.scalars, arm.torque.copy()
+    s, wished = arm.scalars, local_numbers(arm.torque.size)
+    copy_into(arm.torque, wished)
     _limit(numbers)
     if not failed and (s.does == TOOL_SPRING or s.does == JOINT_SPRINGS):
         _pay(numbers, wished)
@@ -247,7 +248,7 @@ def compute(numbers):
     measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
                    arm.bias_before, stored)
     arm.violation[:] = 0.0
-    external, twist, exerted = np.empty(n), np.empty(6), np.zeros(6)
+    external, twist, exerted = local_numbers(n), local_numbers(6), local_zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,
                      external)
     if not springs:
@@ -298,7 +299,8 @@ def _spring_at_tool(numbers, external, limits):
         reference, target, arm.pose, arm.gains, arm.bounds, s.dt * limits.stiffness_rate, budget,
         s.dt, arm.violation)
     draw(s, arm.tank, drawn)
-    wanted = reference.copy()
+    wanted = local_numbers(TARGET_SIZE)
+    copy_into(reference, wanted)
     # Subtract J̇q̇: the arm produces it without torque.
     for i in range(6):
         wanted[ACCELERATION + i] -= arm.acceleration[i]

@@ -16,7 +16,8 @@ from gdmp_ros.control.target import (
     TWIST,
     WRENCH_GAIN,
 )
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
+from gdmp_ros.manifolds.linalg import copy_into
 
 #: Largest deviation of a message's quaternion from unit norm; it is normalized then.
 QUATERNION_TOLERANCE = 1e-3
@@ -124,7 +125,8 @@ def _is_positive_definite(stiffness):
         for j in range(i):
             if abs(stiffness[6 * i + j] - stiffness[6 * j + i]) > SYMMETRY_TOLERANCE * largest:
                 return False
-    left = stiffness.copy()
+    left = local_numbers(36)
+    copy_into(stiffness, left)
     for k in range(6):
         if not left[7 * k] > SMALLEST_PIVOT * largest:
             return False

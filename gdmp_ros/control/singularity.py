@@ -3,9 +3,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 #: A rotation counts as the motion of a point at this distance from its axis [m].
@@ -20,7 +18,8 @@ def singular_value(jacobian, direction):
     :param direction: result, its left singular vector, shape (6,)
     """
     n = jacobian.shape[1]
-    square, values, vectors, work = np.empty(36), np.empty(6), np.empty(36), np.empty(36)
+    square, values = local_numbers(36), local_numbers(6)
+    vectors, work = local_numbers(36), local_numbers(36)
     for i in range(6):
         for j in range(6):
             total = 0.0
@@ -50,7 +49,7 @@ def singular_rate(jacobian, velocity, direction):
     """
     n = jacobian.shape[1]
     # Angular velocity of link k, and velocity of the tool relative to it.
-    angular, beyond = np.zeros(3), np.zeros(3)
+    angular, beyond = local_zeros(3), local_zeros(3)
     for k in range(n):
         for i in range(3):
             beyond[i] += jacobian[i, k] * velocity[k]

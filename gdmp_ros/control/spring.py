@@ -23,8 +23,8 @@ from gdmp_ros.control.target import (
     STIFFNESS,
     TWIST,
 )
-from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import cholesky, invert_lower, multiply
+from gdmp_ros.kernels import kernel, local_numbers, records_at
+from gdmp_ros.manifolds.linalg import cholesky, copy_into, invert_lower, multiply
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
@@ -40,7 +40,7 @@ POSE_STEPS = 5
 @kernel
 def _bound(block, clip, largest, work):
     """The c with which the stiffest direction reaches its clip, or its largest force."""
-    values, vectors = np.empty(3), np.empty(9)
+    values, vectors = local_numbers(3), local_numbers(9)
     symmetric_eigen(3, block, values, vectors, work)
     root = math.sqrt(max(values[0], values[1], values[2], 1e-12))
     return min(clip * root, largest / root)
@@ -57,8 +57,9 @@ def make_spring(stiffness, gain_numbers, spring):
     """
     gains = records_at(gain_numbers, 0, 1, GAIN_NUMBERS)[0]
     block, coupling = spring[_TRANSLATION:_COUPLING], spring[_COUPLING:_ROTATION]
-    rotation, work = spring[_ROTATION:_BOUNDS], np.empty(9)
-    lower, inverse, compliance, towards = np.empty(9), np.empty(9), np.empty(9), np.empty(9)
+    rotation, work = spring[_ROTATION:_BOUNDS], local_numbers(9)
+    lower, inverse = local_numbers(9), local_numbers(9)
+    compliance, towards = local_numbers(9), local_numbers(9)
     for i in range(3):
         for j in range(3):
             block[3 * i + j] = stiffness[6 * i + j]
@@ -99,7 +100,7 @@ def pose_error(pose, target, error):
 def _forces(spring, error, forces):
     """Write ``S eₜ`` and ``C (eᵣ + L eₜ)``; return both squares."""
     first, second = 0.0, 0.0
-    turned = np.empty(3)
+    turned = local_numbers(3)
     for i in range(3):
         turned[i] = error[3 + i]
         for j in range(3):
@@ -135,7 +136,7 @@ def spring_energy(spring, error):
     :param spring: from `make_spring`
     :param error: from `pose_error`
     """
-    first, second = _forces(spring, error, np.empty(6))
+    first, second = _forces(spring, error, local_numbers(6))
     return _potential(first, spring[_BOUNDS]) + _potential(second, spring[_BOUNDS + 1])
 
 
@@ -146,7 +147,7 @@ def spring_force(spring, error, force):
 
     :returns: parts of the linear force that act, translation and rotation
     """
-    forces = np.empty(6)
+    forces = local_numbers(6)
     first, second = _forces(spring, error, forces)
     linear = _share(first, spring[_BOUNDS])
     angular = _share(second, spring[_BOUNDS + 1])
@@ -168,7 +169,7 @@ def keep_error(pose, reference, gain_numbers, twist):
 
     :param twist: of the reference; changed
     """
-    spring, error, forces = np.empty(SPRING_SIZE), np.empty(6), np.empty(6)
+    spring, error, forces = local_numbers(SPRING_SIZE), local_numbers(6), local_numbers(6)
     make_spring(reference[STIFFNESS:STIFFNESS + 36], gain_numbers, spring)
     pose_error(pose, reference, error)
     first, second = _forces(spring, error, forces)
@@ -195,7 +196,7 @@ def stored_energy(pose, reference, gain_numbers):
     :param reference: `TARGET_SIZE` numbers
     :param gain_numbers: `ImpedanceGains` as numbers
     """
-    spring, error = np.empty(SPRING_SIZE), np.empty(6)
+    spring, error = local_numbers(SPRING_SIZE), local_numbers(6)
     make_spring(reference[STIFFNESS:STIFFNESS + 36], gain_numbers, spring)
     pose_error(pose, reference, error)
     return spring_energy(spring, error)
@@ -228,11 +229,13 @@ def spring_wrench(pose, target, gain_numbers, wrench):
     :param pose: of the tool (x, y, z, qw, qx, qy, qz)
     :param target: `TARGET_SIZE` numbers
     """
-    spring, error = np.empty(SPRING_SIZE), np.empty(6)
+    spring, error = local_numbers(SPRING_SIZE), local_numbers(6)
     make_spring(target[STIFFNESS:STIFFNESS + 36], gain_numbers, spring)
     pose_error(pose, target, error)
     spring_force(spring, error, wrench)
-    left_jacobian_inverse(error[3:], wrench[3:].copy(), wrench[3:])
+    turning = local_numbers(3)
+    copy_into(wrench[3:], turning)
+    left_jacobian_inverse(error[3:], turning, wrench[3:])
 
 
 @kernel
@@ -243,7 +246,7 @@ def spring_power(pose, twist, reference, gain_numbers, stored, dt):
     :param twist: of the tool [m/s, rad/s]
     :param stored: energy in the spring now [J]
     """
-    moving, ahead = np.empty(ACCELERATION), np.empty(7)
+    moving, ahead = local_numbers(ACCELERATION), local_numbers(7)
     for i in range(7):
         moving[POSE + i] = pose[i]
     for i in range(6):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from gdmp_ros.control.limits import STIFFNESS_BOUNDS
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.linalg import cholesky, congruence, invert_lower, multiply_transposed
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
@@ -21,8 +21,8 @@ def relative_modes(old, new, values, modes):
     :param values: result, the βₖ
     :param modes: result, the wₖ as rows, 36 numbers
     """
-    lower, inverse, half, white, work = (np.empty(36), np.empty(36), np.empty(36), np.empty(36),
-                                         np.empty(36))
+    lower, inverse, half = local_numbers(36), local_numbers(36), local_numbers(36)
+    white, work = local_numbers(36), local_numbers(36)
     cholesky(6, old, lower)
     invert_lower(6, lower, inverse)
     congruence(6, inverse, new, white, half)
@@ -53,7 +53,7 @@ def bound_stiffness(stiffness, low, high, violation):
     :param low: lower bound, 36 numbers
     :param high: upper bound
     """
-    values, modes = np.empty(6), np.empty(36)
+    values, modes = local_numbers(6), local_numbers(36)
     for bound, side in ((low, 1.0), (high, -1.0)):
         relative_modes(bound, stiffness, values, modes)
         exceeded = False

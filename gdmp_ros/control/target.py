@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers
 from gdmp_ros.manifolds.quaternion import conjugate_multiply, rotate, rotate_by_vector
 
 # Index of the first number of each part.
@@ -57,7 +57,7 @@ def whole_target(numbers: np.ndarray) -> np.ndarray:
 @kernel
 def extrapolate_pose(target, seconds, pose):
     """Write the pose of a target after moving with its own twist; ``pose`` may be part of it."""
-    rotation = np.empty(3)
+    rotation = local_numbers(3)
     for i in range(3):
         pose[i] = target[POSE + i] + seconds * target[TWIST + i]
         rotation[i] = seconds * target[TWIST + 3 + i]
@@ -71,9 +71,9 @@ def target_in_frame(target, frame, out):
 
     :param frame: pose of that frame in the one of the target
     """
-    axes, turn, inverse = np.empty((3, 3)), np.empty((3, 3)), frame[3:].copy()
-    for i in range(1, 4):
-        inverse[i] = -inverse[i]
+    axes, turn, inverse = local_matrix(3, 3), local_matrix(3, 3), local_numbers(4)
+    for i in range(4):
+        inverse[i] = -frame[3 + i] if i > 0 else frame[3]
     out[:] = target
     for i in range(3):
         out[POSE + i] -= frame[i]

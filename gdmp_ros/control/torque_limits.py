@@ -8,7 +8,7 @@ import numpy as np
 from gdmp_ros.control.limits import JOINT_POSITION, JOINT_SPEED, TORQUE, TORQUE_RATE
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LIMIT_NUMBERS, LimitSettings
-from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.kernels import kernel, local_numbers, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.util.settings import numbers
 
@@ -74,7 +74,7 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     """
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
     n = torque.size
-    base, active = np.empty(n), np.empty(n)
+    base, active = local_numbers(n), local_numbers(n)
     _guard_torque(position, velocity, lower, upper, fastest, limits, base, violation)
     for i in range(n):
         active[i] = torque[i] - bias[i]

@@ -12,6 +12,9 @@ from gdmp_ros.kernels.cache import (
 from gdmp_ros.kernels.intrinsics import (
     call_c,
     call_kernel,
+    local_matrix,
+    local_numbers,
+    local_zeros,
     matrix_at,
     measure_with_kernel,
     noinline,
@@ -21,5 +24,6 @@ from gdmp_ros.kernels.intrinsics import (
 )
 
 __all__ = ['always_inline', 'cache_folder', 'call_c', 'call_kernel', 'inlined', 'is_warm',
-           'jitable', 'kernel', 'matrix_at', 'measure_with_kernel', 'noinline', 'numbers_at',
-           'on_compile', 'records_at', 'remove_stale', 'without_refcount']
+           'jitable', 'kernel', 'local_matrix', 'local_numbers', 'local_zeros', 'matrix_at',
+           'measure_with_kernel', 'noinline', 'numbers_at', 'on_compile', 'records_at',
+           'remove_stale', 'without_refcount']

@@ -10,11 +10,12 @@ from typing import Any, TYPE_CHECKING
 
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic, lower_builtin, overload, type_callable
 from numba.np import arrayobj
 import numpy as np
 
 VECTOR = types.Array(types.float64, 1, 'C')
+MATRIX = types.Array(types.float64, 2, 'C')
 POINTER = types.CPointer(types.float64)
 
 
@@ -82,6 +83,74 @@ def without_refcount(array):
     return array
 
 
+def local_numbers(count):
+    """
+    ``count`` numbers for one call of a kernel, on its stack: they must not be returned.
+
+    They cost nothing, where ``np.empty`` asks the system for memory. Not inside a loop.
+    """
+    return np.empty(count)
+
+
+def local_zeros(count):
+    """As `local_numbers`, all 0."""
+    return np.zeros(count)
+
+
+def local_matrix(rows, columns):
+    """As `local_numbers`, as a matrix."""
+    return np.empty((rows, columns))
+
+
+# Overloads are functions of their own, with a stack of their own: these are built in place.
+
+@type_callable(local_numbers)
+def _type_local_numbers(context):
+    return lambda count: VECTOR if isinstance(count, types.Integer) else None
+
+
+@type_callable(local_zeros)
+def _type_local_zeros(context):
+    return lambda count: VECTOR if isinstance(count, types.Integer) else None
+
+
+@type_callable(local_matrix)
+def _type_local_matrix(context):
+    return lambda rows, columns: (MATRIX if isinstance(rows, types.Integer)
+                                  and isinstance(columns, types.Integer) else None)
+
+
+@lower_builtin(local_numbers, types.Integer)
+def _local_numbers(context, builder, signature, arguments):
+    data, count = _on_stack(context, builder, signature.args, arguments)
+    return _array_from(context, builder, VECTOR, data, [count],
+                       [context.get_constant(types.intp, 8)])
+
+
+@lower_builtin(local_zeros, types.Integer)
+def _local_zeros(context, builder, signature, arguments):
+    data, count = _on_stack(context, builder, signature.args, arguments)
+    size = context.get_constant(types.intp, 8)
+    cgutils.memset(builder, data, builder.mul(count, size), 0)
+    return _array_from(context, builder, VECTOR, data, [count], [size])
+
+
+@lower_builtin(local_matrix, types.Integer, types.Integer)
+def _local_matrix(context, builder, signature, arguments):
+    size = context.get_constant(types.intp, 8)
+    rows, columns = (context.cast(builder, value, kind, types.intp)
+                     for value, kind in zip(arguments, signature.args))
+    data = builder.alloca(context.get_value_type(types.float64), builder.mul(rows, columns))
+    return _array_from(context, builder, MATRIX, data, [rows, columns],
+                       [builder.mul(columns, size), size])
+
+
+def _on_stack(context: Any, builder: Any, kinds: Any, arguments: Any) -> tuple[Any, Any]:
+    """Pointer to numbers on the stack, and their count."""
+    count = context.cast(builder, arguments[0], kinds[0], types.intp)
+    return builder.alloca(context.get_value_type(types.float64), count), count
+
+
 def _data_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Pointer to the first number of an array, or the pointer itself."""
     if isinstance(kind, types.Array):
@@ -111,16 +180,14 @@ def _numbers_at(typing_context, memory, at, count):
 
 @intrinsic
 def _matrix_at(typing_context, memory, at, rows, columns):
-    view_type = types.Array(types.float64, 2, 'C')
-
     def build(context, builder, signature, arguments):
         array, at, rows, columns = arguments
         data = builder.gep(_data_of(context, builder, memory, array), [at])
         size = context.get_constant(types.intp, 8)
-        return _array_from(context, builder, view_type, data, [rows, columns],
+        return _array_from(context, builder, MATRIX, data, [rows, columns],
                            [builder.mul(columns, size), size])
 
-    return view_type(memory, types.intp, types.intp, types.intp), build
+    return MATRIX(memory, types.intp, types.intp, types.intp), build
 
 
 @intrinsic

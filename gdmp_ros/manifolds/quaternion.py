@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.factors import Kernels
 from gdmp_ros.manifolds.linalg import sinc
 from gdmp_ros.manifolds.manifold import Manifold
@@ -125,7 +125,7 @@ def rotation_between(start, end, out):
 @kernel
 def pose_distance(first, second):
     """Distance [m] and angle [rad] between two poses (x, y, z, qw, qx, qy, qz)."""
-    rotation = np.empty(3)
+    rotation = local_numbers(3)
     rotation_between(first[3:7], second[3:7], rotation)
     distance, angle = 0.0, 0.0
     for i in range(3):

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gdmp_ros.kernels import call_c, kernel
+from gdmp_ros.kernels import call_c, kernel, local_matrix
 
 _NAMES = ('mj_step1', 'mj_step2', 'mj_jacSite', 'mj_jacDot', 'mj_fullM', 'mj_energyPos',
           'mju_mat2Quat')
@@ -65,7 +65,7 @@ def measure(addresses, model, data, site, body, place, axes, bias, velocity, mea
     :param acceleration: written, J̇ q̇, shape (6,)
     """
     n = velocity.size
-    rate, number, turn = np.empty((6, n)), np.int32(site), measured_pose[3:]
+    rate, number, turn = local_matrix(6, n), np.int32(site), measured_pose[3:]
     call_c(addresses[_JACOBIAN], (model, data, jacobian[:3], jacobian[3:], number))
     call_c(addresses[_RATE], (model, data, rate[:3], rate[3:], place, np.int32(body)))
     call_c(addresses[_INERTIA], (model, data, inertia))
