@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 
 rclpy.init()
 node, references = Node('example'), []
-# A short history loses messages while this process is late.
-qos = QoSProfile(depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
+# A short history loses messages while this process is late; Fast DDS keeps 5000 at most.
+qos = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 node.create_subscription(Reference, 'trajectory_server/reference', references.append, qos)
 start = node.create_client(Trigger, 'trajectory_server/start')
 if not start.wait_for_service(timeout_sec=10.0):

@@ -57,7 +57,6 @@ class ReferenceGuard:
         self._stream.state = stream.number_of(self.states.state)
         self._tool = PoseReferences(pose, damping_ratio)
         self._joints = JointReferences(joints, damping_ratio)
-        self._kind: ReferenceKind = self._tool
         self.forget_stream()
         self.restart(MeasuredMotion(pose.copy(), np.zeros(6)))
 
@@ -92,7 +91,12 @@ class ReferenceGuard:
     @property
     def in_joints(self) -> bool:
         """Whether the target is one of the joints (`gdmp_ros.control.joint_target`)."""
-        return self._kind is self._joints
+        return bool(self._stream.of_joints)
+
+    @property
+    def _kind(self) -> ReferenceKind:
+        """What the target is of."""
+        return self._joints if self.in_joints else self._tool
 
     @property
     def armed(self) -> bool:
@@ -131,16 +135,10 @@ class ReferenceGuard:
                 self.refuse(reason)
             return False
         begins = not self.following
-        self._choose(kind)
-        if kind is self._tool:
-            stream.use(self.numbers, kind.target, target, age, float(origin.sequence), begins)
-        else:
-            kind.target[:] = target
-            shift = stream.usual_delay(self.numbers, age, begins)
-            if shift:
-                kind.extrapolate(shift, 0.0)
-            known.fresh = known.resumable = 1.0
-            known.armed, known.age, known.sequence = 0.0, 0.0, origin.sequence
+        known.of_joints = float(kind is self._joints)
+        shift = stream.use(self.numbers, kind.target, target, age, float(origin.sequence), begins)
+        if self.in_joints:
+            kind.extrapolate(shift, 0.0)
         self._far = ''
         self.states.take(_request(origin))
         return True
@@ -153,10 +151,6 @@ class ReferenceGuard:
 
     def _kind_of(self, target: np.ndarray) -> ReferenceKind:
         return self._tool if len(target) == TARGET_SIZE else self._joints
-
-    def _choose(self, kind: ReferenceKind) -> None:
-        """Follow this kind of references."""
-        self._kind, self._stream.of_joints = kind, float(kind is self._joints)
 
     def _remember(self, kind: ReferenceKind, place: np.ndarray, origin: Origin
                   ) -> tuple[bool, np.ndarray | None, float]:
@@ -248,7 +242,7 @@ class ReferenceGuard:
     def hold(self, pose: np.ndarray) -> None:
         """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
         self._forget()
-        self._choose(self._tool)
+        self._stream.of_joints = 0.0
         self._tool.rest_at(self._robot._replace(pose=pose))
 
     def target(self, dt: float, robot: MeasuredMotion | None = None) -> np.ndarray:

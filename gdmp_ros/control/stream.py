@@ -81,32 +81,28 @@ def remember(numbers, mode, sequence, of_joints):
 @kernel
 def use(numbers, last, target, age, sequence, begins):
     """
-    Follow a reference of the tool; one that is later, or earlier, than usual is moved in time.
+    Follow a reference; one of the tool that is later, or earlier, than usual is moved in time.
 
     Otherwise one that was delayed by a millisecond would be a step of the motion.
 
     :param last: target that is followed, changed
     :param age: of the reference on arrival [s]
     :param begins: whether nothing was followed before
+    :returns: by how much it is to be moved in time [s]; one of the joints is not moved here
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     last[:] = target
-    shift = usual_delay(numbers, age, begins)
-    if stream.of_joints == 0.0 and shift != 0.0:
-        extrapolate(last, shift, 0.0)
-    stream.fresh = stream.resumable = 1.0
-    stream.armed, stream.age, stream.sequence = 0.0, 0.0, sequence
-
-
-@kernel
-def usual_delay(numbers, age, begins):
-    """Learn the usual delay; by how much a reference is to be moved in time [s]."""
-    stream = records_at(numbers, 0, 1, STREAM)[0]
     if begins or stream.age > DELAY_GAP_S:
         stream.delay = age
     shift = age - stream.delay
     stream.delay += DELAY_SHARE * shift
-    return shift if abs(shift) <= LARGEST_SHIFT_S else 0.0
+    if abs(shift) > LARGEST_SHIFT_S:
+        shift = 0.0
+    if stream.of_joints == 0.0 and shift != 0.0:
+        extrapolate(last, shift, 0.0)
+    stream.fresh = stream.resumable = 1.0
+    stream.armed, stream.age, stream.sequence = 0.0, 0.0, sequence
+    return shift
 
 
 @kernel
@@ -144,17 +140,6 @@ def go_on(numbers, last, held, target, age, sequence, mode):
     if follows:
         use(numbers, last, target, age, sequence, False)
     return FOLLOWED if follows else REMEMBERED
-
-
-@kernel
-def is_plain(numbers):
-    """Whether the next tick neither ends the stream nor slows down, and is of the tool."""
-    stream = records_at(numbers, 0, 1, STREAM)[0]
-    if stream.of_joints != 0.0:
-        return False
-    if stream.state == _HOLDING:
-        return stream.stop_progress >= 1.0
-    return is_followed(numbers) and not is_lost(numbers)
 
 
 @kernel
