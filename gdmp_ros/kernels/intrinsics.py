@@ -292,13 +292,40 @@ def call_c(typing_context, address, arguments):
         number
     """
     def build(context, builder, signature, values):
-        kinds, parts = signature.args[1].types, cgutils.unpack_tuple(builder, values[1])
-        data = [_data_of(context, builder, kind, part) for kind, part in zip(kinds, parts)]
-        kind = ir.FunctionType(ir.VoidType(), [part.type for part in data]).as_pointer()
-        builder.call(builder.inttoptr(values[0], kind), data)
+        _call_c(ir.VoidType(), context, builder, signature, values)
         return context.get_dummy_value()
 
     return types.none(types.int64, arguments), build
+
+
+@intrinsic
+def ask_c(typing_context, address, arguments):
+    """As `call_c`, of a function that returns an ``int``."""
+    def build(context, builder, signature, values):
+        return _call_c(ir.IntType(32), context, builder, signature, values)
+
+    return types.int32(types.int64, arguments), build
+
+
+def _call_c(result: Any, context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """Emit a call with the convention of C."""
+    kinds, parts = signature.args[1].types, cgutils.unpack_tuple(builder, values[1])
+    data = [_data_of(context, builder, kind, part) for kind, part in zip(kinds, parts)]
+    kind = ir.FunctionType(result, [part.type for part in data]).as_pointer()
+    return builder.call(builder.inttoptr(values[0], kind), data)
+
+
+@intrinsic
+def bytes_at(typing_context, address, count):
+    """``count`` bytes of memory at an address."""
+    kind = types.Array(types.uint8, 1, 'C')
+
+    def build(context, builder, signature, arguments):
+        return _array_from(context, builder, kind,
+                           builder.inttoptr(arguments[0], ir.IntType(8).as_pointer()),
+                           [arguments[1]], [context.get_constant(types.intp, 1)])
+
+    return kind(types.int64, types.intp), build
 
 
 @intrinsic
