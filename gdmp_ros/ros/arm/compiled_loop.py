@@ -1,0 +1,200 @@
+"""
+The loop of a simulated arm without the interpreter: sleep, take references, tick, send the state.
+
+It runs until Python is needed: for requests, for the beginning and the end of a motion, for what
+`gdmp_ros.sim.plain_tick` does not do. Python then makes that tick.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.stream import go_on, OTHER as UNDECIDED
+from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.kernels import bytes_at, kernel
+from gdmp_ros.realtime.native import sleep_until, steady_ns, wall_ns
+from gdmp_ros.ros import rcl
+from gdmp_ros.sim.plain_tick import Controller, MADE, plain_tick, Robot, write_state
+
+#: Largest number of missed periods that are made up in one tick.
+MAX_CATCH_UP = 10
+#: Largest number of references read in a tick.
+MAX_REFERENCES = 20
+#: What `run` returns beside what `plain_tick` does.
+ASKED, MESSAGE = 30, 31
+
+#: Index of each number of a loop.
+(ATTENTION,    # flag: Python is needed
+ PERIOD,       # [ns]
+ DEADLINE,     # of the next tick [ns]
+ LAST,         # deadline of the last tick, 0 before the first [ns]
+ LEFT,         # ticks that are left of this deadline
+ STAMP,        # of the last of them [ns]
+ SEQUENCE,     # of the reference that is followed
+ TICK,         # number of the tick
+ MODE,         # of the arm
+ SENDS,        # flag: the state has subscribers
+ NUMBERS) = range(11)
+
+
+class Links(NamedTuple):
+    """
+    How a loop is linked to topics.
+
+    :ivar functions: `gdmp_ros.ros.rcl.functions`
+    :ivar handles: addresses of the subscription and of the publisher
+    :ivar taken: a message that has come (`gdmp_ros.ros.rcl.SerializedMemory.numbers`)
+    :ivar sent: one that is sent
+    :ivar frame: bytes of a reference from which its size, encapsulation and frame are known
+    :ivar reference: position of each number of a reference among its bytes
+    :ivar reference_parts: positions of stamp, sequence and mode
+    :ivar state: position of each number of a state
+    :ivar state_parts: positions of stamp, sequence, mode and tick
+    """
+
+    functions: np.ndarray
+    handles: np.ndarray
+    taken: np.ndarray
+    sent: np.ndarray
+    frame: np.ndarray
+    reference: np.ndarray
+    reference_parts: np.ndarray
+    state: np.ndarray
+    state_parts: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """
+    Memory that a loop computes in; each array of bytes is the one before it.
+
+    :ivar time: two integers
+    """
+
+    time: np.ndarray
+    target: np.ndarray
+    target_bytes: np.ndarray
+    state: np.ndarray
+    state_bytes: np.ndarray
+
+
+@kernel
+def _integer(data, at, count):
+    """An integer without sign, lowest byte first."""
+    result = np.int64(0)
+    for k in range(count - 1, -1, -1):
+        result = (result << 8) | np.int64(data[at + k])
+    return result
+
+
+@kernel
+def _put_integer(data, at, count, value):
+    for k in range(count):
+        data[at + k] = (value >> (8 * k)) & 255
+
+
+@kernel
+def _read(data, links, scratch):
+    """Read the target of a reference of the tool in the frame of the arm; False for others."""
+    if data.size != links.frame.size:
+        return False
+    # Behind encapsulation and stamp the string of the frame.
+    ends = 12 + 4 + _integer(links.frame, 12, 4)
+    for k in range(ends):
+        if (k < 4 or k >= 12) and data[k] != links.frame[k]:
+            return False
+    for k in range(TARGET_SIZE):
+        for byte in range(8):
+            scratch.target_bytes[8 * k + byte] = data[links.reference[k] + byte]
+    return True
+
+
+@kernel
+def take_references(loop, links, scratch, controller, now):
+    """
+    Follow the references that have come.
+
+    :param now: wall time [ns]
+    :returns: False if one is to be decided in Python; it is the message that was taken
+    """
+    for _ in range(MAX_REFERENCES):
+        size = rcl.take(links.functions, links.handles[0], links.taken)
+        if size == 0:
+            return True
+        data = bytes_at(links.taken[0], size)
+        if not _read(data, links, scratch):
+            return False
+        stamp = _integer(data, 4, 4) * 1_000_000_000 + _integer(data, 8, 4)
+        sequence = _integer(data, links.reference_parts[1], 8)
+        done = go_on(controller.stream, controller.target, controller.held, scratch.target,
+                     1e-9 * (now - stamp), float(sequence),
+                     float(data[links.reference_parts[2]]))
+        if done == UNDECIDED:
+            return False
+        if done == 0:
+            loop[SEQUENCE] = sequence
+    return True
+
+
+@kernel
+def send_state(loop, links, scratch, controller, stamp):
+    """Send the state of the tick that was made."""
+    loop[TICK] += 1
+    if loop[SENDS] == 0:
+        return
+    write_state(controller.numbers, controller.target, scratch.state)
+    data = bytes_at(links.sent[0], links.sent[1])
+    for k in range(scratch.state.size):
+        for byte in range(8):
+            data[links.state[k] + byte] = scratch.state_bytes[8 * k + byte]
+    parts = links.state_parts
+    _put_integer(data, parts[0], 4, stamp // 1_000_000_000)
+    _put_integer(data, parts[0] + 4, 4, stamp % 1_000_000_000)
+    _put_integer(data, parts[1], 8, loop[SEQUENCE])
+    _put_integer(data, parts[2], 1, loop[MODE])
+    _put_integer(data, parts[3], 8, loop[TICK])
+    rcl.publish(links.functions, links.handles[1], links.sent)
+
+
+@kernel
+def wait(loop, clocks, time, lateness):
+    """Wait for the next deadline, and find out how many ticks are to be made for it."""
+    period, now = loop[PERIOD], steady_ns(clocks, time)
+    if loop[DEADLINE] == 0:
+        loop[DEADLINE] = now
+    # What was missed is made up at once; after more than that the grid goes on.
+    loop[DEADLINE] += period * (1 + max((now - loop[DEADLINE]) // period, 0))
+    sleep_until(clocks, time, loop[DEADLINE])
+    now = steady_ns(clocks, time)
+    missed = (loop[DEADLINE] - loop[LAST]) // period if loop[LAST] != 0 else 1
+    loop[LEFT] = min(missed, MAX_CATCH_UP)
+    loop[STAMP] = wall_ns(clocks, time) - (now - loop[DEADLINE])
+    slot = lateness[0] % ((lateness.size - 3) // 2)
+    if lateness[0] > 0:
+        lateness[1] += missed - 1
+    lateness[3 + 2 * slot], lateness[4 + 2 * slot] = loop[DEADLINE], now - loop[DEADLINE]
+    lateness[0] += 1
+    loop[LAST] = loop[DEADLINE]
+
+
+@kernel
+def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
+    """
+    Make ticks until Python is needed for one.
+
+    :returns: `ASKED`, `MESSAGE`, or what `plain_tick` returns: the tick of the stamp
+        ``STAMP - (LEFT - 1) PERIOD`` is to be made
+    """
+    while True:
+        if loop[LEFT] == 0:
+            wait(loop, clocks, scratch.time, lateness)
+        if loop[ATTENTION] != 0:
+            return ASKED
+        if not take_references(loop, links, scratch, controller, wall_ns(clocks, scratch.time)):
+            return MESSAGE
+        result = plain_tick(robot, controller, dt)
+        if result != MADE:
+            return result
+        send_state(loop, links, scratch, controller,
+                   loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD])
+        loop[LEFT] -= 1
