@@ -65,6 +65,10 @@ class _Publisher(Publisher):
         super().__init__(inner.msg_type, inner.topic_name)
         self.made = inner
 
+    @property
+    def address(self) -> int:
+        return _address(self.made)
+
     def send(self, data: bytes) -> None:
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
         self.made.handle.publish_raw(data)
@@ -89,6 +93,10 @@ class _Subscription(Subscription):
         if self._callback is not None and message is not None:
             self._callback(message)
 
+    @property
+    def address(self) -> int:
+        return _address(self.made)
+
     def take(self) -> Received | None:
         handle = self.made.handle
         with handle:
@@ -97,6 +105,11 @@ class _Subscription(Subscription):
             return None
         data, about = taken
         return Received(data, about['source_timestamp'], about['received_timestamp'])
+
+
+def _address(made: Any) -> int:
+    """Address of what rclpy has made; 0 if this version does not tell."""
+    return int(getattr(made.handle, 'pointer', 0))
 
 
 class DdsParticipant:

@@ -88,6 +88,11 @@ class Publisher(ABC):
         """
         self.kind, self.topic = kind, topic
 
+    @property
+    def address(self) -> int:
+        """Address of the publisher of rcl; 0 if there is none."""
+        return 0
+
     @abstractmethod
     def send(self, data: bytes) -> None:
         """Send a serialised message."""
@@ -112,6 +117,11 @@ class Subscription(ABC):
         """
         self.kind, self.topic = kind, topic
         self._clock, self._refused = clock, refused
+
+    @property
+    def address(self) -> int:
+        """Address of the subscription of rcl; 0 if there is none."""
+        return 0
 
     @abstractmethod
     def take(self) -> Received | None:

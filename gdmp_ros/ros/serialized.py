@@ -124,6 +124,12 @@ class SerializedTemplate:
         """Number of bytes."""
         return self._size
 
+    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The message, and among its bytes the first of each number; of stamps and integers."""
+        parts = [*self._stamps, *(position for position, _ in self._integers)]
+        return (np.frombuffer(self.bytes(np.zeros(len(self._positions))), dtype=np.uint8),
+                _HEADER + 8 * self._positions, np.array(parts))
+
     def integers_of(self, data: Buffer) -> list[int]:
         """``sequence``, ``mode`` and ``tick`` of a serialised message, as far as it has them."""
         return [struct.unpack_from(form, data, position)[0] for position, form in self._integers]
@@ -159,6 +165,10 @@ class ReferenceReader:
         message.header.frame_id = self._frame = frame
         self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
         self._check = _FrameCheck(self._template.bytes(np.zeros(TARGET_SIZE)), frame)
+
+    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """That of references that are read quickly; see `SerializedTemplate.layout`."""
+        return self._template.layout()
 
     def read(self, data: Buffer) -> ReceivedReference:
         """
