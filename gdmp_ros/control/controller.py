@@ -132,16 +132,43 @@ class ImpedanceController:
         if does == TOOL_SPRING:
             arm.posture[:] = self.posture.advance(dt)
         arm.scalars.does = does
-        event = compute(self._numbers)
+        self._answer(compute(self._numbers), measured)
+        if known:
+            self._last_pose = measured.pose.copy()
+        return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
+                          else None)
+
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether no setting or posture changes: then a kernel can make the next tick."""
+        return not (self._next is not None or self._refills or self.posture.changes
+                    or self.memory.scalars.law != TOOL_SPRING)
+
+    def catch_up(self) -> None:
+        """Know where the robot is, after ticks that a kernel has made."""
+        arm = self.memory
+        self._last_pose = arm.pose.copy()
+        self.guard.measure(0.0, MeasuredMotion(self._last_pose, arm.twist.copy(),
+                                               arm.position.copy(), arm.velocity.copy()))
+
+    def end_tick(self, event: int) -> Tick:
+        """End a tick of a kernel in which something was felt, or no torque could be computed."""
+        arm = self.memory
+        measured = Measurement(*(np.array(part) for part in (
+            arm.position, arm.velocity, arm.pose, arm.jacobian, arm.inertia, arm.bias,
+            arm.external, arm.acceleration)), arm.scalars.potential)
+        self.catch_up()
+        self._answer(event, measured)
+        return self._tick(measured, arm.twist.copy(),
+                          arm.target[STIFFNESS:STIFFNESS + 36].copy(), None)
+
+    def _answer(self, event: int, measured: Measurement) -> None:
+        """Do what an event of the law asks for."""
         if event == NOT_FINITE:
             self._recover(measured)
             finish(self._numbers, True)
         elif event:
             self._react(event)
-        if known:
-            self._last_pose = measured.pose.copy()
-        return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
-                          else None)
 
     def move_joints(self, measured: Measurement, position: np.ndarray, velocity: np.ndarray,
                     dt: float) -> Tick:

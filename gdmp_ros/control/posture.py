@@ -17,12 +17,13 @@ class Posture:
     A posture that changes slowly.
 
     :ivar position: of the joints, now [rad]
+    :ivar changes: whether another one is approached
     """
 
     def __init__(self, joints: JointLimits):
         self._joints = joints
         self.position = self._target = np.zeros_like(joints.torque)
-        self._changes = False
+        self.changes = False
 
     def check(self, setting: tuple[float, ...]) -> None:
         """:raises ParameterError: if a setting is not a posture of the arm"""
@@ -32,7 +33,7 @@ class Posture:
     def use(self, setting: tuple[float, ...]) -> None:
         """Approach a setting from now on; without a posture nothing changes."""
         if setting != NONE:
-            self._target, self._changes = np.array(setting), True
+            self._target, self.changes = np.array(setting), True
 
     def approach(self, position: np.ndarray) -> None:
         """
@@ -42,16 +43,16 @@ class Posture:
         :raises ParameterError: if it is not one of the arm
         """
         self._joints.check(position)
-        self._target, self._changes = position.copy(), True
+        self._target, self.changes = position.copy(), True
 
     def hold(self, position: np.ndarray) -> None:
         """Keep the present position of the joints [rad]."""
-        self.position, self._target, self._changes = position.copy(), position.copy(), False
+        self.position, self._target, self.changes = position.copy(), position.copy(), False
 
     def advance(self, dt: float) -> np.ndarray:
         """Let ``dt`` pass; returns the position [rad]."""
-        if self._changes:
+        if self.changes:
             target, step = self._target, RATE * dt
             self.position = self.position + np.clip(target - self.position, -step, step)
-            self._changes = not np.array_equal(self.position, target)
+            self.changes = not np.array_equal(self.position, target)
         return self.position
