@@ -35,7 +35,8 @@ class ImpedanceController:
     """
     Impedance control of an arm that follows references; without ROS and simulator.
 
-    :ivar memory: parts of the memory of the compiled tick
+    :ivar numbers: memory of the compiled tick
+    :ivar memory: its parts
     :ivar guard: decides which references are followed
     :ivar tank: energy that may be added
     :ivar counters: of the limits
@@ -58,8 +59,8 @@ class ImpedanceController:
         self._joints, self._model_friction = joints, friction
         self._next: ControllerSettings | None = None
         self._refills = False
-        self._numbers = memory.blank(len(joints.torque))
-        self.memory = memory.parts(self._numbers)
+        self.numbers = memory.blank(len(joints.torque))
+        self.memory = memory.parts(self.numbers)
         self.memory.scalars.cycle = joints.cycle
         self.counters = LimitCounters(self.memory.counts, self.memory.recent)
         self.tank = EnergyTank(self.memory, settings.tank)
@@ -132,7 +133,7 @@ class ImpedanceController:
         if does == TOOL_SPRING:
             arm.posture[:] = self.posture.advance(dt)
         arm.scalars.does = does
-        self._answer(compute(self._numbers), measured)
+        self._answer(compute(self.numbers), measured)
         if known:
             self._last_pose = measured.pose.copy()
         return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
@@ -166,7 +167,7 @@ class ImpedanceController:
         """Do what an event of the law asks for."""
         if event == NOT_FINITE:
             self._recover(measured)
-            finish(self._numbers, True)
+            finish(self.numbers, True)
         elif event:
             self._react(event)
 
@@ -224,7 +225,7 @@ class ImpedanceController:
         self.guard.hold(measured.pose)
         arm.scalars.does = does
         # A collision ends what the arm does after this tick.
-        mode, event = self.states.state.mode, compute(self._numbers)
+        mode, event = self.states.state.mode, compute(self.numbers)
         if event:
             self._react(event)
         return self._tick(measured, twist, _NOTHING, None, mode)

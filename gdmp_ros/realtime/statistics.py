@@ -8,6 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 
+#: Numbers of a `LatenessRecorder` before those of the ticks.
+_BEGIN = 3
+
+
 class Punctuality(NamedTuple):
     """
     Figures of a loop.
@@ -30,6 +34,9 @@ class LatenessRecorder:
     Keeps deadline and lateness of the last ticks in preallocated arrays.
 
     Single numbers are written four times faster to an `array` than to a NumPy array.
+
+    :ivar numbers: ticks, missed deadlines, the last deadline; then deadline and lateness of each
+        tick that is kept [ns]: a compiled loop writes them too
     """
 
     def __init__(self, period_ns: int, capacity: int = 1 << 17):
@@ -37,10 +44,17 @@ class LatenessRecorder:
         self._period = period_ns
         self._capacity = capacity
         # Written once, because the first access to a page of memory causes a page fault.
-        self._deadlines, self._lateness = (array('q', [0]) * capacity for _ in range(2))
-        self._last = 0
-        self.ticks = 0
-        self.missed = 0
+        self.numbers = array('q', [0]) * (_BEGIN + 2 * capacity)
+
+    @property
+    def ticks(self) -> int:
+        """Ticks that were made in time or late."""
+        return self.numbers[0]
+
+    @property
+    def missed(self) -> int:
+        """Deadlines without a tick."""
+        return self.numbers[1]
 
     @property
     def rate_hz(self) -> float:
@@ -49,13 +63,13 @@ class LatenessRecorder:
 
     def add(self, deadline_ns: int, now_ns: int) -> None:
         """Count a tick; deadlines skipped since the last one count as missed."""
-        if self.ticks:
-            self.missed += (deadline_ns - self._last) // self._period - 1
-        self._last = deadline_ns
-        slot = self.ticks % self._capacity
-        self._deadlines[slot] = deadline_ns
-        self._lateness[slot] = now_ns - deadline_ns
-        self.ticks += 1
+        numbers = self.numbers
+        ticks = numbers[0]
+        if ticks:
+            numbers[1] += (deadline_ns - numbers[2]) // self._period - 1
+        slot = _BEGIN + 2 * (ticks % self._capacity)
+        numbers[0], numbers[2] = ticks + 1, deadline_ns
+        numbers[slot], numbers[slot + 1] = deadline_ns, now_ns - deadline_ns
 
     def punctuality(self, last: int | None = None) -> Punctuality:
         """Figures of the last ``last`` ticks; by default of all that are kept."""
@@ -74,8 +88,7 @@ class LatenessRecorder:
         ticks = self.ticks
         kept = min(ticks, self._capacity, last or ticks)
         slots = np.arange(ticks - kept, ticks) % self._capacity
-        return np.column_stack([np.frombuffer(item, dtype=np.int64)[slots]
-                                for item in (self._deadlines, self._lateness)])
+        return np.frombuffer(self.numbers, dtype=np.int64)[_BEGIN:].reshape(-1, 2)[slots]
 
     def save(self, path: str | Path) -> None:
         """Write `ticks_kept` as a NumPy file."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.law import compute
 from gdmp_ros.control.memory import arm_view, TOOL_SPRING
 from gdmp_ros.control.stream import advance, elapse, is_plain
@@ -17,7 +18,7 @@ from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.sim import native
-from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.arm import Arm
 
 #: What `plain_tick` returns beside the events of `gdmp_ros.control.law.compute`: it has made the
 #: tick; it has done nothing, and the tick is to be made; the simulation is unstable.
@@ -144,9 +145,8 @@ def write_state(numbers, target, state):
     copy_into(arm.torque, joints[2 * n:])
 
 
-def robot_of(loop: ClosedLoop) -> Robot:
-    """The simulated arm of a loop, for kernels."""
-    arm = loop.arm
+def robot_of(arm: Arm) -> Robot:
+    """A simulated arm that is alone, for kernels."""
     data, known = arm.data, arm.known
     return Robot(
         native.functions(),
@@ -156,8 +156,8 @@ def robot_of(loop: ClosedLoop) -> Robot:
         data.qfrc_constraint, data.energy, data.ctrl, data.warning.number)
 
 
-def controller_of(loop: ClosedLoop) -> Controller:
-    """The controller of a loop, for kernels."""
-    control = loop.controller
-    guard = control.guard
-    return Controller(control._numbers, guard.numbers, guard.tool_target, guard.held)
+def controller_of(control: ArmControl) -> Controller:
+    """The controller of an arm, for kernels."""
+    controller = control.controller
+    guard = controller.guard
+    return Controller(controller.numbers, guard.numbers, guard.tool_target, guard.held)

@@ -72,7 +72,7 @@ def loop_that(does):
 
 @pytest.mark.parametrize('does', [TOOL_SPRING, JOINT_SPRINGS, FREE, JOINT_MOTION])
 def test_the_law_does_not_allocate(does):
-    numbers = loop_that(does).controller._numbers
+    numbers = loop_that(does).controller.numbers
     ticks(numbers, 1)
     with counted() as once:
         ticks(numbers, 1)

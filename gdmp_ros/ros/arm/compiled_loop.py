@@ -10,12 +10,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.stream import go_on, OTHER as UNDECIDED
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import bytes_at, kernel
-from gdmp_ros.realtime.native import sleep_until, steady_ns, wall_ns
+from gdmp_ros.realtime.native import clock_functions, sleep_until, steady_ns, wall_ns
+from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import rcl
-from gdmp_ros.sim.plain_tick import Controller, MADE, plain_tick, Robot, write_state
+from gdmp_ros.ros.middleware import Publisher, Subscription
+from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
+from gdmp_ros.sim.closed_loop import SimulatedDriver
+from gdmp_ros.sim.plain_tick import (
+    Controller,
+    controller_of,
+    MADE,
+    plain_tick,
+    Robot,
+    robot_of,
+    write_state,
+)
 
 #: Largest number of missed periods that are made up in one tick.
 MAX_CATCH_UP = 10
@@ -166,15 +179,15 @@ def wait(loop, clocks, time, lateness):
     loop[DEADLINE] += period * (1 + max((now - loop[DEADLINE]) // period, 0))
     sleep_until(clocks, time, loop[DEADLINE])
     now = steady_ns(clocks, time)
-    missed = (loop[DEADLINE] - loop[LAST]) // period if loop[LAST] != 0 else 1
-    loop[LEFT] = min(missed, MAX_CATCH_UP)
-    loop[STAMP] = wall_ns(clocks, time) - (now - loop[DEADLINE])
-    slot = lateness[0] % ((lateness.size - 3) // 2)
-    if lateness[0] > 0:
-        lateness[1] += missed - 1
-    lateness[3 + 2 * slot], lateness[4 + 2 * slot] = loop[DEADLINE], now - loop[DEADLINE]
-    lateness[0] += 1
+    periods = (loop[DEADLINE] - loop[LAST]) // period if loop[LAST] != 0 else 1
     loop[LAST] = loop[DEADLINE]
+    loop[LEFT] = min(periods, MAX_CATCH_UP)
+    loop[STAMP] = wall_ns(clocks, time) - (now - loop[DEADLINE])
+    # As `gdmp_ros.realtime.statistics.LatenessRecorder.add`.
+    slot = 3 + 2 * (lateness[0] % ((lateness.size - 3) // 2))
+    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + periods - 1
+    lateness[2] = lateness[slot] = loop[DEADLINE]
+    lateness[slot + 1] = now - loop[DEADLINE]
 
 
 @kernel
@@ -198,3 +211,43 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
         send_state(loop, links, scratch, controller,
                    loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD])
         loop[LEFT] -= 1
+
+
+class CompiledLoop:
+    """
+    The loop of one simulated arm.
+
+    :ivar numbers: of the loop, see `NUMBERS`
+    :ivar state: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`)
+    """
+
+    def __init__(self, references: Subscription, reader: ReferenceReader, states: Publisher,
+                 template: SerializedTemplate, period_ns: int):
+        """:param template: of the states, without a reference of the joints"""
+        self.numbers = np.zeros(NUMBERS, dtype=np.int64)
+        self.numbers[PERIOD] = period_ns
+        self._taken, self._sent = rcl.SerializedMemory(), rcl.SerializedMemory()
+        frame, reference, reference_parts = reader.layout()
+        message, state, state_parts = template.layout()
+        self._sent.data = message.tobytes()
+        self._links = Links(rcl.functions(), np.array([references.address, states.address]),
+                            self._taken.numbers, self._sent.numbers, frame, reference,
+                            reference_parts, state, state_parts)
+        target, self.state = np.zeros(len(reference)), np.zeros(len(state))
+        self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
+                                self.state, self.state.view(np.uint8))
+
+    @property
+    def message(self) -> bytes:
+        """The reference that was taken last."""
+        return self._taken.data
+
+    def call(self) -> None:
+        """Let the loop return to Python before its next tick; any thread may call it."""
+        self.numbers[ATTENTION] = 1
+
+    def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
+        """Make ticks until Python is needed; see `run`."""
+        return int(run(self.numbers, clock_functions(),
+                       np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
+                       self._scratch, robot_of(driver.arm), controller_of(control), driver.dt))
