@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 #: Numbers of a `LatenessRecorder` before those of the ticks.
 _BEGIN = 3
 

@@ -221,6 +221,15 @@ class Arm:
         """Advance the simulation by one period."""
         advance(self.model, self.data)
 
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether its model is the robot itself, and torques act at once."""
+        return self._alone and self.known.only_goes_on and self._actuation.at_once
+
+    def check(self) -> None:
+        """:raises DataError: if the simulation is unstable"""
+        check(self.data)
+
     def push(self, wrench: np.ndarray) -> None:
         """Apply an external wrench at the tool from now on (base frame) [N, Nm]."""
         body = self._body
@@ -243,6 +252,11 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     :raises DataError: if it is unstable
     """
     step(functions(), address(model), address(data))
+    check(data)
+
+
+def check(data: mujoco.MjData) -> None:
+    """:raises DataError: if a simulation is unstable"""
     if data.warning.number[_BROKEN].any():
         # MuJoCo has reset everything to its initial state silently.
         data.warning.number[:] = 0

@@ -40,6 +40,11 @@ class KnownModel:
         self._viewed: mujoco.MjData | None = None
         self._views: Any = ()
 
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether it is the simulated robot itself, and nothing new is carried."""
+        return self.shared and self._announced is None
+
     def announce(self, payload: Payload) -> None:
         """Carry a payload from now on, within `PAYLOAD_S`; any thread may call it."""
         model, data, load = self.model, self.data, self._load

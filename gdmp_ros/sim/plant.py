@@ -57,6 +57,11 @@ class Actuation:
         self._ticks = round(delay / period)
         self._waiting: deque[np.ndarray] = deque()
 
+    @property
+    def at_once(self) -> bool:
+        """Whether there is no delay."""
+        return self._ticks == 0
+
     def reset(self, torque: np.ndarray) -> None:
         """Begin with a torque that acts already [Nm]."""
         self._waiting = deque([torque.copy()] * self._ticks)

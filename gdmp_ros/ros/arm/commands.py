@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from gdmp_ros.control.arm_control import ArmControl
@@ -9,7 +10,7 @@ from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.ros.messages import NS
-from gdmp_ros.ros.middleware import Received, Subscription
+from gdmp_ros.ros.middleware import Subscription
 from gdmp_ros.ros.serialized import ReferenceReader
 
 #: Largest number of references read in a tick.
@@ -48,6 +49,9 @@ class ArmCommands:
 
     :ivar control: of the arm
     :ivar sequence: number of the reference that is followed, 0 before the first
+    :ivar asked: requests that have not been carried out
+    :ivar references: that have come
+    :ivar reader: of them
     """
 
     def __init__(self, control: ArmControl, frame: str, references: Subscription):
@@ -59,8 +63,10 @@ class ArmCommands:
         """
         self.control = control
         self.sequence = 0
-        self._asked: deque[_Asked] = deque()
-        self._references, self._reader = references, ReferenceReader(frame)
+        self.asked: deque[_Asked] = deque()
+        self.references, self.reader = references, ReferenceReader(frame)
+        #: Called after a request was added: the loop may be one that does not look by itself.
+        self.called: Callable[[], None] = lambda: None
 
     def ask(self, request: Request, argument: Any = None) -> Answer:
         """
@@ -69,18 +75,19 @@ class ArmCommands:
         :param argument: see `gdmp_ros.control.arm_control.ArmControl.do`
         """
         answer = Answer()
-        self._asked.append(_Asked(request, argument, answer))
+        self.asked.append(_Asked(request, argument, answer))
+        self.called()
         return answer
 
     def drop(self, reason: str) -> None:
         """Refuse the requests that have not been carried out; any thread may call it."""
-        while self._asked:
-            self._asked.popleft().answer.give(reason)
+        while self.asked:
+            self.asked.popleft().answer.give(reason)
 
     def carry_out(self) -> None:
         """Carry out the requests."""
-        while self._asked:
-            asked = self._asked.popleft()
+        while self.asked:
+            asked = self.asked.popleft()
             try:
                 if asked.request in (Request.GUIDE, Request.RESET):
                     self.sequence = 0
@@ -92,8 +99,8 @@ class ArmCommands:
 
     def know_stream(self, now_ns: int) -> None:
         """Remember a stream that runs when the control begins: it is not followed."""
-        while (received := self._references.take()) is not None:
-            read = self._read(received, now_ns)
+        while (received := self.references.take()) is not None:
+            read = self._read(received.data, now_ns)
             if read is not None:
                 self.control.controller.guard.observe(*read)
 
@@ -101,17 +108,21 @@ class ArmCommands:
         """Follow the references that have arrived until now."""
         # All in order: another publisher must not hide the one that is followed.
         for _ in range(MAX_REFERENCES):
-            received = self._references.take()
+            received = self.references.take()
             if received is None:
                 break
-            read = self._read(received, now_ns)
-            if read is not None and self.control.controller.guard.offer(*read):
-                self.sequence = read[1].sequence
+            self.offer(received.data, now_ns)
 
-    def _read(self, received: Received, now_ns: int) -> tuple[Any, Origin] | None:
+    def offer(self, data: bytes, now_ns: int) -> None:
+        """Follow a serialised reference, or refuse it."""
+        read = self._read(data, now_ns)
+        if read is not None and self.control.controller.guard.offer(*read):
+            self.sequence = read[1].sequence
+
+    def _read(self, data: bytes, now_ns: int) -> tuple[Any, Origin] | None:
         """Numbers and origin of a reference; None, and counted, if it is none."""
         try:
-            item = self._reader.read(received.data)
+            item = self.reader.read(data)
         except DataError as error:
             self.control.controller.guard.refuse(str(error))
             return None

@@ -11,21 +11,21 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.stream import go_on, OTHER as UNDECIDED
+from gdmp_ros.control.stream import go_on
+from gdmp_ros.control.stream import OTHER as UNDECIDED
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import bytes_at, kernel
 from gdmp_ros.realtime.native import clock_functions, sleep_until, steady_ns, wall_ns
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import rcl
-from gdmp_ros.ros.middleware import Publisher, Subscription
-from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
+from gdmp_ros.ros.arm.state_publisher import StatePublisher
+from gdmp_ros.ros.middleware import Subscription
+from gdmp_ros.ros.serialized import ReferenceReader
 from gdmp_ros.sim.closed_loop import SimulatedDriver
 from gdmp_ros.sim.plain_tick import (
-    Controller,
     controller_of,
     MADE,
     plain_tick,
-    Robot,
     robot_of,
     write_state,
 )
@@ -45,10 +45,8 @@ ASKED, MESSAGE = 30, 31
  LEFT,         # ticks that are left of this deadline
  STAMP,        # of the last of them [ns]
  SEQUENCE,     # of the reference that is followed
- TICK,         # number of the tick
  MODE,         # of the arm
- SENDS,        # flag: the state has subscribers
- NUMBERS) = range(11)
+ NUMBERS) = range(9)
 
 
 class Links(NamedTuple):
@@ -82,6 +80,7 @@ class Scratch(NamedTuple):
     Memory that a loop computes in; each array of bytes is the one before it.
 
     :ivar time: two integers
+    :ivar written: see `gdmp_ros.ros.arm.state_publisher.StatePublisher`
     """
 
     time: np.ndarray
@@ -89,6 +88,7 @@ class Scratch(NamedTuple):
     target_bytes: np.ndarray
     state: np.ndarray
     state_bytes: np.ndarray
+    written: np.ndarray
 
 
 @kernel
@@ -152,10 +152,12 @@ def take_references(loop, links, scratch, controller, now):
 @kernel
 def send_state(loop, links, scratch, controller, stamp):
     """Send the state of the tick that was made."""
-    loop[TICK] += 1
-    if loop[SENDS] == 0:
-        return
+    written = scratch.written
+    written[0] += 1
     write_state(controller.numbers, controller.target, scratch.state)
+    written[1], written[2] = written[0], stamp
+    if written[3] == 0:
+        return
     data = bytes_at(links.sent[0], links.sent[1])
     for k in range(scratch.state.size):
         for byte in range(8):
@@ -165,7 +167,7 @@ def send_state(loop, links, scratch, controller, stamp):
     _put_integer(data, parts[0] + 4, 4, stamp % 1_000_000_000)
     _put_integer(data, parts[1], 8, loop[SEQUENCE])
     _put_integer(data, parts[2], 1, loop[MODE])
-    _put_integer(data, parts[3], 8, loop[TICK])
+    _put_integer(data, parts[3], 8, written[0])
     rcl.publish(links.functions, links.handles[1], links.sent)
 
 
@@ -218,24 +220,22 @@ class CompiledLoop:
     The loop of one simulated arm.
 
     :ivar numbers: of the loop, see `NUMBERS`
-    :ivar state: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`)
     """
 
-    def __init__(self, references: Subscription, reader: ReferenceReader, states: Publisher,
-                 template: SerializedTemplate, period_ns: int):
-        """:param template: of the states, without a reference of the joints"""
+    def __init__(self, references: Subscription, reader: ReferenceReader, out: StatePublisher,
+                 period_ns: int):
         self.numbers = np.zeros(NUMBERS, dtype=np.int64)
         self.numbers[PERIOD] = period_ns
         self._taken, self._sent = rcl.SerializedMemory(), rcl.SerializedMemory()
         frame, reference, reference_parts = reader.layout()
-        message, state, state_parts = template.layout()
+        message, state, state_parts = out.template.layout()
         self._sent.data = message.tobytes()
-        self._links = Links(rcl.functions(), np.array([references.address, states.address]),
+        self._links = Links(rcl.functions(), np.array([references.address, out.states.address]),
                             self._taken.numbers, self._sent.numbers, frame, reference,
                             reference_parts, state, state_parts)
-        target, self.state = np.zeros(len(reference)), np.zeros(len(state))
+        target = np.zeros(len(reference))
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
-                                self.state, self.state.view(np.uint8))
+                                out.numbers, out.numbers.view(np.uint8), out.written)
 
     @property
     def message(self) -> bytes:

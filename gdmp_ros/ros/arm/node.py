@@ -50,6 +50,7 @@ class ArmNode(ManagedNode):
     control: ArmControl
     commands: ArmCommands
     _loop: RunningLoop | None = None
+    _viewers: RunningLoop | None = None
 
     def __init__(self, backend: ArmBackend) -> None:
         """:param backend: a new one"""
@@ -84,16 +85,12 @@ class ArmNode(ManagedNode):
         self.control.states.end()
         self.commands = ArmCommands(self.control, p.frame_id, self.add_subscription(
             Reference, p.reference_topic, None, MAX_REFERENCES))
-        self._offer(driver.dt)
+        self._offer()
         backend.offer()
         p.check, p.changed, p.locked = self._check, self.use_parameters, True
 
-    def _offer(self, period: float) -> None:
-        """
-        Add services, publishers and reports.
-
-        :param period: of the loop [s]
-        """
+    def _offer(self) -> None:
+        """Add services, publishers and reports."""
         p, arm = self.parameters, self.backend.model
         try:
             self.joint_names = joint_names(arm, p.frame_id)
@@ -105,7 +102,7 @@ class ArmNode(ManagedNode):
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
         self.state_out = StatePublisher(self, p.frame_id, self.joint_names,
-                                        max(1, round(1.0 / (p.visualization_rate_hz * period))))
+                                        p.visualization_rate_hz)
         self.describe()
         self.add_report(self._report)
 
@@ -113,6 +110,7 @@ class ArmNode(ManagedNode):
         self.backend.begin()
         self.commands.know_stream(self.time_ns())
         self.active = True
+        self._viewers = self.clock.start(self.state_out.show(self.clock))
         running = self._loop = self.clock.start(self._cycles(), self.parameters.realtime_priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
@@ -132,9 +130,11 @@ class ArmNode(ManagedNode):
             return
         reason = self._rest()
         self.active = False
-        if self._loop is not None:
-            self._loop.end()
-            self._loop = None
+        self.commands.called()
+        for loop in (self._loop, self._viewers):
+            if loop is not None:
+                loop.end()
+        self._loop = self._viewers = None
         self.control.states.end(reason)
         self.commands.drop(reason or 'the node was deactivated')
         self.backend.end()
@@ -171,6 +171,7 @@ class ArmNode(ManagedNode):
     def use_parameters(self) -> None:
         """Take over parameters that have changed."""
         self.control.controller.configure(controller_settings(self.parameters))
+        self.commands.called()
         carried, tool = payload(self.parameters), tool_transform(self.parameters)
         if carried != self._payload:
             self._payload = carried

@@ -11,6 +11,18 @@ from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
+from gdmp_ros.ros.arm.compiled_loop import (
+    ASKED,
+    ATTENTION,
+    CompiledLoop,
+    LEFT,
+    MAX_CATCH_UP,
+    MESSAGE,
+    MODE,
+    PERIOD,
+    SEQUENCE,
+    STAMP,
+)
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
 from gdmp_ros.ros.gripper import GripperInterface
@@ -18,11 +30,10 @@ from gdmp_ros.ros.messages import checked_pose, stamp_of
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.closed_loop import SimulatedDriver
+from gdmp_ros.sim.plain_tick import BROKEN, OTHER
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.viewer import Viewer
 
-#: Largest number of missed periods that are made up in one tick.
-MAX_CATCH_UP = 10
 #: Time between two looks whether a simulation is still paused [ns].
 PAUSED_NS = 1_000_000
 #: The viewer is updated once in this many ticks.
@@ -70,6 +81,7 @@ class SimulatedArm(ArmBackend):
                             lambda: 'the arm is reset to its first keyframe')
         node.add_service(StepSimulation, 'step_simulation', self._on_step, concurrent=True)
         node.control.states.watchers.append(self._entered)
+        node.state_out.others = lambda: self.driver.others
         if self.driver.gripper is not None:
             GripperInterface(node, self.driver.gripper)
 
@@ -91,8 +103,65 @@ class SimulatedArm(ArmBackend):
     # The loop
 
     def cycles(self) -> Loop:
-        return (self._fast_loop() if self.node.parameters.pace == 'fast' else
-                periodic(self._wall_tick, self._period_ns, self.node.clock))
+        if self.node.parameters.pace == 'fast':
+            return self._fast_loop()
+        loop = self._compiled_loop()
+        return (periodic(self._wall_tick, self._period_ns, self.node.clock) if loop is None
+                else self._without_interpreter(loop))
+
+    def _compiled_loop(self) -> CompiledLoop | None:
+        """The loop without the interpreter; None where topics have no handles of rcl."""
+        node = self.node
+        commands, out = node.commands, node.state_out
+        if not (commands.references.address and out.states.address):
+            return None
+        return CompiledLoop(commands.references, commands.reader, out, self._period_ns)
+
+    def _without_interpreter(self, loop: CompiledLoop) -> Loop:
+        node, numbers = self.node, loop.numbers
+        commands, states, out = node.commands, node.control.states, node.state_out
+        commands.called = loop.call
+        while True:
+            numbers[ATTENTION] = 0
+            if not self._only_goes_on():
+                numbers[ATTENTION] = 1
+            numbers[SEQUENCE], before = commands.sequence, int(out.written[0])
+            numbers[MODE] = states.state.mode
+            why = loop.run(node.control, self.driver, node.lateness)
+            made = int(out.written[0]) - before
+            if made:
+                self._ticks += made
+                commands.sequence = int(numbers[SEQUENCE])
+                node.control.controller.catch_up()
+            stamp = int(numbers[STAMP] - (numbers[LEFT] - 1) * numbers[PERIOD])
+            if why == MESSAGE:
+                commands.offer(loop.message, node.clock.wall())
+            if why in (ASKED, MESSAGE, OTHER):
+                self._advance(stamp, node.clock.wall())
+            else:
+                self._end_tick(why, stamp)
+            numbers[LEFT] -= 1
+            self._sync_viewer()
+            yield 0
+
+    def _only_goes_on(self) -> bool:
+        """Whether the next tick may be one that a kernel makes."""
+        node, driver = self.node, self.driver
+        return not (self.paused or not node.active or node.commands.asked or self._viewer is not None
+                    or driver.hand is not None or driver.gripper is not None
+                    or not self.model.only_goes_on or node.control.moves_joints
+                    or not node.control.controller.only_goes_on)
+
+    def _end_tick(self, event: int, stamp_ns: int) -> None:
+        """End a tick in which something was felt."""
+        node, driver = self.node, self.driver
+        if event == BROKEN:
+            self.model.check()
+        tick = node.control.controller.end_tick(event)
+        driver.command(tick.torque)
+        self.model.advance()
+        self._ticks += 1
+        node.state_out.publish(tick, stamp_ns, node.commands.sequence)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         clock = self.node.clock
@@ -139,7 +208,7 @@ class SimulatedArm(ArmBackend):
         tick = node.control.answer(driver.measure())
         self.model.advance()
         self._ticks += 1
-        node.state_out.publish(tick, stamp_ns, node.commands.sequence, driver.others)
+        node.state_out.publish(tick, stamp_ns, node.commands.sequence)
         return True
 
     # Pause and steps
@@ -149,6 +218,7 @@ class SimulatedArm(ArmBackend):
         self._steps_dropped += self.steps_left
         self.paused = request.data
         self._last_tick = self._ticks
+        self.node.commands.called()
         reply.success = True
         reply.message = 'paused' if request.data else 'running'
         return reply

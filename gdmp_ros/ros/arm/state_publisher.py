@@ -8,9 +8,9 @@ from gdmp_msgs.msg import RobotState
 import numpy as np
 
 from gdmp_ros.control.tick import Tick
+from gdmp_ros.realtime.loop import Clock, Loop, NS, periodic
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
 from gdmp_ros.ros.lifecycle import (
-    CHECK_EVERY,
     check_subscribers,
     joints_stream,
     ManagedNode,
@@ -22,81 +22,114 @@ from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED, robot_sta
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 
-NOTHING = np.empty(0)
+_NOTHING = np.empty(0)
 
 
 class StatePublisher:
     """
     Publishes ``~/state`` in every tick; pose, stiffness, joints and links for viewers.
 
+    A loop of its own serves the viewers (`show`): what it takes does not hold the arm up.
+
     :ivar tf: publisher of the links
+    :ivar states: publisher of ``~/state``
+    :ivar template: of its messages, without a reference of the joints
+    :ivar numbers: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`), without a
+        reference of the joints
+    :ivar written: number of the tick that was begun to be written, of the one that is whole, and
+        its stamp [ns], and whether states have subscribers: a loop without the interpreter
+        writes and reads them too
+    :ivar others: gives positions of a gripper and of objects
     """
 
-    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], viewer_every: int):
+    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], rate_hz: float):
         """
         Create the publishers.
 
         :param frame: ``frame_id`` of the states
         :param joints: names of the joints
-        :param viewer_every: ticks between two messages for viewers
+        :param rate_hz: of messages for viewers
         """
-        states = node.add_publisher(RobotState, '~/state', DEEP)
+        self.states = node.add_publisher(RobotState, '~/state', DEEP)
 
-        def stream(rows: int) -> Stream:
+        def template(rows: int) -> SerializedTemplate:
             state = RobotState()
             state.header.frame_id = frame
-            return Stream(states, SerializedTemplate(
-                state, ROBOT_STATE_FIXED + rows * len(joints),
-                partial(fill_robot_state, rows=rows)))
+            return SerializedTemplate(state, ROBOT_STATE_FIXED + rows * len(joints),
+                                      partial(fill_robot_state, rows=rows))
         # Without and with a reference of the joints: the messages have different sizes.
-        self._state, self._joint_state = stream(3), stream(6)
+        self.template = template(3)
+        self._state = Stream(self.states, self.template)
+        self._joint_state = Stream(self.states, template(6))
         self._pose = pose_stream(node, '~/measured_pose', frame)
         self._applied = stiffness_stream(node, '~/applied_stiffness')
         self._requested = stiffness_stream(node, '~/requested_stiffness')
         self._joints = joints_stream(node, 'joint_states', joints)
         self.tf = TfPublisher(node)
-        self._viewer_every = viewer_every
-        self._for_viewers: tuple[Callable[[Tick, int, np.ndarray], None], ...] = (
-            self._publish_pose, self._publish_links, self._publish_joints,
-            self._publish_stiffness)
-        self._ticks = 0
+        self.numbers = np.zeros(ROBOT_STATE_FIXED + 3 * len(joints))
+        self.written = np.zeros(4, dtype=np.int64)
+        self.others: Callable[[], np.ndarray] = lambda: _NOTHING
+        self._rate_hz, self._count = rate_hz, len(joints)
 
-    def publish(self, tick: Tick, stamp_ns: int, sequence: int,
-                others: np.ndarray = NOTHING) -> None:
+    def publish(self, tick: Tick, stamp_ns: int, sequence: int) -> None:
         """
         Publish the state of a tick.
 
         :param sequence: of the reference that was followed
-        :param others: positions of a gripper and of objects
         """
-        if self._ticks % CHECK_EVERY == 0:
-            check_subscribers(self._state, self._pose, self._applied, self._requested,
-                              self._joints)
-            self.tf.check()
-        self._ticks += 1
+        number, numbers = int(self.written[0]) + 1, robot_state_numbers(tick)
+        self.written[0] = number
+        self.numbers[:] = numbers[:len(self.numbers)]
+        self.written[1:3] = number, stamp_ns
         if self._state.has_subscribers:
             state = self._state if tick.joints is None else self._joint_state
-            state.publish(robot_state_numbers(tick), stamp_ns, sequence, tick.mode, self._ticks)
-        # One after the other: all in one tick would make a long one.
-        for i, publish in enumerate(self._for_viewers):
-            if (self._ticks + i) % self._viewer_every == 0:
-                publish(tick, stamp_ns, others)
+            state.publish(numbers, stamp_ns, sequence, tick.mode, number)
 
-    def _publish_pose(self, tick: Tick, stamp_ns: int, _: np.ndarray) -> None:
+    def last(self) -> tuple[np.ndarray, int]:
+        """Numbers and stamp of the last tick [ns], whole: any thread may call it."""
+        while True:
+            whole, stamp_ns = self.written[1:3].tolist()
+            numbers = self.numbers.copy()
+            if self.written[0] == whole:
+                return numbers, stamp_ns
+
+    def show(self, clock: Clock) -> Loop:
+        """Serve the viewers, and look for subscribers."""
+        self._check()
+        shows = (self._check, self._show_pose, self._show_links, self._show_joints,
+                 self._show_stiffness)
+        # One after the other: all at once would take long.
+        period, turn = round(NS / (self._rate_hz * len(shows))), 0
+
+        def step(deadline_ns: int, now_ns: int) -> None:
+            nonlocal turn
+            shows[turn % len(shows)]()
+            turn += 1
+        return periodic(step, period, clock)
+
+    def _check(self) -> None:
+        check_subscribers(self._state, self._pose, self._applied, self._requested, self._joints)
+        self.tf.check()
+        self.written[3] = self._state.has_subscribers
+
+    def _show_pose(self) -> None:
         if self._pose.has_subscribers:
-            self._pose.publish(tick.measurement.pose, stamp_ns)
+            numbers, stamp_ns = self.last()
+            self._pose.publish(numbers[:7], stamp_ns)
 
-    def _publish_stiffness(self, tick: Tick, *_: object) -> None:
+    def _show_stiffness(self) -> None:
+        numbers, _ = self.last()
         if self._applied.has_subscribers:
-            self._applied.publish(tick.stiffness)
+            self._applied.publish(numbers[19:55])
         if self._requested.has_subscribers:
-            self._requested.publish(tick.requested)
+            self._requested.publish(numbers[55:91])
 
-    def _publish_joints(self, tick: Tick, stamp_ns: int, _: np.ndarray) -> None:
+    def _show_joints(self) -> None:
         if self._joints.has_subscribers:
-            measured = tick.measurement
-            self._joints.publish(
-                np.concatenate([measured.position, measured.velocity, tick.torque]), stamp_ns)
+            numbers, stamp_ns = self.last()
+            self._joints.publish(numbers[ROBOT_STATE_FIXED:][:3 * self._count], stamp_ns)
 
-    def _publish_links(self, tick: Tick, stamp_ns: int, others: np.ndarray) -> None:
-        self.tf.publish(np.concatenate([tick.measurement.position, others]), stamp_ns)
+    def _show_links(self) -> None:
+        numbers, stamp_ns = self.last()
+        self.tf.publish(np.concatenate([numbers[ROBOT_STATE_FIXED:][:self._count],
+                                        self.others()]), stamp_ns)
