@@ -147,10 +147,10 @@ class SimulatedArm(ArmBackend):
     def _only_goes_on(self) -> bool:
         """Whether the next tick may be one that a kernel makes."""
         node, driver = self.node, self.driver
-        return not (self.paused or not node.active or node.commands.asked or self._viewer is not None
-                    or driver.hand is not None or driver.gripper is not None
-                    or not self.model.only_goes_on or node.control.moves_joints
-                    or not node.control.controller.only_goes_on)
+        other = (self.paused, not node.active, node.commands.asked, self._viewer, driver.hand,
+                 driver.gripper, node.control.moves_joints)
+        return (not any(other) and self.model.only_goes_on
+                and node.control.controller.only_goes_on)
 
     def _end_tick(self, event: int, stamp_ns: int) -> None:
         """End a tick in which something was felt."""
