@@ -155,9 +155,10 @@ class ImpedanceController:
     def end_tick(self, event: int) -> Tick:
         """End a tick of a kernel in which something was felt, or no torque could be computed."""
         arm = self.memory
-        measured = Measurement(*(np.array(part) for part in (
-            arm.position, arm.velocity, arm.pose, arm.jacobian, arm.inertia, arm.bias,
-            arm.external, arm.acceleration)), arm.scalars.potential)
+        measured = Measurement(
+            arm.position.copy(), arm.velocity.copy(), arm.pose.copy(), arm.jacobian.copy(),
+            arm.inertia.copy(), arm.bias.copy(), arm.external.copy(), arm.acceleration.copy(),
+            arm.scalars.potential)
         self.catch_up()
         self._answer(event, measured)
         return self._tick(measured, arm.twist.copy(),

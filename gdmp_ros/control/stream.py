@@ -157,6 +157,17 @@ def is_lost(numbers):
 
 
 @kernel
+def is_plain(numbers):
+    """Whether the next tick neither ends the stream nor slows down, and is of the tool."""
+    stream = records_at(numbers, 0, 1, STREAM)[0]
+    if stream.of_joints != 0.0:
+        return False
+    if stream.state == _HOLDING:
+        return stream.stop_progress >= 1.0
+    return is_followed(numbers) and not is_lost(numbers)
+
+
+@kernel
 def elapse(numbers, dt):
     """Let time pass [s]."""
     stream = records_at(numbers, 0, 1, STREAM)[0]

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any
 
@@ -65,9 +65,8 @@ class _Publisher(Publisher):
         super().__init__(inner.msg_type, inner.topic_name)
         self.made = inner
 
-    @property
-    def address(self) -> int:
-        return _address(self.made)
+    def in_use(self) -> AbstractContextManager[int]:
+        return _in_use(self.made)
 
     def send(self, data: bytes) -> None:
         # `Publisher.publish` looks for the type of the message first: that takes a microsecond.
@@ -93,9 +92,8 @@ class _Subscription(Subscription):
         if self._callback is not None and message is not None:
             self._callback(message)
 
-    @property
-    def address(self) -> int:
-        return _address(self.made)
+    def in_use(self) -> AbstractContextManager[int]:
+        return _in_use(self.made)
 
     def take(self) -> Received | None:
         handle = self.made.handle
@@ -107,9 +105,12 @@ class _Subscription(Subscription):
         return Received(data, about['source_timestamp'], about['received_timestamp'])
 
 
-def _address(made: Any) -> int:
-    """Address of what rclpy has made; 0 if this version does not tell."""
-    return int(getattr(made.handle, 'pointer', 0))
+@contextmanager
+def _in_use(made: Any) -> Iterator[int]:
+    """Keep what rclpy has made, and give its address; 0 if this version does not tell it."""
+    handle = made.handle
+    with handle:
+        yield int(getattr(handle, 'pointer', 0))
 
 
 class DdsParticipant:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple, Protocol
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -88,10 +89,9 @@ class Publisher(ABC):
         """
         self.kind, self.topic = kind, topic
 
-    @property
-    def address(self) -> int:
-        """Address of the publisher of rcl; 0 if there is none."""
-        return 0
+    def in_use(self) -> AbstractContextManager[int]:
+        """Keep the publisher of rcl, and give its address; 0 if there is none."""
+        return nullcontext(0)
 
     @abstractmethod
     def send(self, data: bytes) -> None:
@@ -118,10 +118,9 @@ class Subscription(ABC):
         self.kind, self.topic = kind, topic
         self._clock, self._refused = clock, refused
 
-    @property
-    def address(self) -> int:
-        """Address of the subscription of rcl; 0 if there is none."""
-        return 0
+    def in_use(self) -> AbstractContextManager[int]:
+        """Keep the subscription of rcl, and give its address; 0 if there is none."""
+        return nullcontext(0)
 
     @abstractmethod
     def take(self) -> Received | None:

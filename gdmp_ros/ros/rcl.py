@@ -55,7 +55,8 @@ class SerializedMemory:
         if self._library.rcutils_uint8_array_init(
                 ctypes.byref(self._message), ctypes.c_size_t(_RESERVED), ctypes.byref(allocator)):
             raise MemoryError('no memory for a message')
-        self.numbers = np.frombuffer(self._message, dtype=np.int64)
+        count = ctypes.sizeof(_Message) // 8
+        self.numbers = np.ctypeslib.as_array((ctypes.c_int64 * count).from_buffer(self._message))
 
     def __del__(self) -> None:
         self._library.rcutils_uint8_array_fini(ctypes.byref(self._message))

@@ -54,6 +54,10 @@ class ArmBackend:
     def close(self) -> None:
         """Disconnect."""
 
+    def priority(self) -> int:
+        """Of the thread of `cycles`; see `gdmp_ros.realtime.loop.Clock.start`."""
+        return int(self.node.parameters.realtime_priority)
+
     def ticks(self) -> bool:
         """Whether time passes for the arm."""
         return True

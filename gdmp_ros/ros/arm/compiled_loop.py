@@ -14,10 +14,12 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.stream import go_on
 from gdmp_ros.control.stream import OTHER as UNDECIDED
 from gdmp_ros.control.target import TARGET_SIZE
+from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import bytes_at, kernel
 from gdmp_ros.realtime.native import clock_functions, sleep_until, steady_ns, wall_ns
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import rcl
+from gdmp_ros.ros.arm.commands import MAX_REFERENCES
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.middleware import Subscription
 from gdmp_ros.ros.serialized import ReferenceReader
@@ -32,8 +34,6 @@ from gdmp_ros.sim.plain_tick import (
 
 #: Largest number of missed periods that are made up in one tick.
 MAX_CATCH_UP = 10
-#: Largest number of references read in a tick.
-MAX_REFERENCES = 20
 #: What `run` returns beside what `plain_tick` does.
 ASKED, MESSAGE = 30, 31
 
@@ -224,15 +224,24 @@ class CompiledLoop:
 
     def __init__(self, references: Subscription, reader: ReferenceReader, out: StatePublisher,
                  period_ns: int):
+        """
+        Prepare.
+
+        :raises DataError: if references and states have no handles of rcl
+        """
+        with references.in_use() as subscription, out.states.in_use() as publisher:
+            if not (subscription and publisher):
+                raise DataError('this middleware does not tell the addresses of its handles')
         self.numbers = np.zeros(NUMBERS, dtype=np.int64)
         self.numbers[PERIOD] = period_ns
+        self._references, self._states = references, out.states
         self._taken, self._sent = rcl.SerializedMemory(), rcl.SerializedMemory()
         frame, reference, reference_parts = reader.layout()
         message, state, state_parts = out.template.layout()
         self._sent.data = message.tobytes()
-        self._links = Links(rcl.functions(), np.array([references.address, out.states.address]),
-                            self._taken.numbers, self._sent.numbers, frame, reference,
-                            reference_parts, state, state_parts)
+        self._links = Links(rcl.functions(), np.zeros(2, dtype=np.int64), self._taken.numbers,
+                            self._sent.numbers, frame, reference, reference_parts, state,
+                            state_parts)
         target = np.zeros(len(reference))
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
                                 out.numbers, out.numbers.view(np.uint8), out.written)
@@ -246,8 +255,25 @@ class CompiledLoop:
         """Let the loop return to Python before its next tick; any thread may call it."""
         self.numbers[ATTENTION] = 1
 
+    def warm_up(self, control: ArmControl, driver: SimulatedDriver) -> None:
+        """Compile the loop; no tick is made."""
+        self.numbers[ATTENTION] = self.numbers[LEFT] = 1
+        self.run(control, driver, LatenessRecorder(int(self.numbers[PERIOD]), 1))
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a new grid of deadlines."""
+        self.numbers[DEADLINE] = self.numbers[LAST] = self.numbers[LEFT] = 0
+
     def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
-        """Make ticks until Python is needed; see `run`."""
-        return int(run(self.numbers, clock_functions(),
-                       np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
-                       self._scratch, robot_of(driver.arm), controller_of(control), driver.dt))
+        """
+        Make ticks until Python is needed; see `run`.
+
+        What is destroyed meanwhile is kept until then.
+        """
+        with self._references.in_use() as subscription, self._states.in_use() as publisher:
+            self._links.handles[:] = subscription, publisher
+            return int(run(self.numbers, clock_functions(),
+                           np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
+                           self._scratch, robot_of(driver.arm), controller_of(control),
+                           driver.dt))

@@ -111,10 +111,11 @@ class ArmNode(ManagedNode):
         self.commands.know_stream(self.time_ns())
         self.active = True
         self._viewers = self.clock.start(self.state_out.show(self.clock))
-        running = self._loop = self.clock.start(self._cycles(), self.parameters.realtime_priority)
+        priority = self.backend.priority()
+        running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
-        if self.parameters.realtime_priority != 0:
+        if priority:
             self.log_scheduler(running.scheduler)
 
     def _cycles(self) -> Loop:

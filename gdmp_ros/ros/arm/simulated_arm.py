@@ -7,7 +7,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool
 
 from gdmp_ros.control.arm_states import Request, State
-from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
@@ -59,6 +59,7 @@ class SimulatedArm(ArmBackend):
     guiding = 'only gravity is compensated: guide the arm by ~/hand_pose or with the mouse'
     driver: SimulatedDriver
     _viewer: Viewer | None = None
+    _loop: CompiledLoop | None = None
 
     def open(self) -> SimulatedDriver:
         self.model, gripper = simulated_arm(self.node.parameters)
@@ -84,6 +85,21 @@ class SimulatedArm(ArmBackend):
         node.state_out.others = lambda: self.driver.others
         if self.driver.gripper is not None:
             GripperInterface(node, self.driver.gripper)
+        if node.parameters.pace != 'fast':
+            self._compile(round(self.model.period * NS))
+
+    def _compile(self, period_ns: int) -> None:
+        """Prepare the loop that does not need the interpreter, if the middleware allows it."""
+        node = self.node
+        self._loop = None
+        try:
+            loop = CompiledLoop(node.commands.references, node.commands.reader, node.state_out,
+                                period_ns)
+        except (DataError, OSError, AttributeError) as error:
+            node.get_logger().info(f'every tick is made by the interpreter: {error}')
+            return
+        loop.warm_up(node.control, self.driver)
+        node.commands.called, self._loop = loop.call, loop
 
     def begin(self) -> None:
         if not self.node.parameters.headless:
@@ -97,6 +113,10 @@ class SimulatedArm(ArmBackend):
             self._viewer.close()
             self._viewer = None
 
+    def priority(self) -> int:
+        # As fast as possible is no real time: it would keep a core from everything else.
+        return 0 if self.node.parameters.pace == 'fast' else super().priority()
+
     def ticks(self) -> bool:
         return not self.paused
 
@@ -105,22 +125,14 @@ class SimulatedArm(ArmBackend):
     def cycles(self) -> Loop:
         if self.node.parameters.pace == 'fast':
             return self._fast_loop()
-        loop = self._compiled_loop()
-        return (periodic(self._wall_tick, self._period_ns, self.node.clock) if loop is None
-                else self._without_interpreter(loop))
-
-    def _compiled_loop(self) -> CompiledLoop | None:
-        """The loop without the interpreter; None where topics have no handles of rcl."""
-        node = self.node
-        commands, out = node.commands, node.state_out
-        if not (commands.references.address and out.states.address):
-            return None
-        return CompiledLoop(commands.references, commands.reader, out, self._period_ns)
+        return (periodic(self._wall_tick, self._period_ns, self.node.clock)
+                if self._loop is None else self._without_interpreter(self._loop))
 
     def _without_interpreter(self, loop: CompiledLoop) -> Loop:
+        """Let compiled code make the ticks; one that it does not make is made here."""
         node, numbers = self.node, loop.numbers
         commands, states, out = node.commands, node.control.states, node.state_out
-        commands.called = loop.call
+        loop.begin()
         while True:
             numbers[ATTENTION] = 0
             if not self._only_goes_on():
