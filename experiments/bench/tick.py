@@ -19,6 +19,8 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """
     Time of a tick: guard, governor, tank, friction, law and simulation, with a moving reference.
 
+    The reference is taken and the tick is made as in the loop of ``panda_sim``.
+
     The friction that is compensated is that of the model.
 
     Medians over repetitions of one skill from start to end. MuJoCo alone: ``mj_step1`` and
@@ -30,17 +32,15 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     from gdmp_ros.sim.native import address, functions, steps
     skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
     loop, alone = ClosedLoop(Arm()), Arm()
-    references = [target.copy() for target, _ in execution_ticks(skill, loop)]
+    references = np.array([target.copy() for target, _ in execution_ticks(skill, loop)])
     times, simulations, errors = [], [], []
     with timing.one_core():
         for _ in range(settings.repetitions):
             loop.reset()
-            poses, begun = [], time.perf_counter()
-            for reference in references:
-                loop.must_follow(reference)
-                poses.append(loop.tick().measurement.pose)
+            begun = time.perf_counter()
+            poses = loop.follow_all(references)
             times.append(1e6 * (time.perf_counter() - begun) / len(references))
-            away = np.array(poses)[:, :3] - np.array(references)[:, :3]
+            away = poses[:, :3] - references[:, :3]
             errors.append(float(np.sqrt(np.square(away).sum(axis=1).mean())))
             alone.reset()
             begun = time.perf_counter()

@@ -76,6 +76,7 @@ def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm:
     goal = runs.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
         'stream': _stream_figures(folder, run, timeline),
+        'arm_ticks': _arm_ticks(folder, timeline),
         'tracking': _tracking_figures(run, began, timeline.finished),
         'goal_switch': {'at_s': (timeline.switched - began) * 1e-9,
                         'finished_s': (timeline.finished - began) * 1e-9,
@@ -97,6 +98,13 @@ def _stream_figures(folder: Path, run: runs.Run, timeline: Timeline) -> dict[str
             'missed': server.missed, 'bare_missed': bare.missed, 'lost': runs.lost(run),
             'lateness_us': _micros(server), 'bare_lateness_us': _micros(bare),
             'scheduler': timeline.scheduler, 'cpu': timeline.cpu}
+
+
+def _arm_ticks(folder: Path, timeline: Timeline) -> dict[str, Any]:
+    """Ticks of the arm, and deadlines without one, made up later or not."""
+    figures = punctuality_of(window(folder, 'sim', timeline), PERIOD_NS)
+    return {'count': figures.ticks, 'lost': figures.missed,
+            'lost_share': figures.missed / max(figures.ticks + figures.missed, 1)}
 
 
 def _robot_figures(timeline: Timeline, arm: ArmChoice) -> dict[str, Any]:
@@ -139,7 +147,7 @@ def print_table(document: dict[str, Any]) -> None:
     s, t, g = document['stream'], document['tracking'], document['goal_switch']
     late, bare = s['lateness_us'], s['bare_lateness_us']
     limits = ', '.join(name for name, held in document['limits'].items() if not held)
-    robot = document.get('robot')
+    robot, ticks = document.get('robot'), document['arm_ticks']
     of_robot = [] if robot is None else [
         ['commands in time, mean / least share of 100', f'{robot["commands_in_time"]:.3f} / '
          f'{robot["least_in_100"]:.2f}', ''],
@@ -154,6 +162,7 @@ def print_table(document: dict[str, Any]) -> None:
         ['references lost', s['lost'], ''],
         ['CPU of the server, of a bare publisher [cores]', f'{s["cpu"]["server"]:.2f}',
          f'{s["cpu"]["bare"]:.2f}'],
+        ['ticks lost by the arm', f'{ticks["lost"]} of {ticks["count"]}', ''],
         ['CPU of the simulation [cores]', f'{s["cpu"]["sim"]:.2f}', ''],
         ['tracking, position / rotation (RMS)',
          f'{t["position_rmse_m"] * 1e3:.1f} mm / {t["rotation_rmse_rad"]:.4f} rad', ''],

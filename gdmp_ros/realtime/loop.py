@@ -3,8 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+import ctypes
 import gc
 import os
+import resource
 import sys
 import threading
 import time
@@ -21,6 +23,8 @@ RAISED_PRIORITY = 1
 #: Yields the time at which it is to be resumed [ns], again and again; a time that has passed means
 #: as soon as possible.
 Loop: TypeAlias = Generator[int, None, None]
+#: mlockall: MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: only pages that are used.
+_LOCKED = 1 | 2 | 4
 _real_time_threads: set[LoopThread] = set()
 Step = Callable[[int, int], None]
 _loops: dict[tuple[Clock, int, int], _SharedLoop] = {}
@@ -139,6 +143,16 @@ def raised_priority() -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def _keep_memory(keeps: bool) -> None:
+    """Let no page of this process be moved to disk, if the system grants that."""
+    library = ctypes.CDLL(None)
+    if not keeps:
+        library.munlockall()
+    # With a limit, memory that is needed later would not be given.
+    elif resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        library.mlockall(_LOCKED)
+
+
 class _Punctual:
     """Settings of the interpreter while loops with deadlines run, from the first to the last."""
 
@@ -155,6 +169,7 @@ class _Punctual:
                 gc.collect()
                 gc.freeze()
                 gc.disable()
+                _keep_memory(True)
             self._loops.add(loop)
 
     def end(self, loop: LoopThread) -> None:
@@ -167,6 +182,7 @@ class _Punctual:
                 sys.setswitchinterval(self._switch_interval)
                 gc.enable()
                 gc.unfreeze()
+                _keep_memory(False)
 
 
 _punctual = _Punctual()

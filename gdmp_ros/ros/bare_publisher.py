@@ -1,20 +1,21 @@
 """
 Reference for the CPU load of the server: a process that only sleeps and publishes the same bytes.
 
-``publish`` sends references at 1 kHz as the server does, from a template with stamp, sequence
-number and numbers; nothing is computed. ``subscribe`` receives them twice, as the arm and a
+``publish`` sends references at 1 kHz in compiled code: stamp and sequence number are new, nothing
+is computed. ``subscribe`` receives them twice, as the arm and a
 recorder receive those of the server, so that sending costs the same.
 """
 from __future__ import annotations
 
-import itertools
 import sys
 
 from gdmp_msgs.msg import Reference
 import numpy as np
 
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.realtime.loop import periodic, run
+from gdmp_ros.kernels import bytes_at, kernel
+from gdmp_ros.realtime.native import clock_functions, sleep_until
+from gdmp_ros.ros import rcl
 from gdmp_ros.ros.dds import current
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.middleware import DEEP, reliable
@@ -26,26 +27,50 @@ PERIOD_NS = 1_000_000
 #: Time between two looks for subscribers.
 LOOK_NS = 50_000_000
 SUBSCRIBERS = 2
+#: References that are sent before Python looks whether to end.
+BLOCK = 50
+
+
+@kernel
+def send(functions, publisher, message, parts, clocks, time, deadline, sequence):
+    """
+    Send `BLOCK` references, one in each period.
+
+    :param parts: positions of stamp and sequence number in the message
+    :param deadline: before the first [ns]
+    :param sequence: number of the last reference
+    """
+    data = bytes_at(message[0], message[1])
+    for _ in range(BLOCK):
+        deadline, sequence = deadline + PERIOD_NS, sequence + 1
+        sleep_until(clocks, time, deadline)
+        rcl.write_stamp(data, parts[0], deadline)
+        rcl.write_integer(data, parts[1], 8, sequence)
+        rcl.publish(functions, publisher, message)
 
 
 def publish() -> None:
     """Publish until SIGTERM."""
     participant, stop = current().client('bare_publisher'), stop_event()
-    clock = participant.clock
-    message = Reference()
+    clock, message, numbers = participant.clock, Reference(), resting_target(
+        np.array([0.5, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]))
     message.header.frame_id = 'panda_link0'
-    numbers = resting_target(np.array([0.5, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]))
     template = SerializedTemplate(message, len(numbers), fill_reference)
+    sent, (_, _, parts) = rcl.SerializedMemory(), template.layout()
+    sent.data = template.bytes(numbers)
     publisher = participant.publisher(Reference, TOPIC, reliable(DEEP))
     while not stop.is_set() and publisher.subscribers() < SUBSCRIBERS:
         clock.sleep_until(clock.now() + LOOK_NS)
-    print('publishing', flush=True)
-    sequence = itertools.count(1)
-
-    def step(deadline_ns: int, now_ns: int) -> None:
-        publisher.send(template.bytes(numbers, deadline_ns, next(sequence)))
-
-    run(periodic(step, PERIOD_NS, clock), clock, stop.is_set)
+    time, sequence = np.zeros(2, dtype=np.int64), 0
+    with publisher.in_use() as address:
+        # Compile it first: a deadline that has passed is not waited for.
+        send(rcl.functions(), address, sent.numbers, parts, clock_functions(), time, 0, sequence)
+        print('publishing', flush=True)
+        deadline = clock.now()
+        while not stop.is_set():
+            send(rcl.functions(), address, sent.numbers, parts, clock_functions(), time, deadline,
+                 sequence)
+            deadline, sequence = deadline + BLOCK * PERIOD_NS, sequence + BLOCK
     participant.close()
 
 

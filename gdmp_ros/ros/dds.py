@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
+import os
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -40,6 +42,10 @@ from gdmp_ros.util.processes import held_interrupts
 WAIT_NS = 50_000_000
 #: Name of a node that is not discovered yet, as rclpy reports it.
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
+#: How the names of the threads of Fast DDS begin.
+_THREADS = 'dds.'
+#: SCHED_FIFO priority of the threads that receive and send messages: below that of the loops.
+MESSAGE_PRIORITY = 35
 _CLOCK = SystemClock()
 
 
@@ -188,6 +194,14 @@ class DdsParticipant:
                         node.destroy_client, node.destroy_timer):
             if destroy(result):
                 return
+
+    def precede(self) -> None:
+        # Fast DDS names its threads; the system grants what it has granted to the loop.
+        for task in Path('/proc/self/task').iterdir():
+            with suppress(OSError):
+                if (task / 'comm').read_text().startswith(_THREADS):
+                    os.sched_setscheduler(int(task.name), os.SCHED_FIFO,
+                                          os.sched_param(MESSAGE_PRIORITY))
 
     def publishers(self, topic: str) -> list[str]:
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))

@@ -241,8 +241,9 @@ class ManagedNode(LifecycleNode):
         self.participant.destroy(timer)
 
     def log_scheduler(self, scheduler: str) -> None:
-        """Log whether the loop has real-time priority."""
+        """Log whether the loop has real-time priority; then its messages have it, too."""
         if scheduler == 'fifo':
+            self.participant.precede()
             self.get_logger().info('the 1 kHz thread runs with SCHED_FIFO')
         else:
             self.get_logger().warning(

@@ -256,6 +256,9 @@ class Participant(Protocol):
     def destroy(self, entity: object) -> None:
         """Destroy what was made here."""
 
+    def precede(self) -> None:
+        """Let messages arrive in time although other processes keep the cores busy."""
+
     def publishers(self, topic: str) -> list[str]:
         """Names of the known nodes that publish a topic, or `ANOTHER_NODE`; sorted."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from gdmp_ros.kernels import ask_c, kernel
 
 _TAKE, _PUBLISH = range(2)
+_NS = 1_000_000_000
 #: Bytes that are reserved for a message; rcl asks for more if one is longer.
 _RESERVED = 4096
 
@@ -94,3 +95,32 @@ def publish(addresses, publisher, message):
     :param publisher: address of an ``rcl_publisher_t``
     """
     ask_c(addresses[_PUBLISH], (publisher, message, np.int64(0)))
+
+
+@kernel
+def read_integer(data, at, count):
+    """An integer without sign among bytes, lowest byte first."""
+    result = np.int64(0)
+    for k in range(count - 1, -1, -1):
+        result = (result << 8) | np.int64(data[at + k])
+    return result
+
+
+@kernel
+def write_integer(data, at, count, value):
+    """See `read_integer`."""
+    for k in range(count):
+        data[at + k] = (value >> (8 * k)) & 255
+
+
+@kernel
+def read_stamp(data, at):
+    """A ``builtin_interfaces/Time`` among bytes [ns]."""
+    return read_integer(data, at, 4) * _NS + read_integer(data, at + 4, 4)
+
+
+@kernel
+def write_stamp(data, at, time):
+    """See `read_stamp`."""
+    write_integer(data, at, 4, time // _NS)
+    write_integer(data, at + 4, 4, time % _NS)

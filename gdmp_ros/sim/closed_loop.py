@@ -20,6 +20,15 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.plain_tick import (
+    controller_of,
+    end_tick,
+    follow_plainly,
+    MADE,
+    only_goes_on,
+    OTHER,
+    robot_of,
+)
 from gdmp_ros.sim.teaching import Hand
 
 
@@ -121,6 +130,32 @@ class ClosedLoop(ArmControl):
         result = self.act()
         self.arm.advance()
         return result
+
+    def follow_all(self, references: np.ndarray) -> np.ndarray:
+        """
+        Follow references of the tool, one in each tick, without the interpreter where possible.
+
+        :param references: shape (n, `gdmp_ros.control.target.TARGET_SIZE`)
+        :returns: poses of the tool at the beginning of each tick, shape (n, 7)
+        :raises RefusedError: if the guard does not accept one
+        """
+        references, poses, done = np.array(references), np.empty((len(references), 7)), 0
+        while done < len(references):
+            why = OTHER
+            if only_goes_on(self, self.driver):
+                made, why = follow_plainly(robot_of(self.arm), controller_of(self), self.driver.dt,
+                                           references[done:], poses[done:])
+                if made:
+                    self.controller.catch_up()
+                done += made
+            if done < len(references) and why == OTHER:
+                self.must_follow(references[done])
+                poses[done] = self.tick().measurement.pose
+                done += 1
+            elif why != MADE:
+                end_tick(self, self.driver, why)
+                done += 1
+        return poses
 
     def act(self) -> Tick:
         """Measure, and let the torque act; the simulation does not advance yet."""

@@ -6,23 +6,29 @@ a motion, faults, joint motions, hand guiding.
 """
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.law import compute
 from gdmp_ros.control.memory import arm_view, TOOL_SPRING
-from gdmp_ros.control.stream import advance, elapse, is_plain
+from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.control.stream import advance, elapse, FOLLOWED, go_on, is_plain
 from gdmp_ros.control.target import STIFFNESS
+from gdmp_ros.control.tick import Tick
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.sim import native
 from gdmp_ros.sim.arm import Arm
 
+if TYPE_CHECKING:
+    from gdmp_ros.sim.closed_loop import SimulatedDriver
+
 #: What `plain_tick` returns beside the events of `gdmp_ros.control.law.compute`: it has made the
 #: tick; it has done nothing, and the tick is to be made; the simulation is unstable.
 MADE, OTHER, BROKEN = 0, 20, 21
+_MOTION = float(StreamMode.STREAMING)
 
 
 class Robot(NamedTuple):
@@ -113,13 +119,25 @@ def plain_tick(robot, controller, dt):
 
 
 @kernel
-def plain_ticks(robot, controller, dt, count):
-    """Make up to ``count`` ticks; returns how many, and what the last one returned."""
-    for k in range(count):
+def follow_plainly(robot, controller, dt, references, poses):
+    """
+    Follow references of a motion, one in each tick.
+
+    :param references: shape (n, `gdmp_ros.control.target.TARGET_SIZE`); their quaternions are
+        normalised here
+    :param poses: written: of the tool, measured at the beginning of each tick, shape (n, 7)
+    :returns: how many ticks were made, and what the last one returned
+    """
+    arm = arm_view(controller.numbers)
+    for k in range(len(references)):
+        if go_on(controller.stream, controller.target, controller.held, references[k], 0.0, 0.0,
+                 _MOTION) != FOLLOWED:
+            return k, OTHER
         result = plain_tick(robot, controller, dt)
+        copy_into(arm.pose, poses[k])
         if result != MADE:
             return k, result
-    return count, MADE
+    return len(references), MADE
 
 
 @kernel
@@ -143,6 +161,26 @@ def write_state(numbers, target, state):
     copy_into(arm.position, joints[:n])
     copy_into(arm.velocity, joints[n:2 * n])
     copy_into(arm.torque, joints[2 * n:])
+
+
+def only_goes_on(control: ArmControl, driver: SimulatedDriver) -> bool:
+    """Whether nothing but following or holding is to be done in the next tick."""
+    return (driver.hand is None and driver.gripper is None and not control.moves_joints
+            and driver.arm.only_goes_on and control.controller.only_goes_on)
+
+
+def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
+    """
+    End a tick in which a kernel felt something, or could compute no torque.
+
+    :raises DataError: if the simulation is unstable
+    """
+    if event == BROKEN:
+        driver.arm.check()
+    tick = control.controller.end_tick(event)
+    driver.command(tick.torque)
+    driver.arm.advance()
+    return tick
 
 
 def robot_of(arm: Arm) -> Robot:

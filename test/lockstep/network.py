@@ -547,6 +547,9 @@ class Participant:
     def name(self):
         return self.node.get_fully_qualified_name()
 
+    def precede(self):
+        """There are no threads."""
+
     def publishers(self, topic):
         name = self.resolve(topic)
         return sorted(one.name for one in self.network.participants for made in one.made

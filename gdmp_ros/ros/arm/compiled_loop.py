@@ -92,27 +92,12 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def _integer(data, at, count):
-    """An integer without sign, lowest byte first."""
-    result = np.int64(0)
-    for k in range(count - 1, -1, -1):
-        result = (result << 8) | np.int64(data[at + k])
-    return result
-
-
-@kernel
-def _put_integer(data, at, count, value):
-    for k in range(count):
-        data[at + k] = (value >> (8 * k)) & 255
-
-
-@kernel
 def _read(data, links, scratch):
     """Read the target of a reference of the tool in the frame of the arm; False for others."""
     if data.size != links.frame.size:
         return False
     # Behind encapsulation and stamp the string of the frame.
-    ends = 12 + 4 + _integer(links.frame, 12, 4)
+    ends = 12 + 4 + rcl.read_integer(links.frame, 12, 4)
     for k in range(ends):
         if (k < 4 or k >= 12) and data[k] != links.frame[k]:
             return False
@@ -137,8 +122,8 @@ def take_references(loop, links, scratch, controller, now):
         data = bytes_at(links.taken[0], size)
         if not _read(data, links, scratch):
             return False
-        stamp = _integer(data, 4, 4) * 1_000_000_000 + _integer(data, 8, 4)
-        sequence = _integer(data, links.reference_parts[1], 8)
+        stamp = rcl.read_stamp(data, links.reference_parts[0])
+        sequence = rcl.read_integer(data, links.reference_parts[1], 8)
         done = go_on(controller.stream, controller.target, controller.held, scratch.target,
                      1e-9 * (now - stamp), float(sequence),
                      float(data[links.reference_parts[2]]))
@@ -163,11 +148,10 @@ def send_state(loop, links, scratch, controller, stamp):
         for byte in range(8):
             data[links.state[k] + byte] = scratch.state_bytes[8 * k + byte]
     parts = links.state_parts
-    _put_integer(data, parts[0], 4, stamp // 1_000_000_000)
-    _put_integer(data, parts[0] + 4, 4, stamp % 1_000_000_000)
-    _put_integer(data, parts[1], 8, loop[SEQUENCE])
-    _put_integer(data, parts[2], 1, loop[MODE])
-    _put_integer(data, parts[3], 8, written[0])
+    rcl.write_stamp(data, parts[0], stamp)
+    rcl.write_integer(data, parts[1], 8, loop[SEQUENCE])
+    rcl.write_integer(data, parts[2], 1, loop[MODE])
+    rcl.write_integer(data, parts[3], 8, written[0])
     rcl.publish(links.functions, links.handles[1], links.sent)
 
 

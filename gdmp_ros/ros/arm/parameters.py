@@ -1,7 +1,6 @@
 """Parameters of arms, and of the simulated one."""
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from gdmp_ros.control.settings import (
@@ -51,7 +50,7 @@ ARM = (
     *specs_of(ImpedanceGains, fixed=('position_clip', 'rotation_clip', 'wrench_max')),
     *specs_of(Payload, names=_PAYLOAD),
     *specs_of(ToolTransform, names=_TOOL),
-    Spec('realtime_priority', 0, 'SCHED_FIFO priority of the control thread; -1: 40 if the '
+    Spec('realtime_priority', -1, 'SCHED_FIFO priority of the control thread; -1: 40 if the '
          'system grants it; 0: never', low=-1, high=99),
     Spec('lateness_file', '', 'NumPy file for deadline and lateness of all ticks'),
 )
@@ -71,7 +70,7 @@ SIMULATION = (
     *specs_of(PlantSettings, 'configure', names=_PLANT),
 )
 FRANKA = (
-    *(replace(one, default=-1) if one.name == 'realtime_priority' else one for one in ARM),
+    *ARM,
     *specs_of(FrankaSettings, 'configure'),
     Spec('publish_clock', False, "publish the robot's time on /clock, for a robot that is slower "
          'than real time: a server of its protocol on a small machine', changes='configure'),

@@ -30,7 +30,7 @@ from gdmp_ros.ros.messages import checked_pose, stamp_of
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.closed_loop import SimulatedDriver
-from gdmp_ros.sim.plain_tick import BROKEN, OTHER
+from gdmp_ros.sim.plain_tick import end_tick, only_goes_on, OTHER
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.viewer import Viewer
 
@@ -151,29 +151,18 @@ class SimulatedArm(ArmBackend):
             if why in (ASKED, MESSAGE, OTHER):
                 self._advance(stamp, node.clock.wall())
             else:
-                self._end_tick(why, stamp)
+                tick = end_tick(node.control, self.driver, why)
+                self._ticks += 1
+                out.publish(tick, stamp, commands.sequence)
             numbers[LEFT] -= 1
             self._sync_viewer()
             yield 0
 
     def _only_goes_on(self) -> bool:
         """Whether the next tick may be one that a kernel makes."""
-        node, driver = self.node, self.driver
-        other = (self.paused, not node.active, node.commands.asked, self._viewer, driver.hand,
-                 driver.gripper, node.control.moves_joints)
-        return (not any(other) and self.model.only_goes_on
-                and node.control.controller.only_goes_on)
-
-    def _end_tick(self, event: int, stamp_ns: int) -> None:
-        """End a tick in which something was felt."""
-        node, driver = self.node, self.driver
-        if event == BROKEN:
-            self.model.check()
-        tick = node.control.controller.end_tick(event)
-        driver.command(tick.torque)
-        self.model.advance()
-        self._ticks += 1
-        node.state_out.publish(tick, stamp_ns, node.commands.sequence)
+        node = self.node
+        other = self.paused, not node.active, node.commands.asked, self._viewer
+        return not any(other) and only_goes_on(node.control, self.driver)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         clock = self.node.clock
