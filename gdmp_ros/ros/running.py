@@ -98,9 +98,10 @@ class _Spinner:
                     node.take_down()
 
     def _execute_next(self) -> None:
-        call = self._executor.next(self._ending.is_set)
-        with self._busy, raised_priority():
-            call()
+        with raised_priority():
+            call = self._executor.next(self._ending.is_set)
+            with self._busy:
+                call()
 
 
 def _attempt(node: ManagedNode, action: Callable[[], None]) -> None:

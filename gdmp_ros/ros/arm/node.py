@@ -14,7 +14,7 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.realtime.loop import Loop, NS, RunningLoop
+from gdmp_ros.realtime.loop import Loop, NS, RAISED_PRIORITY, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.commands import Answer, ArmCommands, MAX_REFERENCES
@@ -110,8 +110,10 @@ class ArmNode(ManagedNode):
         self.backend.begin()
         self.commands.know_stream(self.time_ns())
         self.active = True
-        self._viewers = self.clock.start(self.state_out.show(self.clock))
         priority = self.backend.priority()
+        # It sends through the same sockets: were it interrupted there, the arm would wait.
+        self._viewers = self.clock.start(self.state_out.show(self.clock),
+                                         RAISED_PRIORITY if priority else None)
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
