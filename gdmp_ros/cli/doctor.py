@@ -4,7 +4,7 @@ Checks Python, kernel, cores, clock, permission for SCHED_FIFO, ROS, DDS, buffer
 compiled kernels, and measures a loop that only sleeps. Exit code 1 if a finding is bad.
 
 With --compile, nothing is checked: the kernels are compiled now, so that nodes and verbs start
-without compiling. Otherwise that happens when they are first used, which takes up to a minute.
+without compiling. Otherwise that happens when they are first used, which takes some minutes.
 They are kept in the folder that GDMP_CACHE names (default: ~/.cache/gdmp_ros).
 
 examples:
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+import importlib.util
 import json
 import subprocess
 
@@ -107,11 +108,19 @@ def compile_motion() -> None:
 
 def compile_control() -> None:
     """Use the kernels of the controller."""
+    import numpy as np
+
+    from gdmp_ros.control.target import resting_target
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.closed_loop import ClosedLoop
     arm = Arm()
-    ClosedLoop(arm).warm_up(arm.measure(), arm.period)
+    loop = ClosedLoop(arm)
+    loop.warm_up(arm.measure(), arm.period)
+    loop.follow_all(np.array([resting_target(arm.measure().pose)] * 3))
+    if importlib.util.find_spec('rclpy') is not None:
+        from gdmp_ros.ros.arm.compiled_loop import warm_up
+        warm_up(loop, loop.driver)
 
 
 #: Parts of the work, of similar duration.

@@ -64,7 +64,7 @@ class _Spinner:
             self._ending.set()
             self._executor.wake()
             if not self._configured.wait(PATIENCE_S):
-                # It may take half a minute. No node is active that would have to be taken down.
+                # It may take minutes. No node is active that would have to be taken down.
                 print('ended while it was being configured', file=sys.stderr, flush=True)
                 os._exit(0)
             self._thread.join()

@@ -127,7 +127,7 @@ class SerializedTemplate:
     def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The message, and among its bytes the first of each number; of stamps and integers."""
         parts = [*self._stamps, *(position for position, _ in self._integers)]
-        return (np.frombuffer(self.bytes(np.zeros(len(self._positions))), dtype=np.uint8),
+        return (np.frombuffer(self.bytes(np.zeros(len(self._positions))), dtype=np.uint8).copy(),
                 _HEADER + 8 * self._positions, np.array(parts))
 
     def integers_of(self, data: Buffer) -> list[int]:

@@ -1,4 +1,4 @@
-"""Reports the compilation of kernels, which takes up to a minute once."""
+"""Reports the compilation of kernels, which takes some minutes, once."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -50,7 +50,7 @@ class _Reporter:
         self._names.append(name)
         if self._thread is None:
             self._first = self._begun
-            self._report('compiling the kernels, once: this takes up to a minute')
+            self._report('compiling the kernels, once: this takes some minutes')
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
 

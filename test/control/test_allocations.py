@@ -15,6 +15,7 @@ from gdmp_ros.control.target import resting_target, STIFFNESS, TWIST, WRENCH_GAI
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.plain_tick import controller_of, follow_plainly, robot_of
 
 
 @kernel
@@ -92,6 +93,21 @@ def test_a_stream_that_goes_on_does_not_allocate():
     with counted() as often:
         references(*arguments, 1000)
     assert often == once
+
+
+def test_the_ticks_of_a_simulated_arm_do_not_allocate():
+    loop = loop_that(TOOL_SPRING)
+    target = loop.controller.guard.tool_target.copy()
+    arguments = robot_of(loop.arm), controller_of(loop), loop.driver.dt
+
+    def follow(count):
+        references, poses = np.tile(target, (count, 1)), np.empty((count, 7))
+        with counted() as result:
+            made, _ = follow_plainly(*arguments, references, poses)
+        assert made == count
+        return result
+    follow(1)
+    assert follow(100_000) == follow(1)
 
 
 def test_memory_that_is_allocated_is_counted():

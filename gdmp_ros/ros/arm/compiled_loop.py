@@ -199,6 +199,18 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
         loop[LEFT] -= 1
 
 
+def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
+    """Compile `run`, or load it from the cache; no tick is made."""
+    numbers, integers = np.zeros(NUMBERS, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    numbers[ATTENTION] = numbers[LEFT] = 1
+    doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
+    run(numbers, clock_functions(), integers,
+        Links(integers, integers, integers, integers, data, integers, integers, integers,
+              integers),
+        Scratch(integers, doubles, data, doubles, data, integers), robot_of(driver.arm),
+        controller_of(control), driver.dt)
+
+
 class CompiledLoop:
     """
     The loop of one simulated arm.
@@ -238,12 +250,6 @@ class CompiledLoop:
     def call(self) -> None:
         """Let the loop return to Python before its next tick; any thread may call it."""
         self.numbers[ATTENTION] = 1
-
-    def warm_up(self, control: ArmControl, driver: SimulatedDriver) -> None:
-        """Compile the loop; no tick is made."""
-        self.numbers[ATTENTION] = self.numbers[LEFT] = 1
-        self.run(control, driver, LatenessRecorder(int(self.numbers[PERIOD]), 1))
-        self.begin()
 
     def begin(self) -> None:
         """Begin with a new grid of deadlines."""

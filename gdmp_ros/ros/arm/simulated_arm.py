@@ -22,6 +22,7 @@ from gdmp_ros.ros.arm.compiled_loop import (
     PERIOD,
     SEQUENCE,
     STAMP,
+    warm_up,
 )
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
@@ -52,6 +53,7 @@ class SimulatedArm(ArmBackend):
     An arm in a simulation, which can be paused, stepped and reset; a hand may pull its tool.
 
     :ivar driver: of the arm
+    :ivar compiled: loop that makes its ticks without the interpreter, if there is one
     :ivar paused: whether time passes by ``~/step_simulation`` only
     """
 
@@ -59,7 +61,7 @@ class SimulatedArm(ArmBackend):
     guiding = 'only gravity is compensated: guide the arm by ~/hand_pose or with the mouse'
     driver: SimulatedDriver
     _viewer: Viewer | None = None
-    _loop: CompiledLoop | None = None
+    compiled: CompiledLoop | None = None
 
     def open(self) -> SimulatedDriver:
         self.model, gripper = simulated_arm(self.node.parameters)
@@ -91,15 +93,15 @@ class SimulatedArm(ArmBackend):
     def _compile(self, period_ns: int) -> None:
         """Prepare the loop that does not need the interpreter, if the middleware allows it."""
         node = self.node
-        self._loop = None
+        self.compiled = None
         try:
             loop = CompiledLoop(node.commands.references, node.commands.reader, node.state_out,
                                 period_ns)
         except (DataError, OSError, AttributeError) as error:
             node.get_logger().info(f'every tick is made by the interpreter: {error}')
             return
-        loop.warm_up(node.control, self.driver)
-        node.commands.called, self._loop = loop.call, loop
+        warm_up(node.control, self.driver)
+        node.commands.called, self.compiled = loop.call, loop
 
     def begin(self) -> None:
         if not self.node.parameters.headless:
@@ -126,7 +128,7 @@ class SimulatedArm(ArmBackend):
         if self.node.parameters.pace == 'fast':
             return self._fast_loop()
         return (periodic(self._wall_tick, self._period_ns, self.node.clock)
-                if self._loop is None else self._without_interpreter(self._loop))
+                if self.compiled is None else self._without_interpreter(self.compiled))
 
     def _without_interpreter(self, loop: CompiledLoop) -> Loop:
         """Let compiled code make the ticks; one that it does not make is made here."""

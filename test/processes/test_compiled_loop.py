@@ -1,0 +1,278 @@
+"""The loop of ``panda_sim`` without the interpreter, over real DDS; no result depends on time."""
+from contextlib import contextmanager
+import ctypes
+import inspect
+import sys
+import threading
+
+from gdmp_msgs.msg import Reference, RobotState
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
+
+from gdmp_ros.control.arm_states import State
+from gdmp_ros.control.joint_target import resting_joints
+from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.control.target import resting_target
+from gdmp_ros.ros import dds
+from gdmp_ros.ros.arm import compiled_loop, simulated_arm
+from gdmp_ros.ros.messages import (
+    fill_joint_reference,
+    fill_reference,
+    fill_robot_state,
+    ROBOT_STATE_FIXED,
+    robot_state_numbers,
+    stamp_of,
+)
+from gdmp_ros.ros.middleware import DEEP, reliable
+from gdmp_ros.util.dds_network import Domain
+
+TOPIC = '/trajectory_server/reference'
+#: Nothing that this test does in time is late for the arm.
+PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout:=1.0']
+
+
+class Bed:
+    """A node that has been activated without its threads, and a client; nobody waits for time."""
+
+    def __init__(self):
+        self.client = dds.Dds().client('test')
+        self.node = simulated_arm.node()
+        assert self.node.trigger_configure().name == 'SUCCESS'
+        self.backend, self.control = self.node.backend, self.node.control
+        self.commands, self.loop = self.node.commands, self.node.backend.compiled
+        self.out = self.node.state_out
+        self._sender = self.client.publisher(Reference, TOPIC, reliable(DEEP))
+        self.states = self.client.subscription(RobotState, '/panda_sim/state', reliable(DEEP))
+        while not (self._sender.subscribers() and self.out.states.subscribers()):
+            self.client.spin(0.01)
+        next(self.out.show(self.node.clock))  # it looks for subscribers
+        self.node.active = True
+        self.backend.begin()
+        self.control.activate()
+        self._sequence, self.cycles = 0, self.backend.cycles()
+
+    def close(self):
+        self.node.active = False
+        self.node.take_down()
+        self.node.destroy_node()
+        self.client.close()
+
+    def send(self, mode=StreamMode.STREAMING, frame='panda_link0', joints=False, away=0.0):
+        """Send the next reference of a stream, near the robot."""
+        self._sequence += 1
+        message = Reference(sequence=self._sequence, mode=int(mode))
+        message.header.frame_id = frame
+        message.header.stamp = stamp_of(self.node.clock.wall())
+        measured = self.backend.model.measure()
+        if joints:
+            fill_joint_reference(message, resting_joints(measured.position, np.full(7, 100.0)))
+        else:
+            target = resting_target(measured.pose)
+            target[0] += away
+            fill_reference(message, target)
+        self._sender.publish(message)
+
+    def run(self, until):
+        """Let the loop run; it looks at Python again and again, as for requests."""
+        ended = threading.Event()
+
+        def call():
+            while not ended.wait(0.005):
+                self.loop.call()
+        thread = threading.Thread(target=call)
+        thread.start()
+        try:
+            while not until():
+                next(self.cycles)
+        finally:
+            ended.set()
+            thread.join()
+
+    def received(self):
+        """The states that have come, after the last one was sent."""
+        found = []
+        while not found or found[-1].tick < self.out.written[0]:
+            message = self.states.take_message()
+            if message is not None:
+                found.append(message)
+        return found
+
+
+@pytest.fixture
+def domain(monkeypatch):
+    with Domain() as claimed:
+        for name, value in claimed.environment().items():
+            monkeypatch.setenv(name, value)
+        rclpy.init(args=PATIENT)
+        yield
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def bed(domain):
+    made = Bed()
+    yield made
+    made.close()
+
+
+def test_every_tick_is_sent_once(bed, monkeypatch):
+    by_python = []
+    monkeypatch.setattr(bed.backend, '_advance', lambda *_: by_python.append(0))
+    before = bed.out.written[0]
+    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    threading.Timer(0.3, bed.loop.call).start()
+    next(bed.cycles)
+    assert len(by_python) == 1  # the one for which it was called
+    found = bed.received()
+    ticks = [one.tick for one in found]
+    assert ticks == list(range(before + 1, bed.out.written[0] + 1)) and len(ticks) > 10
+    stamps = np.array([one.header.stamp.sec * 10**9 + one.header.stamp.nanosec for one in found])
+    assert (np.diff(stamps) > 0).all()
+    last = RobotState()
+    fill_robot_state(last, bed.out.numbers)
+    assert found[-1].position == last.position
+    assert np.array_equal(found[-1].limited, last.limited)
+    assert found[-1].mode == bed.control.states.state.mode
+
+
+def test_it_needs_no_lock_of_the_interpreter(bed):
+    sleep_with_the_lock = ctypes.PyDLL(None).usleep
+    thread = threading.Thread(target=lambda: next(bed.cycles))
+    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    thread.start()
+    made, interval = 0, sys.getswitchinterval()
+    try:
+        # No other thread gets the lock between the two looks.
+        sys.setswitchinterval(1000.0)
+        while made < 20:
+            before = bed.out.written[0]
+            sleep_with_the_lock(20_000)
+            made += bed.out.written[0] - before
+    finally:
+        sys.setswitchinterval(interval)
+    bed.loop.call()
+    thread.join()
+
+
+def test_the_state_of_a_kernel_is_that_of_the_interpreter(bed):
+    bed.run(lambda: bed.out.written[0] > 50)
+    tick = bed.control.answer(bed.backend.driver.measure())
+    expected = robot_state_numbers(tick)
+    found, unused = np.full(len(expected), np.nan), slice(99 + len(LIMITS), ROBOT_STATE_FIXED)
+    found[unused] = 0.0
+    controller = compiled_loop.controller_of(bed.control)
+    compiled_loop.write_state(controller.numbers, controller.target, found)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_stream_is_followed_without_the_interpreter(bed, monkeypatch):
+    offered, offer = [], bed.commands.offer
+    monkeypatch.setattr(bed.commands, 'offer', lambda *each: offered.append(0) or offer(*each))
+    bed.send()
+    bed.run(lambda: bed.commands.sequence == 1)
+    assert bed.control.states.state is State.FOLLOWING and len(offered) == 1
+    for _ in range(30):
+        bed.send()
+    monkeypatch.setattr(bed.commands, 'take_references', lambda _: None)
+    bed.run(lambda: bed.commands.sequence == 31)
+    assert bed.control.states.state is State.FOLLOWING and len(offered) == 1
+
+
+@pytest.mark.parametrize(('sent', 'why'), [
+    ({'frame': 'another'}, "frame is 'another'"), ({'away': 0.3}, 'the motion begins'),
+    ({'joints': True}, '')], ids=['frame', 'far', 'joints'])
+def test_other_references_are_decided_in_python(bed, sent, why):
+    bed.send(**sent)
+    guard = bed.control.controller.guard
+    bed.run(lambda: guard.refused > 0 or guard.following)
+    assert (why in guard.last_refusal) and guard.following == (not why)
+
+
+@pytest.mark.parametrize('size', [3, 100, 20_000])
+def test_what_is_no_reference_is_refused(bed, size):
+    bed._sender.send(b'\x00\x01\x00\x00' + bytes(size))
+    guard = bed.control.controller.guard
+    bed.run(lambda: guard.refused > 0)
+    assert guard.last_refusal and not guard.following
+
+
+def test_what_is_destroyed_under_a_running_loop_is_kept_until_it_returns(bed):
+    before = bed.out.written[0]
+    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    failed = []
+
+    def run():
+        try:
+            next(bed.cycles)
+        except Exception as error:
+            failed.append(type(error).__name__)
+    thread = threading.Thread(target=run)
+    thread.start()
+    while bed.out.written[0] < before + 10:
+        pass
+    bed.node.release()
+    reached = bed.out.written[0]
+    while bed.out.written[0] < reached + 10:
+        pass
+    bed.loop.call()
+    thread.join()
+    # The tick that Python makes then has nothing to send with: the node reports that.
+    assert failed == ['InvalidHandle']
+
+
+def test_the_last_state_is_whole(bed, monkeypatch):
+    out, asked = bed.out, []
+
+    class Torn(np.ndarray):
+        def copy(self):
+            asked.append(0)
+            # A tick is written meanwhile, the first time.
+            out.written[0] += len(asked) == 1
+            if len(asked) == 2:
+                out.written[1] = out.written[0]
+            return np.array(self)
+    monkeypatch.setattr(out, 'numbers', out.numbers.view(Torn))
+    out.last()
+    assert len(asked) == 3
+
+
+def test_without_handles_every_tick_is_made_by_the_interpreter(domain, monkeypatch):
+    @contextmanager
+    def hidden(made):
+        yield 0
+    monkeypatch.setattr(dds, '_in_use', hidden)
+    bed = Bed()
+    try:
+        assert bed.loop is None
+        before = bed.out.written[0]
+        for _ in range(5):
+            next(bed.cycles)
+        bed.send()
+        while not bed.control.controller.guard.following:
+            next(bed.cycles)
+        assert bed.received()[-1].tick >= before + 5
+    finally:
+        bed.cycles.close()
+        bed.close()
+
+
+def test_this_rclpy_has_inside_what_is_used_of_it():
+    """If this fails after an update, `gdmp_ros.ros.dds` is the file to look at."""
+    rclpy.init()
+    node = LifecycleNode('version')
+    publisher = node.create_publisher(Reference, 'a', 1)
+    subscription = node.create_subscription(Reference, 'a', print, 1)
+    assert publisher.handle.pointer and subscription.handle.pointer
+    assert callable(publisher.handle.publish_raw) and callable(subscription.handle.take_message)
+    assert callable(node._service_change_state.callback)
+    names = list(inspect.signature(Executor._wait_for_ready_callbacks).parameters)
+    assert names == ['self', 'timeout_sec', 'nodes', 'condition']
+    assert 'wait_for_ready_callbacks' in vars(Executor)
+    rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, node.context.handle).clear_entities()
+    node.destroy_node()
+    rclpy.shutdown()

@@ -1,0 +1,97 @@
+"""Ticks that a kernel makes, beside the same ticks made one by one."""
+import numpy as np
+import pytest
+
+from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.settings import ControllerSettings
+from gdmp_ros.control.target import resting_target, TWIST
+from gdmp_ros.errors import DataError, RefusedError
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.plain_tick import only_goes_on
+from gdmp_ros.sim.plant import PlantSettings
+from gdmp_ros.sim.teaching import Hand, HandSettings
+
+
+def motion(loop, count):
+    """References that begin where the arm is."""
+    first = resting_target(loop.arm.measure().pose)
+    result = np.tile(first, (count, 1))
+    seconds = 1e-3 * np.arange(count)
+    result[:, 1] += 0.03 * (1.0 - np.cos(2.0 * seconds))
+    result[:, TWIST + 1] = 0.06 * np.sin(2.0 * seconds)
+    return result
+
+
+def one_by_one(loop, references):
+    """Follow references without kernels that make ticks."""
+    poses = []
+    for reference in references:
+        loop.must_follow(reference)
+        poses.append(loop.tick().measurement.pose)
+    return np.array(poses)
+
+
+@pytest.fixture
+def loops():
+    return ClosedLoop(Arm()), ClosedLoop(Arm())
+
+
+def test_the_motion_is_the_same_to_the_bit(loops, monkeypatch):
+    one, other = loops
+    references, ticks, tick = motion(one, 900), [], other.tick
+    expected = one_by_one(one, references)
+    monkeypatch.setattr(other, 'tick', lambda: ticks.append(0) or tick())
+    assert np.array_equal(other.follow_all(references), expected)
+    # Only the first of a motion is not one that goes on.
+    assert len(ticks) == 1
+    # Then both are lost, come to rest and hold.
+    for _ in range(800):
+        one.tick()
+        tick()
+    assert one.states.state is other.states.state is State.HOLDING
+    assert np.array_equal(one.arm.data.qpos, other.arm.data.qpos)
+
+
+def test_a_torque_that_is_not_finite_is_a_fault_as_ever(loops):
+    for loop, follow in zip(loops, (one_by_one, ClosedLoop.follow_all)):
+        references = motion(loop, 200)
+        follow(loop, references[:100])
+        loop.controller.memory.gains[:] = np.nan
+        with pytest.raises(RefusedError):
+            follow(loop, references[100:])
+        assert loop.states.state is State.FAULT
+        assert 'not finite' in loop.states.reason
+    assert np.array_equal(loops[0].arm.data.qpos, loops[1].arm.data.qpos)
+
+
+def test_an_unstable_simulation_is_told(loops):
+    for loop, follow in zip(loops, (one_by_one, ClosedLoop.follow_all)):
+        references = motion(loop, 200)
+        follow(loop, references[:100])
+        loop.arm.data.qvel[0] = 1e8
+        with pytest.raises(DataError, match='unstable'):
+            follow(loop, references[100:])
+
+
+@pytest.mark.parametrize('asked', [
+    lambda loop: loop.arm.announce(Payload(1.0)),
+    lambda loop: loop.controller.configure(ControllerSettings(damping_ratio=0.9)),
+    lambda loop: loop.controller.posture.approach(loop.arm.measure().position + 0.1),
+    lambda loop: loop.do(Request.REFILL),
+    lambda loop: setattr(loop.driver, 'hand', Hand(loop.arm.measure().pose, HandSettings()))],
+    ids=['payload', 'settings', 'posture', 'tank', 'hand'])
+def test_what_changes_is_left_to_the_controller(asked):
+    loop = ClosedLoop(Arm())
+    loop.tick()
+    assert only_goes_on(loop, loop.driver)
+    asked(loop)
+    assert not only_goes_on(loop, loop.driver)
+
+
+@pytest.mark.parametrize('plant', [PlantSettings(payload=0.5), PlantSettings(delay=0.002)],
+                         ids=['model', 'delay'])
+def test_a_plant_that_is_not_the_model_has_no_plain_tick(plant):
+    loop = ClosedLoop(Arm(plant=plant))
+    assert not only_goes_on(loop, loop.driver)
