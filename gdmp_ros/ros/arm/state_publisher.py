@@ -22,6 +22,8 @@ from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED, robot_sta
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 
+#: Messages for viewers between two looks for subscribers.
+LOOK_EVERY = 10
 _NOTHING = np.empty(0)
 
 
@@ -96,40 +98,35 @@ class StatePublisher:
     def show(self, clock: Clock) -> Loop:
         """Serve the viewers, and look for subscribers."""
         self._check()
-        shows = (self._check, self._show_pose, self._show_links, self._show_joints,
-                 self._show_stiffness)
-        # One after the other: all at once would take long.
-        period, turn = round(NS / (self._rate_hz * len(shows))), 0
+        turn = 0
 
         def step(deadline_ns: int, now_ns: int) -> None:
             nonlocal turn
-            shows[turn % len(shows)]()
             turn += 1
-        return periodic(step, period, clock)
+            if turn % LOOK_EVERY == 0:
+                self._check()
+            self._show()
+        return periodic(step, round(NS / self._rate_hz), clock)
 
     def _check(self) -> None:
         check_subscribers(self._state, self._pose, self._applied, self._requested, self._joints)
         self.tf.check()
         self.written[3] = self._state.has_subscribers
 
-    def _show_pose(self) -> None:
+    def _show(self) -> None:
+        """Publish the last tick to those who look."""
+        shown = self._pose, self._applied, self._requested, self._joints, self.tf
+        if not any(one.has_subscribers for one in shown):
+            return
+        numbers, stamp_ns = self.last()
+        joints = numbers[ROBOT_STATE_FIXED:][:3 * self._count]
         if self._pose.has_subscribers:
-            numbers, stamp_ns = self.last()
             self._pose.publish(numbers[:7], stamp_ns)
-
-    def _show_stiffness(self) -> None:
-        numbers, _ = self.last()
         if self._applied.has_subscribers:
             self._applied.publish(numbers[19:55])
         if self._requested.has_subscribers:
             self._requested.publish(numbers[55:91])
-
-    def _show_joints(self) -> None:
         if self._joints.has_subscribers:
-            numbers, stamp_ns = self.last()
-            self._joints.publish(numbers[ROBOT_STATE_FIXED:][:3 * self._count], stamp_ns)
-
-    def _show_links(self) -> None:
-        numbers, stamp_ns = self.last()
-        self.tf.publish(np.concatenate([numbers[ROBOT_STATE_FIXED:][:self._count],
-                                        self.others()]), stamp_ns)
+            self._joints.publish(joints, stamp_ns)
+        if self.tf.has_subscribers:
+            self.tf.publish(np.concatenate([joints[:self._count], self.others()]), stamp_ns)

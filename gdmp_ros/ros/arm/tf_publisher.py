@@ -42,10 +42,15 @@ class TfPublisher:
         if self._moving is not None:
             self._moving[1].check()
 
+    @property
+    def has_subscribers(self) -> bool:
+        """Result of the last `check`."""
+        return self._moving is not None and self._moving[1].has_subscribers
+
     def publish(self, position: np.ndarray, stamp_ns: int) -> None:
         """Publish the links that move, at joint positions [rad, m]."""
         moving = self._moving
-        if moving is not None and moving[1].has_subscribers:
+        if moving is not None:
             moving[1].publish(moving[0].at(position).ravel(), stamp_ns)
 
 
