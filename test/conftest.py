@@ -15,6 +15,20 @@ _PR_SET_CHILD_SUBREAPER = 36
 #: Helpers of libraries that stay until this process ends.
 _HELPERS = ('resource_tracker', 'joblib.externals.loky')
 
+#: What runs nodes as processes in real time: one test after the other, or they would compete.
+_REAL_TIME = ('test/processes/', 'test/franka/', 'test/experiments/reliability/', 'test/docs/')
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Let one worker run all tests in real time; the other files go to any worker."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            return 'real time' if nodeid.startswith(_REAL_TIME) else super()._split_scope(nodeid)
+    return Scheduling(config, log)
+
 
 @pytest.fixture
 def rng():
