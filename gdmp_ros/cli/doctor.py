@@ -119,8 +119,10 @@ def compile_control() -> None:
     loop.warm_up(arm.measure(), arm.period)
     loop.follow_all(np.array([resting_target(arm.measure().pose)] * 3))
     if importlib.util.find_spec('rclpy') is not None:
-        from gdmp_ros.ros.arm.compiled_loop import warm_up
-        warm_up(loop, loop.driver)
+        from gdmp_ros.ros.arm import compiled_loop as of_arm
+        from gdmp_ros.ros.server import compiled_loop as of_server
+        of_arm.warm_up(loop, loop.driver)
+        of_server.warm_up()
 
 
 #: Parts of the work, of similar duration.

@@ -65,8 +65,8 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
 _SIZES, _SCALARS, _FACTOR, _RELATION = (
     dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR, RELATION))
-#: Index of the flag ``finished`` in a memory.
-FINISHED = _SIZES + (SCALARS.names or ()).index('finished')
+#: Indices of the flag ``finished`` and of the speed in a memory.
+FINISHED, SPEED = (_SIZES + (SCALARS.names or ()).index(name) for name in ('finished', 'speed'))
 
 
 class Frames(NamedTuple):

@@ -42,30 +42,39 @@ class StreamBounds:
     stay together. What is left, as a step of the references, is bounded in space.
 
     :ivar bounded: ticks in which the bounds were active
+    :ivar parts: what is bounded, see `_SIZE`; written by `bound_in_time_and_space` are:
+    :ivar out: the bounded reference; None before there is one
+    :ivar work: of its size
+    :ivar tempos: `tempo`, and its rate [1/s]
     """
 
     def __init__(self, settings: StreamSettings):
         self._settings = settings
-        self._out: np.ndarray | None = None
-        self._work, self._tempo = np.empty(0), np.ones(2)
-        self._kind, self._parts = Kind.TOOL, np.empty((0, 4))
+        self.out: np.ndarray | None = None
+        self.work, self.tempos = np.empty(0), np.ones(2)
+        self._kind, self.parts = Kind.TOOL, np.empty((0, 4))
         self.bounded = 0
 
     def configure(self, settings: StreamSettings) -> None:
         """Use other bounds from the next stream on, and from now on if there is one."""
         self._settings = settings
-        if len(self._parts):
-            self._parts[:, _SPEED:] = [self._limits(size) for size in self._parts[:, _SIZE]]
+        if len(self.parts):
+            self.parts[:, _SPEED:] = [self._limits(size) for size in self.parts[:, _SIZE]]
 
     def reset(self) -> None:
         """The next reference begins a stream."""
-        self._out = None
-        self._tempo[:] = 1.0, 0.0
+        self.out = None
+        self.tempos[:] = 1.0, 0.0
 
     @property
     def tempo(self) -> float:
         """Part of the time of the next tick that is to pass for the player, at most 1."""
-        return float(self._tempo[0])
+        return float(self.tempos[0])
+
+    def continues(self, skill: StreamedSkill, reference: np.ndarray) -> bool:
+        """Whether a reference is one of the stream that is bounded."""
+        return (self.out is not None and skill.kind is self._kind
+                and len(self.out) == len(reference))
 
     def apply(self, skill: StreamedSkill, reference: np.ndarray, dt: float) -> np.ndarray:
         """
@@ -75,15 +84,15 @@ class StreamBounds:
         :param reference: of a player for which `tempo` of the time has passed; not changed
         :returns: the same array every time
         """
-        out = self._out
-        if out is None or skill.kind is not self._kind or len(out) != len(reference):
-            self._kind, self._parts = skill.kind, self._parts_of(skill)
+        out = self.out
+        if out is None or not self.continues(skill, reference):
+            self._kind, self.parts = skill.kind, self._parts_of(skill)
             self.reset()
-            self._out, self._work = reference.copy(), reference.copy()
-            return self._out
+            self.out, self.work = reference.copy(), reference.copy()
+            return self.out
         if dt > 0.0:
-            self.bounded += bool(_bound_in_time_and_space(
-                reference, out, skill.table, self._parts, dt, self._work, self._tempo))
+            self.bounded += bool(bound_in_time_and_space(
+                reference, out, skill.table, self.parts, dt, self.work, self.tempos))
         return out
 
     def _limits(self, size: float) -> tuple[float, float]:
@@ -126,7 +135,7 @@ def _velocities_to(target, out, table, way, desired, velocity):
 
 
 @kernel
-def _bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
+def bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
     """
     Scale the velocities of targets by the tempo, choose the next one, and bound what is left.
 

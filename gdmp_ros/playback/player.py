@@ -21,6 +21,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.approach import Approach
 from gdmp_ros.playback.goal_tracker import moved_on
+from gdmp_ros.playback.plain_tick import end_of
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.states import after, Request, State, Status, TABLE
@@ -92,6 +93,8 @@ class Player:
     :ivar playing: skill and settings of the present motion
     :ivar rollout: the present motion, also while its goal is held; only to be read
     :ivar target: the reference of the last tick; None before the first one
+    :ivar numbers: of the last state of the motion
+    :ivar called: called after a request was added: who ticks may be one that does not look
     :ivar motion: number of the motion that was begun last (see `start`), 0 before the first
     :ivar started: number of the motion that was asked for last; it may not have begun yet
     """
@@ -124,8 +127,9 @@ class Player:
         self._cycles: float | None = None
         # Whether the reference has a wrench that no motion asks for any more.
         self._releases = False
-        self._numbers = np.empty(0)
+        self.numbers = np.empty(0)
         self._measured: tuple[np.ndarray, Kind] | None = None
+        self.called: Callable[[], None] = lambda: None
         self._copy_wanted = False
         self._copy: Rollout | None = None
 
@@ -358,6 +362,7 @@ class Player:
         if len(self._queue) >= MAX_WAITING:
             raise ParameterError(f'{MAX_WAITING} requests are waiting: no tick carries them out')
         self._queue.append(_Waiting(request, carry_out, arguments))
+        self.called()
 
     # Ticks
 
@@ -386,9 +391,45 @@ class Player:
             self._advance(rollout, target, dt)
         elif self._state is State.RESTARTING:
             self._rested()
+        self._release(target, dt)
+        return target
+
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether a kernel can make the next tick: a motion goes on, or a place is held."""
+        moves = self.rollout is not None
+        return not (self._queue or self.target is None or self._approach is not None
+                    or self._releases or self._goal_twist is not None
+                    or self._cycles is not None or self._copy_wanted
+                    or self._measured is not None and moves
+                    or self._state is State.RESTARTING and not moves)
+
+    @property
+    def ends(self) -> int:
+        """What ends the next tick (`gdmp_ros.playback.plain_tick`)."""
+        return end_of(self._state, self.rollout is not None)
+
+    def catch_up(self, seconds: float) -> None:
+        """Know that time has passed, in ticks that a kernel has made."""
+        self._time += seconds
+
+    def end_tick(self, dt: float) -> np.ndarray:
+        """
+        End a tick of a kernel in which the state changes.
+
+        :param dt: that has passed for the motion [s]
+        """
+        target = self.target
+        if target is None or self.rollout is None:
+            raise RuntimeError('there is no motion')
+        self._after_step(self.rollout, target)
+        self._release(target, dt)
+        return target
+
+    def _release(self, target: np.ndarray, dt: float) -> None:
+        """Let decrease what no motion asks for any more."""
         if self._releases:
             self._releases = self.playing.release(target, dt)
-        return target
 
     def _move_goal(self, dt: float, tempo: float) -> None:
         """Move a goal on that has waited with the motion, as soon as that does not wait."""
@@ -421,7 +462,11 @@ class Player:
             rollout.observe(self.playing.changed(rollout.state.point, measured[0]))
         if self._copy_wanted:
             self._copy_wanted, self._copy = False, rollout.copy()
-        self.playing.advance(rollout, dt, self._numbers, target)
+        self.playing.advance(rollout, dt, self.numbers, target)
+        self._after_step(rollout, target)
+
+    def _after_step(self, rollout: Rollout, target: np.ndarray) -> None:
+        """Find out what the motion does from now on."""
         if self._cycles is not None and rollout.progress >= self._cycles:
             self._cycles = None
             rollout.set_amplitude(0.0)
@@ -509,7 +554,7 @@ class Player:
         self.playing, self.rollout, self.target = tool, rollout, target
         self._goal, self._goal_twist, self._state = rollout.goal, None, State.MOVING
         self._goal_waited = 0.0
-        self._numbers = np.empty(rollout.state_size)
+        self.numbers = np.empty(rollout.state_size)
         try:
             self._ask_of_begun(pending)
         except GdmpError as error:

@@ -18,6 +18,7 @@ from gdmp_ros.playback.kinematics import ArmKinematics
 from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
 from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
+from gdmp_ros.playback.plain_tick import BOUNDED, COUNTS, ENDS, Motion, NOTHING
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
@@ -54,6 +55,7 @@ class Streamer:
     :ivar sequence: executes sequences
     :ivar record: how the robot followed the last motion
     :ivar active: whether ticks are made
+    :ivar called: called after something was asked for: who ticks may be one that does not look
     :ivar lost_motion: number of the last motion that ended because the robot was lost
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
@@ -83,6 +85,7 @@ class Streamer:
         self.member: RunningLoop | None = None
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
+        self.called: Callable[[], None] = lambda: None
         self._player_settings = player_settings
         commands = None if gripper is None else GripperCommands(gripper)
         self.gripper = None if commands is None else GripperSequence(commands)
@@ -131,7 +134,7 @@ class Streamer:
         self._inputs.of(StreamedSkill(skill, self._player_settings).kind)
         rehearse(skill, self._player_settings)
         if self.player is None:
-            self.player = Player(skill, self._player_settings, self.refusals)
+            self._play(skill)
         else:
             self.player.load(skill)
         self.skill_name, self.context = name, dict(context or {})
@@ -197,15 +200,21 @@ class Streamer:
         prepared = self.sequence.prepare(sequence, first, self._player_settings, self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)
-        if self.player is None:
-            self.player = Player(tool.skill, self._player_settings, self.refusals)
-        self.player.check_kind(tool)
-        moves = not self.player.state.at_rest
+        player = self.player or self._play(tool.skill)
+        player.check_kind(tool)
+        moves = not player.state.at_rest
         self.commands.begin()
         self.robot.begin()
         self.sequence.begin(prepared, measured)
         if moves and not prepared.moves_first:
-            self.player.end()
+            player.end()
+        self.called()
+
+    def _play(self, skill: Skill) -> Player:
+        """Make the player."""
+        player = self.player = Player(skill, self._player_settings, self.refusals)
+        player.called = lambda: self.called()
+        return player
 
     def pause(self, paused: bool) -> None:
         """
@@ -295,6 +304,46 @@ class Streamer:
             self.gripper.advance(player, dt)
         self.sequence.advance(player, dt)
         return None if target is None else self.bounds.apply(player.playing, target, dt)
+
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether a kernel can make the next tick; those that look around are made here."""
+        player = self.player
+        if player is None or player.target is None or not self.active:
+            return False
+        playing = player.playing
+        return (player.only_goes_on and playing.kind is Kind.TOOL and not self.sequence.running
+                and (self.gripper is None or not playing.skill.events)
+                and self.bounds.continues(playing, player.target))
+
+    def motion(self) -> Motion:
+        """What a kernel must know to make ticks, as long as the stream `only_goes_on`."""
+        player, bounds = self.player, self.bounds
+        if player is None or player.target is None or bounds.out is None:
+            raise RuntimeError('there is no stream')
+        rollout, counts = player.rollout, np.zeros(COUNTS, dtype=np.int64)
+        counts[ENDS] = player.ends
+        return Motion(counts, NOTHING if rollout is None else rollout.memory, player.numbers,
+                      player.playing.table, player.target, bounds.parts, bounds.out, bounds.work,
+                      bounds.tempos)
+
+    def catch_up(self, motion: Motion, ticks: int, now_ns: int) -> None:
+        """
+        Know what ticks of a kernel have done.
+
+        :param now_ns: time of the last of them
+        """
+        seconds = (now_ns - self._last_tick) / NS
+        self.ticks += ticks
+        self.time += seconds
+        self._last_tick = now_ns
+        self.bounds.bounded += int(motion.counts[BOUNDED])
+        self.loaded().catch_up(seconds)
+
+    def end_tick(self, dt: float) -> np.ndarray:
+        """End a tick of a kernel, of ``dt`` seconds, in which the state of the player changes."""
+        player = self.loaded()
+        return self.bounds.apply(player.playing, player.end_tick(self.bounds.tempo * dt), dt)
 
     def _use_pose(self, player: Player) -> None:
         """Let the player and the watch use where the robot is."""

@@ -13,7 +13,7 @@ from gdmp_msgs.msg import Reference
 import numpy as np
 
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.kernels import bytes_at, kernel
+from gdmp_ros.kernels import kernel
 from gdmp_ros.realtime.native import clock_functions, sleep_until
 from gdmp_ros.ros import rcl
 from gdmp_ros.ros.dds import current
@@ -32,21 +32,20 @@ BLOCK = 50
 
 
 @kernel
-def send(functions, publisher, message, parts, clocks, time, deadline, sequence):
+def send(functions, outlet, clocks, time, deadline, sequence):
     """
     Send `BLOCK` references, one in each period.
 
-    :param parts: positions of stamp and sequence number in the message
     :param deadline: before the first [ns]
     :param sequence: number of the last reference
     """
-    data = bytes_at(message[0], message[1])
+    data, parts = rcl.bytes_of(outlet), outlet.parts
     for _ in range(BLOCK):
         deadline, sequence = deadline + PERIOD_NS, sequence + 1
         sleep_until(clocks, time, deadline)
         rcl.write_stamp(data, parts[0], deadline)
         rcl.write_integer(data, parts[1], 8, sequence)
-        rcl.publish(functions, publisher, message)
+        rcl.publish(functions, outlet)
 
 
 def publish() -> None:
@@ -56,20 +55,18 @@ def publish() -> None:
         np.array([0.5, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]))
     message.header.frame_id = 'panda_link0'
     template = SerializedTemplate(message, len(numbers), fill_reference)
-    sent, (_, _, parts) = rcl.SerializedMemory(), template.layout()
-    sent.data = template.bytes(numbers)
     publisher = participant.publisher(Reference, TOPIC, reliable(DEEP))
+    sent = rcl.Outgoing(publisher, template)
     while not stop.is_set() and publisher.subscribers() < SUBSCRIBERS:
         clock.sleep_until(clock.now() + LOOK_NS)
     time, sequence = np.zeros(2, dtype=np.int64), 0
-    with publisher.in_use() as address:
+    with sent.in_use():
         # Compile it first: a deadline that has passed is not waited for.
-        send(rcl.functions(), address, sent.numbers, parts, clock_functions(), time, 0, sequence)
+        send(rcl.functions(), sent.outlet, clock_functions(), time, 0, sequence)
         print('publishing', flush=True)
         deadline = clock.now()
         while not stop.is_set():
-            send(rcl.functions(), address, sent.numbers, parts, clock_functions(), time, deadline,
-                 sequence)
+            send(rcl.functions(), sent.outlet, clock_functions(), time, deadline, sequence)
             deadline, sequence = deadline + BLOCK * PERIOD_NS, sequence + BLOCK
     participant.close()
 

@@ -255,21 +255,23 @@ class Stream:
     """
     Messages that differ in numbers, stamp and integers only (`SerializedTemplate.bytes`).
 
+    :ivar publisher: of them
+    :ivar template: of them
     :ivar has_subscribers: result of the last `check`; without subscribers nothing need be
         published, because the topics are volatile
     """
 
     def __init__(self, publisher: Publisher, template: SerializedTemplate):
-        self._publisher, self._template = publisher, template
+        self.publisher, self.template = publisher, template
         self.has_subscribers = False
 
     def check(self) -> None:
         """Find out whether there are subscribers."""
-        self.has_subscribers = self._publisher.subscribers() > 0
+        self.has_subscribers = self.publisher.subscribers() > 0
 
     def publish(self, numbers: np.ndarray, stamp_ns: int = 0, *integers: int) -> None:
         """Publish; only useful if it `has_subscribers`."""
-        self._publisher.send(self._template.bytes(numbers, stamp_ns, *integers))
+        self.publisher.send(self.template.bytes(numbers, stamp_ns, *integers))
 
 
 def check_subscribers(*streams: Stream) -> None:

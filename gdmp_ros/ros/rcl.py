@@ -1,12 +1,18 @@
 """Messages that kernels take and send, by the addresses of the functions of rcl."""
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import ctypes
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.kernels import ask_c, kernel
+from gdmp_ros.errors import DataError
+from gdmp_ros.kernels import ask_c, bytes_at, kernel
+from gdmp_ros.ros.middleware import Publisher
+from gdmp_ros.ros.serialized import SerializedTemplate
 
 _TAKE, _PUBLISH = range(2)
 _NS = 1_000_000_000
@@ -41,6 +47,12 @@ def functions() -> np.ndarray:
         'rcl_take_serialized_message', 'rcl_publish_serialized_message')])
 
 
+def check(address: int) -> None:
+    """:raises DataError: if it is none"""
+    if not address:
+        raise DataError('this middleware does not tell the addresses of its handles')
+
+
 class SerializedMemory:
     """
     Memory of a serialised message.
@@ -73,6 +85,47 @@ class SerializedMemory:
         ctypes.memmove(self._message.buffer, data, len(data))
 
 
+class Outlet(NamedTuple):
+    """
+    A topic that a kernel sends to.
+
+    :ivar handle: address of the ``rcl_publisher_t``
+    :ivar message: `SerializedMemory.numbers`
+    :ivar numbers: among the bytes of the message, the first of each number
+    :ivar parts: of stamp, sequence number, mode and tick, as far as it has them
+    """
+
+    handle: np.ndarray
+    message: np.ndarray
+    numbers: np.ndarray
+    parts: np.ndarray
+
+
+class Outgoing:
+    """
+    The messages that a kernel sends to a topic.
+
+    :ivar publisher: of the topic
+    :ivar outlet: for the kernel; its address counts while the publisher is in use
+    """
+
+    def __init__(self, publisher: Publisher, template: SerializedTemplate):
+        """:raises DataError: if the publisher has no handle of rcl"""
+        with publisher.in_use() as address:
+            check(address)
+        self.publisher = publisher
+        self._memory = SerializedMemory()
+        message, numbers, parts = template.layout()
+        self._memory.data = message.tobytes()
+        self.outlet = Outlet(np.zeros(1, dtype=np.int64), self._memory.numbers, numbers, parts)
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Keep the publisher, and let the kernel know its address."""
+        with self.publisher.in_use() as self.outlet.handle[0]:
+            yield
+
+
 @kernel
 def take(addresses, subscription, message):
     """
@@ -88,13 +141,28 @@ def take(addresses, subscription, message):
 
 
 @kernel
-def publish(addresses, publisher, message):
-    """
-    Send a message.
+def publish(addresses, outlet):
+    """Send a message that has been written."""
+    ask_c(addresses[_PUBLISH], (outlet.handle[0], outlet.message, np.int64(0)))
 
-    :param publisher: address of an ``rcl_publisher_t``
+
+@kernel
+def bytes_of(outlet):
+    """The bytes of a message."""
+    return bytes_at(outlet.message[0], outlet.message[1])
+
+
+@kernel
+def write_numbers(outlet, numbers):
     """
-    ask_c(addresses[_PUBLISH], (publisher, message, np.int64(0)))
+    Write numbers to a message.
+
+    :param numbers: as bytes, 8 each
+    """
+    data = bytes_of(outlet)
+    for k in range(outlet.numbers.size):
+        for byte in range(8):
+            data[outlet.numbers[k] + byte] = numbers[8 * k + byte]
 
 
 @kernel

@@ -11,11 +11,10 @@ import psutil
 import pytest
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.loop import join, periodic, raised_priority, run, SystemClock
+from gdmp_ros.realtime.loop import periodic, raised_priority, run, SystemClock
 from gdmp_ros.realtime.statistics import LatenessRecorder, punctuality_of
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
-from test.lockstep.clock import SteppedClock
 
 
 class ScriptedClock:
@@ -156,31 +155,6 @@ def test_a_loop_that_is_ended_cleans_up_where_it_yields():
         clock.sleep_until(clock.now() + 1_000_000)
     thread.end()
     assert steps[-1] == 'end' and threading.current_thread() not in steps
-
-
-def test_tasks_of_equal_period_share_a_loop():
-    clock, seen = SteppedClock(), []
-
-    def broken(deadline, now):
-        raise ValueError('broken')
-    first = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('first', deadline)))
-    second = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('second', deadline)))
-    other = join(clock, 2_000_000, 0, broken)
-    begun = clock.now()
-    clock.run_until(begun + 2_000_000)
-    assert seen == [(name, begun + k * 1_000_000) for k in (1, 2) for name in ('first', 'second')]
-    assert isinstance(other.failure, ValueError) and first.failure is None
-    first.end()
-    clock.run_until(begun + 3_000_000)
-    assert seen[4:] == [('second', begun + 3_000_000)]
-    second.end()
-    other.end()
-    clock.run_until(begun + 9_000_000)
-    assert len(seen) == 5
-    again = join(clock, 1_000_000, 0, lambda deadline, now: seen.append(('again', deadline)))
-    clock.run_until(begun + 10_000_000)
-    assert seen[5:] == [('again', begun + 10_000_000)]
-    again.end()
 
 
 def test_domains_are_claimed_once():

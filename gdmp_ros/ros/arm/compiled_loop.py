@@ -14,9 +14,18 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.stream import go_on
 from gdmp_ros.control.stream import OTHER as UNDECIDED
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import bytes_at, kernel
-from gdmp_ros.realtime.native import clock_functions, sleep_until, steady_ns, wall_ns
+from gdmp_ros.realtime.native import (
+    clock_functions,
+    DEADLINE,
+    LAST,
+    LEFT,
+    PACE_SIZE,
+    PERIOD,
+    STAMP,
+    wait,
+    wall_ns,
+)
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros import rcl
 from gdmp_ros.ros.arm.commands import MAX_REFERENCES
@@ -37,16 +46,9 @@ MAX_CATCH_UP = 10
 #: What `run` returns beside what `plain_tick` does.
 ASKED, MESSAGE = 30, 31
 
-#: Index of each number of a loop.
-(ATTENTION,    # flag: Python is needed
- PERIOD,       # [ns]
- DEADLINE,     # of the next tick [ns]
- LAST,         # deadline of the last tick, 0 before the first [ns]
- LEFT,         # ticks that are left of this deadline
- STAMP,        # of the last of them [ns]
- SEQUENCE,     # of the reference that is followed
- MODE,         # of the arm
- NUMBERS) = range(9)
+#: Numbers of a loop behind those of its deadlines (`gdmp_ros.realtime.native.PERIOD`): whether
+#: Python is needed; number of the reference that is followed; mode of the arm.
+ATTENTION, SEQUENCE, MODE, NUMBERS = range(PACE_SIZE, PACE_SIZE + 4)
 
 
 class Links(NamedTuple):
@@ -54,25 +56,21 @@ class Links(NamedTuple):
     How a loop is linked to topics.
 
     :ivar functions: `gdmp_ros.ros.rcl.functions`
-    :ivar handles: addresses of the subscription and of the publisher
+    :ivar references: address of the subscription
     :ivar taken: a message that has come (`gdmp_ros.ros.rcl.SerializedMemory.numbers`)
-    :ivar sent: one that is sent
     :ivar frame: bytes of a reference from which its size, encapsulation and frame are known
     :ivar reference: position of each number of a reference among its bytes
     :ivar reference_parts: positions of stamp, sequence and mode
-    :ivar state: position of each number of a state
-    :ivar state_parts: positions of stamp, sequence, mode and tick
+    :ivar states: where they are sent
     """
 
     functions: np.ndarray
-    handles: np.ndarray
+    references: np.ndarray
     taken: np.ndarray
-    sent: np.ndarray
     frame: np.ndarray
     reference: np.ndarray
     reference_parts: np.ndarray
-    state: np.ndarray
-    state_parts: np.ndarray
+    states: rcl.Outlet
 
 
 class Scratch(NamedTuple):
@@ -116,7 +114,7 @@ def take_references(loop, links, scratch, controller, now):
     :returns: False if one is to be decided in Python; it is the message that was taken
     """
     for _ in range(MAX_REFERENCES):
-        size = rcl.take(links.functions, links.handles[0], links.taken)
+        size = rcl.take(links.functions, links.references[0], links.taken)
         if size == 0:
             return True
         data = bytes_at(links.taken[0], size)
@@ -143,37 +141,13 @@ def send_state(loop, links, scratch, controller, stamp):
     written[1], written[2] = written[0], stamp
     if written[3] == 0:
         return
-    data = bytes_at(links.sent[0], links.sent[1])
-    for k in range(scratch.state.size):
-        for byte in range(8):
-            data[links.state[k] + byte] = scratch.state_bytes[8 * k + byte]
-    parts = links.state_parts
+    rcl.write_numbers(links.states, scratch.state_bytes)
+    data, parts = rcl.bytes_of(links.states), links.states.parts
     rcl.write_stamp(data, parts[0], stamp)
     rcl.write_integer(data, parts[1], 8, loop[SEQUENCE])
     rcl.write_integer(data, parts[2], 1, loop[MODE])
     rcl.write_integer(data, parts[3], 8, written[0])
-    rcl.publish(links.functions, links.handles[1], links.sent)
-
-
-@kernel
-def wait(loop, clocks, time, lateness):
-    """Wait for the next deadline, and find out how many ticks are to be made for it."""
-    period, now = loop[PERIOD], steady_ns(clocks, time)
-    if loop[DEADLINE] == 0:
-        loop[DEADLINE] = now
-    # What was missed is made up at once; after more than that the grid goes on.
-    loop[DEADLINE] += period * (1 + max((now - loop[DEADLINE]) // period, 0))
-    sleep_until(clocks, time, loop[DEADLINE])
-    now = steady_ns(clocks, time)
-    periods = (loop[DEADLINE] - loop[LAST]) // period if loop[LAST] != 0 else 1
-    loop[LAST] = loop[DEADLINE]
-    loop[LEFT] = min(periods, MAX_CATCH_UP)
-    loop[STAMP] = wall_ns(clocks, time) - (now - loop[DEADLINE])
-    # As `gdmp_ros.realtime.statistics.LatenessRecorder.add`.
-    slot = 3 + 2 * (lateness[0] % ((lateness.size - 3) // 2))
-    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + periods - 1
-    lateness[2] = lateness[slot] = loop[DEADLINE]
-    lateness[slot + 1] = now - loop[DEADLINE]
+    rcl.publish(links.functions, links.states)
 
 
 @kernel
@@ -187,6 +161,8 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
     while True:
         if loop[LEFT] == 0:
             wait(loop, clocks, scratch.time, lateness)
+            # What was missed is made up at once; after more than that the grid goes on.
+            loop[LEFT] = min(loop[LEFT], MAX_CATCH_UP)
         if loop[ATTENTION] != 0:
             return ASKED
         if not take_references(loop, links, scratch, controller, wall_ns(clocks, scratch.time)):
@@ -205,8 +181,8 @@ def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
     numbers[ATTENTION] = numbers[LEFT] = 1
     doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
     run(numbers, clock_functions(), integers,
-        Links(integers, integers, integers, integers, data, integers, integers, integers,
-              integers),
+        Links(integers, integers, integers, data, integers, integers,
+              rcl.Outlet(integers, integers, integers, integers)),
         Scratch(integers, doubles, data, doubles, data, integers), robot_of(driver.arm),
         controller_of(control), driver.dt)
 
@@ -225,19 +201,15 @@ class CompiledLoop:
 
         :raises DataError: if references and states have no handles of rcl
         """
-        with references.in_use() as subscription, out.states.in_use() as publisher:
-            if not (subscription and publisher):
-                raise DataError('this middleware does not tell the addresses of its handles')
+        with references.in_use() as address:
+            rcl.check(address)
         self.numbers = np.zeros(NUMBERS, dtype=np.int64)
         self.numbers[PERIOD] = period_ns
-        self._references, self._states = references, out.states
-        self._taken, self._sent = rcl.SerializedMemory(), rcl.SerializedMemory()
+        self._references, self._states = references, rcl.Outgoing(out.states, out.template)
+        self._taken = rcl.SerializedMemory()
         frame, reference, reference_parts = reader.layout()
-        message, state, state_parts = out.template.layout()
-        self._sent.data = message.tobytes()
-        self._links = Links(rcl.functions(), np.zeros(2, dtype=np.int64), self._taken.numbers,
-                            self._sent.numbers, frame, reference, reference_parts, state,
-                            state_parts)
+        self._links = Links(rcl.functions(), np.zeros(1, dtype=np.int64), self._taken.numbers,
+                            frame, reference, reference_parts, self._states.outlet)
         target = np.zeros(len(reference))
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
                                 out.numbers, out.numbers.view(np.uint8), out.written)
@@ -261,8 +233,7 @@ class CompiledLoop:
 
         What is destroyed meanwhile is kept until then.
         """
-        with self._references.in_use() as subscription, self._states.in_use() as publisher:
-            self._links.handles[:] = subscription, publisher
+        with self._references.in_use() as self._links.references[0], self._states.in_use():
             return int(run(self.numbers, clock_functions(),
                            np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
                            self._scratch, robot_of(driver.arm), controller_of(control),

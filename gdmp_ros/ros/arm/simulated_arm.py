@@ -9,19 +9,17 @@ from std_srvs.srv import SetBool
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
+from gdmp_ros.realtime.native import LEFT, PERIOD, STAMP
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.compiled_loop import (
     ASKED,
     ATTENTION,
     CompiledLoop,
-    LEFT,
     MAX_CATCH_UP,
     MESSAGE,
     MODE,
-    PERIOD,
     SEQUENCE,
-    STAMP,
     warm_up,
 )
 from gdmp_ros.ros.arm.node import ArmNode

@@ -10,28 +10,30 @@ from typing import Any
 
 from gdmp_msgs.msg import Context
 from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill, SetSpeed
+import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
 from gdmp_ros.data.bags import ns_of
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
-from gdmp_ros.errors import GdmpError
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
-from gdmp_ros.playback.streamer import Streamer
-from gdmp_ros.realtime import loop
-from gdmp_ros.realtime.loop import NS
+from gdmp_ros.playback.streamer import READ_EVERY, Streamer
+from gdmp_ros.realtime.loop import Loop, NS, periodic
+from gdmp_ros.realtime.native import DEADLINE, LEFT, STAMP
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
+from gdmp_ros.ros.server.compiled_loop import CHANGED, CompiledLoop, TICKED, warm_up
 from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, RobotInputs
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher, SecondArm
 from gdmp_ros.ros.server.report import ServerReport
@@ -133,6 +135,7 @@ class TrajectoryServer(ManagedNode):
     _sequences: SequenceAction
     _references: ReferencePublisher
     _second: SecondArm | None
+    _compiled: CompiledLoop | None
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
     _clock_input: tuple[Subscription, Callable[[ClockMessage], None]]
 
@@ -163,6 +166,7 @@ class TrajectoryServer(ManagedNode):
         self._refinement = Refinement(self.streamer, self._skills, self.get_logger())
         self._configured = True
         self._references = ReferencePublisher(self, parameters.frame_id)
+        self._compiled = self._compile()
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
         self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id,
@@ -185,10 +189,9 @@ class TrajectoryServer(ManagedNode):
             self.streamer.member = self.participant.follow(
                 self._clock_input[0], self._clock_tick, self.parameters.realtime_priority)
         else:
-            member = loop.join(self.clock, self._period_ns(),
-                                      self.parameters.realtime_priority, self._wall_tick)
-            self.streamer.member = member
-            self.log_scheduler(member.scheduler)
+            running = self.clock.start(self._ticks(), self.parameters.realtime_priority)
+            self.streamer.member = running
+            self.log_scheduler(running.scheduler)
         if self.parameters.execute_on_activate:
             self.streamer.begin()
 
@@ -197,6 +200,7 @@ class TrajectoryServer(ManagedNode):
             return
         self.streamer.stop()
         self.streamer.active = False
+        self.streamer.called()
         if self.streamer.member is not None:
             self.streamer.member.end()
             self.streamer.member = None
@@ -215,10 +219,43 @@ class TrajectoryServer(ManagedNode):
         self._configured = False
         self.parameters.locked = False
 
+    def _compile(self) -> CompiledLoop | None:
+        """The loop that does not need the interpreter, if the middleware allows it."""
+        try:
+            result = CompiledLoop(self._references, STALL_S)
+        except (DataError, OSError, AttributeError) as error:
+            self.get_logger().info(f'every tick is made by the interpreter: {error}')
+            return None
+        warm_up()
+        return result
+
     # Streaming
 
     def _period_ns(self) -> int:
         return NS // int(self.parameters.rate_hz)
+
+    def _ticks(self) -> Loop:
+        """Tick on the grid of the steady clock."""
+        if self._compiled is None:
+            return periodic(self._wall_tick, self._period_ns(), self.clock)
+        return self._without_interpreter(self._compiled)
+
+    def _without_interpreter(self, compiled: CompiledLoop) -> Loop:
+        """Let compiled code make the ticks; one that it does not make is made here."""
+        streamer, numbers = self.streamer, compiled.numbers
+        compiled.begin(self._period_ns())
+        streamer.called = compiled.call
+        while True:
+            # Ticks before one that polls goals, or reads where the robot is.
+            why = compiled.run(streamer, min(-streamer.ticks % POLL_EVERY,
+                                             -(streamer.ticks + 1) % READ_EVERY))
+            stamp = int(numbers[STAMP])
+            if why == CHANGED:
+                self._publish(streamer.end_tick(compiled.passed), stamp)
+            else:
+                numbers[TICKED], numbers[LEFT] = numbers[DEADLINE], 0
+                self._tick(int(numbers[DEADLINE]), STALL_S, stamp)
+            yield 0
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.streamer.lateness.add(deadline_ns, now_ns)
@@ -248,12 +285,15 @@ class TrajectoryServer(ManagedNode):
             self.goals.poll(self.parameters.tf_timeout)
         target = self.streamer.tick(now_ns, longest_s)
         if target is not None:
-            self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
-            if self._second is not None:
-                if self.streamer.kind is Kind.TWO_TOOLS:
-                    self._second.publish(target, stamp_ns, self.streamer.mode)
-                else:
-                    self._second.end()
+            self._publish(target, stamp_ns)
+
+    def _publish(self, target: np.ndarray, stamp_ns: int) -> None:
+        self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
+        if self._second is not None:
+            if self.streamer.kind is Kind.TWO_TOOLS:
+                self._second.publish(target, stamp_ns, self.streamer.mode)
+            else:
+                self._second.end()
 
     # Interfaces
 
@@ -328,7 +368,7 @@ def main(arguments: list[str] | None = None) -> int:
         epilog='Parameters follow --ros-args; see config/trajectory_server.yaml.')
     parser.add_argument('--robots', nargs='+', default=[''], metavar='NAMESPACE',
                         help='stream for several robots from this process: one node '
-                             'NAMESPACE/trajectory_server each, all in one real-time thread')
+                             'NAMESPACE/trajectory_server each, with a real-time thread each')
     robots = parser.parse_args(own_arguments(arguments)).robots
     if len(set(robots)) < len(robots):
         parser.error(f'--robots: every namespace must occur once, got {" ".join(robots)}')

@@ -44,7 +44,12 @@ def first_sequence() -> int:
 
 
 class ReferencePublisher:
-    """Publishes ``~/reference``, ``~/reference_pose`` and ``~/reference_stiffness``."""
+    """
+    Publishes ``~/reference``, ``~/reference_pose`` and ``~/reference_stiffness``.
+
+    :ivar streams: those of the tool: reference, pose and stiffness
+    :ivar sequence: number of the last reference
+    """
 
     def __init__(self, node: ManagedNode, frame: str, prefix: str = '~'):
         """
@@ -60,8 +65,10 @@ class ReferencePublisher:
         self._joints: dict[int, Stream] = {}
         self._pose = pose_stream(node, f'{prefix}/reference_pose', frame)
         self._stiffness = stiffness_stream(node, f'{prefix}/reference_stiffness')
-        self._sequence = first_sequence()
-        self._ticks = 0
+        self.streams = self._whole, self._pose, self._stiffness
+        self.sequence = first_sequence()
+        # Before the next look for subscribers.
+        self._left = 0
         self._last: tuple[np.ndarray, int, int] | None = None
 
     def _stream(self, count: int, fill: Callable[[Reference, np.ndarray], None]) -> Stream:
@@ -78,22 +85,33 @@ class ReferencePublisher:
             `gdmp_ros.playback.joint_skill`
         :param joints: number of joints, if it is one of the joints
         """
-        if self._ticks % CHECK_EVERY == 0:
-            check_subscribers(self._whole, self._pose, self._stiffness)
-        self._ticks += 1
+        if self._left <= 0:
+            check_subscribers(*self.streams)
+            self._left = CHECK_EVERY
+        self._left -= 1
         self._last = target, stamp_ns, joints
-        self._sequence += 1
+        self.sequence += 1
         if joints:
             self._publish_joints(target, stamp_ns, mode, joints)
             return
         if self._whole.has_subscribers:
-            self._whole.publish(target[:TARGET_SIZE], stamp_ns, self._sequence, mode)
+            self._whole.publish(target[:TARGET_SIZE], stamp_ns, self.sequence, mode)
         if mode is StreamMode.ENDED:
             return
         if self._pose.has_subscribers:
             self._pose.publish(target[POSE:POSE + 7], stamp_ns)
         if self._stiffness.has_subscribers:
             self._stiffness.publish(target[STIFFNESS:STIFFNESS + 36])
+
+    def catch_up(self, target: np.ndarray, count: int, stamp_ns: int) -> None:
+        """
+        Know what a kernel has sent; it counts on with `sequence`.
+
+        :param target: the last one
+        """
+        self.sequence += count
+        self._left -= count
+        self._last = target, stamp_ns, 0
 
     def end(self) -> None:
         """Publish that the stream ends here."""
@@ -109,7 +127,7 @@ class ReferencePublisher:
         size = joint_target_size(joints)
         if joints not in self._joints:
             self._joints[joints] = self._stream(size, fill_joint_reference)
-        self._joints[joints].publish(target[:size], stamp_ns, self._sequence, mode)
+        self._joints[joints].publish(target[:size], stamp_ns, self.sequence, mode)
 
 
 class SecondArm:

@@ -1,0 +1,180 @@
+"""
+The loop of a server without the interpreter: sleep, advance the motion, send the reference.
+
+It runs until Python is needed: for requests, at the ticks that look around, for what
+`gdmp_ros.playback.plain_tick` does not do. Python then makes that tick.
+"""
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.target import POSE, STIFFNESS
+from gdmp_ros.kernels import kernel
+from gdmp_ros.playback.plain_tick import COUNTS, Motion, NOTHING, plain_tick
+from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.realtime.native import (
+    clock_functions,
+    DEADLINE,
+    LAST,
+    LEFT,
+    PACE_SIZE,
+    PERIOD,
+    STAMP,
+    wait,
+)
+from gdmp_ros.ros import rcl
+from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
+
+#: Numbers of a loop behind those of its deadlines (`gdmp_ros.realtime.native.PERIOD`): whether
+#: Python is needed; time of the last tick, 0 before the first, its duration, and the longest one
+#: [ns]; ticks until Python is to make one; number of the last reference; what the stream says of
+#: itself.
+ATTENTION, TICKED, PASSED, LONGEST, ALONE, SEQUENCE, MODE, NUMBERS = range(
+    PACE_SIZE, PACE_SIZE + 8)
+#: Why `run` returns: a tick is to be made; one is to be ended (`Streamer.end_tick`) and sent.
+ASKED, CHANGED = range(2)
+
+
+class Links(NamedTuple):
+    """
+    Where references are sent.
+
+    :ivar functions: `gdmp_ros.ros.rcl.functions`
+    :ivar wanted: whether the three topics have subscribers
+    """
+
+    functions: np.ndarray
+    wanted: np.ndarray
+    reference: rcl.Outlet
+    pose: rcl.Outlet
+    stiffness: rcl.Outlet
+
+
+@kernel
+def send(loop, links, target, stamp):
+    """
+    Send a reference on three topics.
+
+    :param target: its numbers as bytes
+    """
+    if links.wanted[0]:
+        rcl.write_numbers(links.reference, target)
+        data, parts = rcl.bytes_of(links.reference), links.reference.parts
+        rcl.write_stamp(data, parts[0], stamp)
+        rcl.write_integer(data, parts[1], 8, loop[SEQUENCE])
+        rcl.write_integer(data, parts[2], 1, loop[MODE])
+        rcl.publish(links.functions, links.reference)
+    if links.wanted[1]:
+        rcl.write_numbers(links.pose, target[8 * POSE:])
+        rcl.write_stamp(rcl.bytes_of(links.pose), links.pose.parts[0], stamp)
+        rcl.publish(links.functions, links.pose)
+    if links.wanted[2]:
+        rcl.write_numbers(links.stiffness, target[8 * STIFFNESS:])
+        rcl.publish(links.functions, links.stiffness)
+
+
+@kernel
+def run(loop, clocks, time, lateness, links, motion, target):
+    """
+    Make ticks until Python is needed for one.
+
+    :param target: bounded reference of the motion, as bytes
+    :returns: `ASKED` or `CHANGED`, and how many ticks were made
+    """
+    ticks = 0
+    while True:
+        if loop[LEFT] == 0:
+            wait(loop, clocks, time, lateness)
+        passed = loop[DEADLINE] - loop[TICKED]
+        if loop[ATTENTION] != 0 or loop[ALONE] <= 0 or not 0 <= passed <= loop[LONGEST]:
+            return ASKED, ticks
+        loop[PASSED], loop[TICKED], loop[LEFT] = passed, loop[DEADLINE], 0
+        loop[ALONE] -= 1
+        ticks += 1
+        if plain_tick(motion, 1e-9 * passed):
+            return CHANGED, ticks
+        loop[SEQUENCE] += 1
+        send(loop, links, target, loop[STAMP])
+
+
+_NO_MOTION = Motion(np.zeros(COUNTS, dtype=np.int64), NOTHING, NOTHING,
+                    np.zeros((1, 9), dtype=np.int64), NOTHING, np.zeros((2, 4)), *3 * [NOTHING])
+
+
+def warm_up() -> None:
+    """Compile `run`, or load it from the cache; no tick is made."""
+    numbers, integers = np.zeros(NUMBERS, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    numbers[ATTENTION] = numbers[LEFT] = 1
+    data, outlet = np.zeros(8, dtype=np.uint8), rcl.Outlet(*4 * [integers])
+    run(numbers, clock_functions(), integers, integers,
+        Links(integers, np.zeros(3, dtype=np.bool_), *3 * [outlet]), _NO_MOTION, data)
+
+
+class CompiledLoop:
+    """
+    The loop of one server.
+
+    :ivar numbers: of the loop, see `NUMBERS`
+    """
+
+    def __init__(self, references: ReferencePublisher, longest_s: float):
+        """
+        Prepare.
+
+        :param longest_s: longest step [s]
+        :raises DataError: if topics have no handles of rcl
+        """
+        self._references = references
+        self._outgoing = [rcl.Outgoing(stream.publisher, stream.template)
+                          for stream in references.streams]
+        self.numbers = np.zeros(NUMBERS, dtype=np.int64)
+        self.numbers[LONGEST] = round(1e9 * longest_s)
+        self._time = np.zeros(2, dtype=np.int64)
+        self._wanted = np.zeros(3, dtype=np.bool_)
+        self._links = Links(rcl.functions(), self._wanted,
+                            *(one.outlet for one in self._outgoing))
+
+    def begin(self, period_ns: int) -> None:
+        """Begin with a new grid of deadlines."""
+        self.numbers[[DEADLINE, LAST, LEFT, TICKED]] = 0
+        self.numbers[PERIOD] = period_ns
+
+    def call(self) -> None:
+        """Let the loop return to Python before its next tick; any thread may call it."""
+        self.numbers[ATTENTION] = 1
+
+    @property
+    def passed(self) -> float:
+        """Duration of the last tick that `run` has made [s]."""
+        return float(1e-9 * self.numbers[PASSED])
+
+    def run(self, streamer: Streamer, alone: int) -> int:
+        """
+        Make ticks until Python is needed; see `run`.
+
+        :param alone: largest number of them
+        """
+        numbers, references = self.numbers, self._references
+        numbers[ATTENTION] = 0
+        if not streamer.only_goes_on:
+            numbers[ATTENTION] = 1
+            motion = _NO_MOTION
+        else:
+            motion = streamer.motion()
+        numbers[ALONE], numbers[SEQUENCE] = alone, references.sequence
+        numbers[MODE] = streamer.mode
+        self._wanted[:] = [stream.has_subscribers for stream in references.streams]
+        with ExitStack() as uses:
+            for one in self._outgoing:
+                uses.enter_context(one.in_use())
+            why, ticks = run(numbers, clock_functions(), self._time,
+                             np.frombuffer(streamer.lateness.numbers, dtype=np.int64),
+                             self._links, motion, motion.bounded.view(np.uint8))
+        if ticks:
+            streamer.catch_up(motion, ticks, int(numbers[TICKED]))
+            sent = ticks - (why == CHANGED)
+            references.catch_up(motion.bounded, sent, int(numbers[STAMP]))
+        return int(why)

@@ -1,0 +1,130 @@
+"""Ticks of a stream that a kernel makes, beside the same ticks made one by one."""
+import numpy as np
+import pytest
+
+from gdmp_ros.kernels import kernel
+from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
+from gdmp_ros.playback.plain_tick import plain_tick
+from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.states import State
+from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.streamer import READ_EVERY, Streamer
+from test.lockstep.clock import SteppedClock
+
+PERIOD_NS, LONGEST_S = 1_000_000, 0.05
+
+
+@kernel
+def ticks(motion, dt, count, references):
+    """Ticks until the state changes; how many, and whether it does."""
+    for k in range(count):
+        if plain_tick(motion, dt):
+            return k + 1, True
+        references[k] = motion.bounded
+    return count, False
+
+
+class Stream:
+    """A streamer, and the references that it has streamed."""
+
+    def __init__(self, skill, by_kernel, **settings):
+        self.measured = None
+        self.streamer = Streamer(PERIOD_NS, MeasuredInputs(
+            MeasuredInput(SteppedClock(), self._read, '/measured_pose')),
+            StreamSettings(follow_goal_after_end=True, **settings),
+            PlayerSettings(phase_stopping=20.0))
+        self.streamer.use(skill, 'skill')
+        self.streamer.activate(PERIOD_NS)
+        self.by_kernel, self.now, self.references, self.made = by_kernel, 0, [], 0
+
+    def _read(self):
+        measured, self.measured = self.measured, None
+        return None if measured is None else (measured, 0.0)
+
+    def run(self, count):
+        """As the loop of a server."""
+        streamer, ends = self.streamer, self.now + count * PERIOD_NS
+        while self.now < ends:
+            alone = min(-(streamer.ticks + 1) % READ_EVERY, (ends - self.now) // PERIOD_NS)
+            if self.by_kernel and alone and streamer.only_goes_on:
+                alone = self._tick_by_kernel(alone)
+            else:
+                self.now += PERIOD_NS
+                target = streamer.tick(self.now, LONGEST_S)
+                self.references.append(None if target is None else target.copy())
+
+    def _tick_by_kernel(self, alone):
+        motion, references = self.streamer.motion(), np.empty((alone, len(
+            self.streamer.bounds.out)))
+        count, changes = ticks(motion, 1e-9 * PERIOD_NS, alone, references)
+        self.now += count * PERIOD_NS
+        self.made += count
+        self.streamer.catch_up(motion, count, self.now)
+        self.references.extend(references[:count - changes])
+        if changes:
+            self.references.append(self.streamer.end_tick(1e-9 * PERIOD_NS).copy())
+
+
+def everything(stream, skill):
+    """A motion with a switched goal, a pause, slow-down, an end; another one that is stopped."""
+    streamer, start = stream.streamer, skill.start[:7]
+    stream.measured = start.copy()
+    stream.run(120)
+    stream.measured = start.copy()
+    streamer.begin()
+    stream.run(700)
+    streamer.commands.goal_pose(skill.goal[:7] + [0.05, 0.0, 0.02, 0, 0, 0, 0], 1e-9 * stream.now)
+    stream.run(300)
+    stream.measured = stream.references[-1][:7] + [0.05, 0.0, 0.0, 0, 0, 0, 0]
+    stream.run(300)
+    stream.measured = stream.references[-1][:7].copy()
+    stream.run(200)
+    streamer.pause(True)
+    stream.run(600)
+    streamer.pause(False)
+    stream.run(12_000)
+    assert streamer.player.state is State.FINISHED
+    # A goal after the end is followed.
+    streamer.commands.goal_pose(skill.goal[:7], 1e-9 * stream.now)
+    stream.run(3000)
+    stream.measured = stream.references[-1][:7].copy()
+    streamer.begin()
+    stream.run(900)
+    streamer.stop_motion()
+    stream.run(1500)
+    assert streamer.player.state is State.RESTING
+
+
+@pytest.mark.parametrize('settings', [{}, {'stream_speed': 0.1, 'stream_acceleration': 0.5}],
+                         ids=['free', 'bounded'])
+def test_the_stream_is_the_same_to_the_bit(letter, settings):
+    one, other = (Stream(letter, by_kernel, **settings) for by_kernel in (False, True))
+    for stream in (one, other):
+        everything(stream, letter)
+    assert other.made > 0.8 * len(other.references)
+    for k, (first, second) in enumerate(zip(one.references, other.references, strict=True)):
+        assert (first is None) is (second is None), k
+        if first is not None:
+            np.testing.assert_array_equal(first, second, err_msg=f'tick {k}')
+    assert one.streamer.bounds.bounded == other.streamer.bounds.bounded
+    assert one.streamer.player.motion == other.streamer.player.motion == 2
+    assert one.streamer.time == pytest.approx(other.streamer.time, abs=1e-9)
+
+
+def test_what_is_asked_for_is_left_to_the_player(letter):
+    stream, called = Stream(letter, True), []
+    streamer = stream.streamer
+    stream.measured = letter.start[:7].copy()
+    stream.run(READ_EVERY + 1)
+    stream.measured = letter.start[:7].copy()
+    streamer.begin()
+    stream.run(5)
+    streamer.called = lambda: called.append(0)
+    for ask in (lambda: streamer.commands.goal_pose(letter.goal[:7], 0.0),
+                lambda: streamer.player.set_speed(0.5), lambda: streamer.pause(True),
+                lambda: streamer.stop_motion()):
+        assert streamer.only_goes_on
+        called.clear()
+        ask()
+        assert called and not streamer.only_goes_on
+        stream.run(2)
