@@ -33,13 +33,14 @@ class MotionRecord:
         self.skill: Skill | None = None
         self._samples: list[_Sample] = []
 
-    def add(self, player: Player, measured: np.ndarray) -> None:
+    def add(self, player: Player, reference: np.ndarray | None, measured: np.ndarray) -> None:
         """
         Add a sample while a motion of the tool is executed; another motion begins anew.
 
-        :param measured: pose (x, y, z, qw, qx, qy, qz)
+        :param reference: pose (x, y, z, qw, qx, qy, qz); None if there is none
+        :param measured: pose
         """
-        rollout, reference, playing = player.rollout, player.place, player.playing
+        rollout, playing = player.rollout, player.playing
         if (player.status is not Status.MOVING or rollout is None or reference is None
                 or playing.kind is not Kind.TOOL):
             return

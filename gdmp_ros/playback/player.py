@@ -348,10 +348,12 @@ class Player:
     def observe(self, measured: np.ndarray) -> None:
         """Use where the robot is for phase stopping at the next tick."""
         self._measured = measured, self.playing.kind
+        self.called()
 
     def request_copy(self) -> None:
         """Let the next tick copy the motion for `taken_copy`."""
         self._copy_wanted = True
+        self.called()
 
     def taken_copy(self) -> Rollout | None:
         """Copy of the motion (`request_copy`), once; None without one."""

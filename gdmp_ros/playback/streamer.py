@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -42,6 +42,14 @@ ROBOT_LOST = 'the measured pose of the robot has ended: the motion was stopped; 
 _EXECUTED = (State.APPROACHING, State.MOVING, State.PAUSED, State.WAITING, State.RESTARTING)
 
 
+#: Returns what a function reads, not while it is written.
+Whole: TypeAlias = Callable[[Callable[[], np.ndarray | None]], np.ndarray | None]
+
+
+def _as_it_is(read: Callable[[], np.ndarray | None]) -> np.ndarray | None:
+    return read()
+
+
 class Streamer:
     """
     Streams a skill as references; one thread calls `tick`, any thread the other methods.
@@ -50,6 +58,7 @@ class Streamer:
     :ivar robot: what is known of the robot
     :ivar kinematics: of the arm; None if it is not known
     :ivar bounds: of speed and acceleration
+    :ivar whole: reads numbers that another thread may be writing
     :ivar commands: for the motion that is executed
     :ivar gripper: commands of the skill that is executed; None without a gripper
     :ivar sequence: executes sequences
@@ -86,6 +95,7 @@ class Streamer:
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
         self.called: Callable[[], None] = lambda: None
+        self.whole: Whole = _as_it_is
         self._player_settings = player_settings
         commands = None if gripper is None else GripperCommands(gripper)
         self.gripper = None if commands is None else GripperSequence(commands)
@@ -280,11 +290,22 @@ class Streamer:
 
     def tick(self, now_ns: int, longest_s: float) -> np.ndarray | None:
         """
-        Advance the motion to the present time.
+        Advance the motion to the present time; look around once in `READ_EVERY` ticks.
 
         :param longest_s: a longer step is a jump of the time: the motion does not advance then [s]
         :returns: see `Player.tick`; None without a skill
         """
+        dt = self._pass(now_ns, longest_s)
+        if self.ticks % READ_EVERY == 0:
+            self.look()
+        return self._advance(dt)
+
+    def tick_only(self, now_ns: int, longest_s: float) -> np.ndarray | None:
+        """As `tick`; another thread calls `look`."""
+        return self._advance(self._pass(now_ns, longest_s))
+
+    def _pass(self, now_ns: int, longest_s: float) -> float:
+        """Let time pass until the present; how much, 0 after a jump [s]."""
         self.ticks += 1
         dt = (now_ns - self._last_tick) / NS if self._last_tick else 0.0
         self._last_tick = now_ns
@@ -293,12 +314,20 @@ class Streamer:
             self.jumps += 1
             dt = 0.0
         self.time += dt
+        return dt
+
+    def look(self) -> None:
+        """Find out where the robot is, and use the goal whose time has come."""
+        player = self.player
+        if player is not None:
+            self._use_pose(player)
+            self.commands.pass_time(self.now, self.time, player)
+
+    def _advance(self, dt: float) -> np.ndarray | None:
+        """Advance the motion."""
         player = self.player
         if player is None:
             return None
-        if self.ticks % READ_EVERY == 0:
-            self._use_pose(player)
-            self.commands.pass_time(now_ns / NS, self.time, player)
         target = player.tick(dt, self.bounds.tempo)
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
@@ -353,7 +382,7 @@ class Streamer:
         source = self._inputs.of(skill.kind)
         measured = source.newest()
         known = measured is not None and source.age(measured) <= self.settings.measured_pose_age
-        reference = player.place
+        reference = self.whole(lambda: player.place)
         if reference is not None:
             self.robot.update(self.time, measured.place if measured is not None and known else
                               None, reference, player.status is Status.MOVING)
@@ -365,7 +394,7 @@ class Streamer:
         if measured is None or measured is self._used:
             return
         self._used = measured
-        self.record.add(player, measured.place)
+        self.record.add(player, reference, measured.place)
         if reference is None and idle:
             player.hold(measured.place)
         elif player.stops_phase:

@@ -1,11 +1,12 @@
 """
 The loop of a server without the interpreter: sleep, advance the motion, send the reference.
 
-It runs until Python is needed: for requests, at the ticks that look around, for what
+It runs until Python is needed: for requests, for what
 `gdmp_ros.playback.plain_tick` does not do. Python then makes that tick.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -26,14 +27,15 @@ from gdmp_ros.realtime.native import (
     wait,
 )
 from gdmp_ros.ros import rcl
+from gdmp_ros.ros.lifecycle import check_subscribers
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 
 #: Numbers of a loop behind those of its deadlines (`gdmp_ros.realtime.native.PERIOD`): whether
 #: Python is needed; time of the last tick, 0 before the first, its duration, and the longest one
-#: [ns]; ticks until Python is to make one; number of the last reference; what the stream says of
-#: itself.
-ATTENTION, TICKED, PASSED, LONGEST, ALONE, SEQUENCE, MODE, NUMBERS = range(
-    PACE_SIZE, PACE_SIZE + 8)
+#: [ns]; number of the tick that was begun, and of the one that is whole; number of the last
+#: reference; what the stream says of itself.
+(ATTENTION, TICKED, PASSED, LONGEST, BEGUN, WHOLE, SEQUENCE, MODE, NUMBERS) = range(
+    PACE_SIZE, PACE_SIZE + 9)
 #: Why `run` returns: a tick is to be made; one is to be ended (`Streamer.end_tick`) and sent.
 ASKED, CHANGED = range(2)
 
@@ -89,12 +91,14 @@ def run(loop, clocks, time, lateness, links, motion, target):
         if loop[LEFT] == 0:
             wait(loop, clocks, time, lateness)
         passed = loop[DEADLINE] - loop[TICKED]
-        if loop[ATTENTION] != 0 or loop[ALONE] <= 0 or not 0 <= passed <= loop[LONGEST]:
+        if loop[ATTENTION] != 0 or not 0 <= passed <= loop[LONGEST]:
             return ASKED, ticks
         loop[PASSED], loop[TICKED], loop[LEFT] = passed, loop[DEADLINE], 0
-        loop[ALONE] -= 1
+        loop[BEGUN] += 1
         ticks += 1
-        if plain_tick(motion, 1e-9 * passed):
+        changes = plain_tick(motion, 1e-9 * passed)
+        loop[WHOLE] = loop[BEGUN]
+        if changes:
             return CHANGED, ticks
         loop[SEQUENCE] += 1
         send(loop, links, target, loop[STAMP])
@@ -151,12 +155,22 @@ class CompiledLoop:
         """Duration of the last tick that `run` has made [s]."""
         return float(1e-9 * self.numbers[PASSED])
 
-    def run(self, streamer: Streamer, alone: int) -> int:
-        """
-        Make ticks until Python is needed; see `run`.
+    def whole(self, read: Callable[[], np.ndarray | None]) -> np.ndarray | None:
+        """Return a copy of what is read, not while a tick is made; any thread may call it."""
+        while True:
+            begun = self.numbers[WHOLE]
+            found = read()
+            result = None if found is None else found.copy()
+            if self.numbers[BEGUN] == begun:
+                return result
 
-        :param alone: largest number of them
-        """
+    def look(self) -> None:
+        """Find out which topics have subscribers."""
+        check_subscribers(*self._references.streams)
+        self._wanted[:] = [stream.has_subscribers for stream in self._references.streams]
+
+    def run(self, streamer: Streamer) -> int:
+        """Make ticks until Python is needed; see `run`."""
         numbers, references = self.numbers, self._references
         numbers[ATTENTION] = 0
         if not streamer.only_goes_on:
@@ -164,9 +178,7 @@ class CompiledLoop:
             motion = _NO_MOTION
         else:
             motion = streamer.motion()
-        numbers[ALONE], numbers[SEQUENCE] = alone, references.sequence
-        numbers[MODE] = streamer.mode
-        self._wanted[:] = [stream.has_subscribers for stream in references.streams]
+        numbers[SEQUENCE], numbers[MODE] = references.sequence, streamer.mode
         with ExitStack() as uses:
             for one in self._outgoing:
                 uses.enter_context(one.in_use())

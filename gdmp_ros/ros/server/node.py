@@ -25,10 +25,10 @@ from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
-from gdmp_ros.realtime.loop import Loop, NS, periodic
+from gdmp_ros.realtime.loop import Loop, NS, periodic, RAISED_PRIORITY, RunningLoop
 from gdmp_ros.realtime.native import DEADLINE, LEFT, STAMP
 from gdmp_ros.ros.frames import BaseFrame
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import CHECK_EVERY, ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
@@ -86,8 +86,8 @@ SPECS = (
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Goals are polled once in this many ticks.
-POLL_EVERY = 20
+#: Goals are polled once in this many ticks; a thread that looks around does so in these steps.
+POLL_EVERY, LOOK_TICKS = 20, 10
 
 
 def stream_settings(parameters: Any) -> StreamSettings:
@@ -136,6 +136,7 @@ class TrajectoryServer(ManagedNode):
     _references: ReferencePublisher
     _second: SecondArm | None
     _compiled: CompiledLoop | None
+    _looking: RunningLoop | None = None
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
     _clock_input: tuple[Subscription, Callable[[ClockMessage], None]]
 
@@ -189,8 +190,13 @@ class TrajectoryServer(ManagedNode):
             self.streamer.member = self.participant.follow(
                 self._clock_input[0], self._clock_tick, self.parameters.realtime_priority)
         else:
-            running = self.clock.start(self._ticks(), self.parameters.realtime_priority)
-            self.streamer.member = running
+            priority = self.parameters.realtime_priority
+            running = self.streamer.member = self.clock.start(self._ticks(), priority)
+            if self._compiled is not None:
+                # It sends, and holds the interpreter: were it interrupted there, the loop would
+                # wait.
+                self._looking = self.clock.start(self._look_around(self._compiled),
+                                                 RAISED_PRIORITY if priority else None)
             self.log_scheduler(running.scheduler)
         if self.parameters.execute_on_activate:
             self.streamer.begin()
@@ -201,9 +207,10 @@ class TrajectoryServer(ManagedNode):
         self.streamer.stop()
         self.streamer.active = False
         self.streamer.called()
-        if self.streamer.member is not None:
-            self.streamer.member.end()
-            self.streamer.member = None
+        for running in (self.streamer.member, self._looking):
+            if running is not None:
+                running.end()
+        self.streamer.member = self._looking = None
         self._references.end()
         if self._second is not None:
             self._second.end()
@@ -244,18 +251,31 @@ class TrajectoryServer(ManagedNode):
         """Let compiled code make the ticks; one that it does not make is made here."""
         streamer, numbers = self.streamer, compiled.numbers
         compiled.begin(self._period_ns())
-        streamer.called = compiled.call
+        streamer.called, streamer.whole = compiled.call, compiled.whole
         while True:
-            # Ticks before one that polls goals, or reads where the robot is.
-            why = compiled.run(streamer, min(-streamer.ticks % POLL_EVERY,
-                                             -(streamer.ticks + 1) % READ_EVERY))
-            stamp = int(numbers[STAMP])
-            if why == CHANGED:
-                self._publish(streamer.end_tick(compiled.passed), stamp)
+            if compiled.run(streamer) == CHANGED:
+                target: np.ndarray | None = streamer.end_tick(compiled.passed)
             else:
                 numbers[TICKED], numbers[LEFT] = numbers[DEADLINE], 0
-                self._tick(int(numbers[DEADLINE]), STALL_S, stamp)
+                target = streamer.tick_only(int(numbers[DEADLINE]), STALL_S)
+            self._publish(target, int(numbers[STAMP]))
             yield 0
+
+    def _look_around(self, compiled: CompiledLoop) -> Loop:
+        """Poll goals, and find out where the robot is, beside a loop that does not."""
+        turn = 0
+
+        def step(deadline_ns: int, now_ns: int) -> None:
+            nonlocal turn
+            turn += 1
+            if turn % (POLL_EVERY // LOOK_TICKS) == 0 and self.streamer.joints == 0:
+                self.goals.poll(self.parameters.tf_timeout)
+            if turn % (READ_EVERY // LOOK_TICKS) == 0:
+                self.streamer.look()
+            if turn % (CHECK_EVERY // LOOK_TICKS) == 0:
+                compiled.look()
+        compiled.look()
+        return periodic(step, LOOK_TICKS * self._period_ns(), self.clock)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.streamer.lateness.add(deadline_ns, now_ns)
@@ -283,11 +303,11 @@ class TrajectoryServer(ManagedNode):
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
         if self.streamer.ticks % POLL_EVERY == 0 and self.streamer.joints == 0:
             self.goals.poll(self.parameters.tf_timeout)
-        target = self.streamer.tick(now_ns, longest_s)
-        if target is not None:
-            self._publish(target, stamp_ns)
+        self._publish(self.streamer.tick(now_ns, longest_s), stamp_ns)
 
-    def _publish(self, target: np.ndarray, stamp_ns: int) -> None:
+    def _publish(self, target: np.ndarray | None, stamp_ns: int) -> None:
+        if target is None:
+            return
         self._references.publish(target, stamp_ns, self.streamer.mode, self.streamer.joints)
         if self._second is not None:
             if self.streamer.kind is Kind.TWO_TOOLS:
