@@ -228,8 +228,16 @@ class Rollout:
         distances = manifold.factor_distances(point.reshape(1, -1), measured.reshape(1, -1))[0]
         error = float(np.ones(len(distances)) @ distances ** 2 if weights is None
                       else np.asarray(weights) @ distances ** 2)
-        self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
+        self.slow_down(error)
         return error
+
+    def slow_down(self, error: float) -> None:
+        """
+        `observe` where e² is known already; any thread may call it.
+
+        :param error: e²
+        """
+        self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
 
     def set_obstacles(self, positions: np.ndarray, gain: float = 1000.0, reach: float = 0.2,
                       bound: float = 5.0) -> None:

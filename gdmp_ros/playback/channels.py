@@ -118,6 +118,9 @@ class Channel(Protocol):
     def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
         """Distance between two places."""
 
+    def error(self, first: np.ndarray, second: np.ndarray) -> float:
+        """Weighted square of the distance between two places (`gdmp_ros.dmp.Rollout.observe`)."""
+
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
         """Whether a motion may start at a target if the robot is at a place."""
 
@@ -245,6 +248,11 @@ class ToolChannel:
         """Distance between two poses."""
         return Distance(*pose_distance(first, second))
 
+    def error(self, first: np.ndarray, second: np.ndarray) -> float:
+        """Weighted square of the distance between two poses."""
+        distance, weights = self.distance(first, second), self._settings.phase_stopping_weights
+        return weights[0] * distance.position ** 2 + weights[1] * distance.rotation ** 2
+
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
         """Whether a motion may start at a target if the robot is at a pose."""
         return self.distance(self.place_in(target), place).within(NEAR_M, NEAR_RAD)
@@ -353,6 +361,11 @@ class JointChannel:
     def distance(self, first: np.ndarray, second: np.ndarray) -> Distance:
         """Distance between two postures: the largest of a joint."""
         return Distance(0.0, float(np.abs(first - second).max()))
+
+    def error(self, first: np.ndarray, second: np.ndarray) -> float:
+        """Weighted square of the distance between two postures."""
+        way = first - second
+        return float(self._settings.phase_stopping_weights[1] * (way @ way))
 
     def is_near(self, target: np.ndarray, place: np.ndarray) -> bool:
         """Whether a motion may start at a target if the robot is at a posture."""

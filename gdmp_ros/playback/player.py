@@ -128,7 +128,6 @@ class Player:
         # Whether the reference has a wrench that no motion asks for any more.
         self._releases = False
         self.numbers = np.empty(0)
-        self._measured: tuple[np.ndarray, Kind] | None = None
         self.called: Callable[[], None] = lambda: None
         self._copy_wanted = False
         self._copy: Rollout | None = None
@@ -345,10 +344,21 @@ class Player:
         if self.rollout is not None and self._state is State.MOVING:
             self.rollout.set_speed(self._tempo)
 
-    def observe(self, measured: np.ndarray) -> None:
-        """Use where the robot is for phase stopping at the next tick."""
-        self._measured = measured, self.playing.kind
-        self.called()
+    def observe(self, measured: np.ndarray, reference: np.ndarray | None = None) -> None:
+        """
+        Slow the motion down while the robot is behind (`gdmp_ros.dmp.Rollout.observe`).
+
+        Any thread may call it.
+
+        :param measured: place of the robot
+        :param reference: that of the reference meanwhile; by default the present one
+        """
+        rollout, playing = self.rollout, self.playing
+        reference = self.place if reference is None else reference
+        # Not if a motion of another kind has begun since.
+        if (rollout is not None and reference is not None and self.stops_phase
+                and len(measured) == len(reference)):
+            rollout.slow_down(playing.error(reference, measured))
 
     def request_copy(self) -> None:
         """Let the next tick copy the motion for `taken_copy`."""
@@ -403,7 +413,6 @@ class Player:
         return not (self._queue or self.target is None or self._approach is not None
                     or self._releases or self._goal_twist is not None
                     or self._cycles is not None or self._copy_wanted
-                    or self._measured is not None and moves
                     or self._state is State.RESTARTING and not moves)
 
     @property
@@ -456,12 +465,6 @@ class Player:
             self._queue.popleft()
 
     def _advance(self, rollout: Rollout, target: np.ndarray, dt: float) -> None:
-        measured, self._measured = self._measured, None
-        # Not if a motion of the other kind has begun since.
-        if (measured is not None and measured[1] is self.playing.kind
-                and self.playing.settings.phase_stopping):
-            # Stiffness and wrench are not measured: those of the reference are taken.
-            rollout.observe(self.playing.changed(rollout.state.point, measured[0]))
         if self._copy_wanted:
             self._copy_wanted, self._copy = False, rollout.copy()
         self.playing.advance(rollout, dt, self.numbers, target)

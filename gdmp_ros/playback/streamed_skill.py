@@ -243,6 +243,15 @@ class StreamedSkill:
                  for channel, cut in zip(self.channels, self._places)]
         return parts[0] if len(parts) == 1 else Distance(*map(max, *parts))
 
+    def error(self, first: np.ndarray, second: np.ndarray) -> float:
+        """
+        e² of phase stopping between two places.
+
+        Stiffness and wrench are not measured: they do not count.
+        """
+        return sum(channel.error(first[cut], second[cut])
+                   for channel, cut in zip(self.channels, self._places))
+
     def distances(self, reference: np.ndarray, goal: np.ndarray) -> list[float]:
         """Distance of each factor of a reference from a goal: m, rad, geodesic, N and Nm."""
         point = self.point_of(reference)

@@ -398,7 +398,7 @@ class Streamer:
         if reference is None and idle:
             player.hold(measured.place)
         elif player.stops_phase:
-            player.observe(measured.place)
+            player.observe(measured.place, reference)
 
     def _start_place(self, skill: StreamedSkill | None) -> np.ndarray | None:
         measured = self._inputs.of(Kind.TOOL if skill is None else skill.kind)
