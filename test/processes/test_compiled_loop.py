@@ -1,4 +1,4 @@
-"""The loop of ``panda_sim`` without the interpreter, over real DDS; no result depends on time."""
+"""The loops without the interpreter, over real DDS; no result depends on time."""
 from contextlib import contextmanager
 import ctypes
 import inspect
@@ -29,6 +29,8 @@ from gdmp_ros.ros.messages import (
     stamp_of,
 )
 from gdmp_ros.ros.middleware import DEEP, reliable
+from gdmp_ros.ros.server import compiled_loop as compiled_server
+from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.util.dds_network import Domain
 
 TOPIC = '/trajectory_server/reference'
@@ -259,6 +261,73 @@ def test_without_handles_every_tick_is_made_by_the_interpreter(domain, monkeypat
     finally:
         bed.cycles.close()
         bed.close()
+
+
+@pytest.fixture
+def server(monkeypatch, skill_file):
+    """A server that is activated without its threads, and the references of its client."""
+    with Domain() as claimed:
+        for name, value in claimed.environment().items():
+            monkeypatch.setenv(name, value)
+        rclpy.init(args=['--ros-args', '-p', f'skill:={skill_file}', '-p', 'start_from:=skill'])
+        client, node = dds.Dds().client('test'), TrajectoryServer()
+        assert node.trigger_configure().name == 'SUCCESS'
+        references = client.subscription(Reference, TOPIC, reliable(DEEP))
+        while not node._references.streams[0].publisher.subscribers():
+            client.spin(0.01)
+        node.streamer.activate(node._period_ns())
+        yield node, references
+        node.streamer.active = False
+        node.take_down()
+        node.destroy_node()
+        client.close()
+        rclpy.shutdown()
+
+
+def test_a_motion_is_streamed_without_the_interpreter(server, monkeypatch):
+    node, references = server
+    by_python, tick = [], node.streamer.tick_only
+    monkeypatch.setattr(node.streamer, 'tick_only', lambda *each: by_python.append(0)
+                        or tick(*each))
+    cycles, loop = node._ticks(), node._compiled
+    loop.look()
+    node.streamer.begin()
+    found, ended = [], threading.Event()
+
+    def call():
+        while not ended.wait(0.02):
+            loop.call()
+    thread = threading.Thread(target=call)
+    thread.start()
+    try:
+        while len(found) < 500:
+            next(cycles)
+            while (message := references.take_message()) is not None:
+                found.append(message)
+    finally:
+        ended.set()
+        thread.join()
+    sequences = np.array([one.sequence for one in found])
+    assert (np.diff(sequences) == 1).all()
+    stamps = np.array([one.header.stamp.sec * 10**9 + one.header.stamp.nanosec for one in found])
+    steps = np.diff(stamps)
+    assert (steps > 0).all() and len(by_python) < len(found)
+    assert {one.mode for one in found} == {int(StreamMode.STREAMING)}
+    assert found[-1].pose.position.x != found[0].pose.position.x
+
+
+def test_a_place_is_not_read_while_it_is_written(server):
+    loop, numbers, asked = server[0]._compiled, np.zeros(7), []
+
+    def read():
+        asked.append(0)
+        # A tick is begun meanwhile, the first time.
+        loop.numbers[compiled_server.BEGUN] += len(asked) == 1
+        if len(asked) == 2:
+            loop.numbers[compiled_server.WHOLE] = loop.numbers[compiled_server.BEGUN]
+        return numbers
+    found = loop.whole(read)
+    assert len(asked) == 3 and found is not numbers
 
 
 def test_this_rclpy_has_inside_what_is_used_of_it():
