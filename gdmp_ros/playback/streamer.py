@@ -68,7 +68,7 @@ class Streamer:
     :ivar lost_motion: number of the last motion that ended because the robot was lost
     :ivar member: the loop that calls `tick`; None while inactive
     :ivar ticks: number of calls of `tick`
-    :ivar time: that the motions have had, without jumps [s]
+    :ivar ticked: gives the time of the last tick, also of one that a kernel has made [ns]
     :ivar context: that the skill of the next start is for
     :ivar time_jumps: [s], not reported yet
     :ivar jumps: number of time jumps
@@ -104,7 +104,11 @@ class Streamer:
         self._used: Measured | None = None
         self.lost_motion = 0
         self.bounds = StreamBounds(settings)
-        self._last_tick, self.ticks, self.jumps, self.time = 0, 0, 0, 0.0
+        self.ticks = self.jumps = 0
+        # Time of the last tick that was made here [ns], and that the motions have had then [s]:
+        # together, because other threads read them.
+        self._when = 0, 0.0
+        self.ticked = self._ticked
         self._goals = GoalCheck(settings, kinematics, second_base)
         self.commands = MotionCommands(self._goals, self.loaded, self.refusals.add)
 
@@ -254,7 +258,16 @@ class Streamer:
     @property
     def now(self) -> float:
         """Time of the last tick [s]."""
-        return self._last_tick / NS
+        return max(self.ticked(), self._when[0]) / NS
+
+    @property
+    def time(self) -> float:
+        """Time that the motions have had, without jumps [s]."""
+        last, time = self._when
+        return time + max(self.ticked() - last, 0) / NS
+
+    def _ticked(self) -> int:
+        return self._when[0]
 
     def robot_is_known(self) -> bool:
         """Whether the robot's pose is recent enough to start a motion; True while inactive."""
@@ -273,7 +286,7 @@ class Streamer:
         self.robot.reset()
         self.bounds.reset()
         self.lateness = LatenessRecorder(period_ns)
-        self._last_tick = 0
+        self._when, self.ticked = (0, self._when[1]), self._ticked
         self.active = True
 
     def stop(self) -> None:
@@ -307,13 +320,13 @@ class Streamer:
     def _pass(self, now_ns: int, longest_s: float) -> float:
         """Let time pass until the present; how much, 0 after a jump [s]."""
         self.ticks += 1
-        dt = (now_ns - self._last_tick) / NS if self._last_tick else 0.0
-        self._last_tick = now_ns
+        last, time = self._when
+        dt = (now_ns - last) / NS if last else 0.0
         if not 0.0 <= dt <= longest_s:
             self.time_jumps.append(dt)
             self.jumps += 1
             dt = 0.0
-        self.time += dt
+        self._when = now_ns, time + dt
         return dt
 
     def look(self) -> None:
@@ -362,10 +375,10 @@ class Streamer:
 
         :param now_ns: time of the last of them
         """
-        seconds = (now_ns - self._last_tick) / NS
+        last, time = self._when
+        seconds = (now_ns - last) / NS
         self.ticks += ticks
-        self.time += seconds
-        self._last_tick = now_ns
+        self._when = now_ns, time + seconds
         self.bounds.bounded += int(motion.counts[BOUNDED])
         self.loaded().catch_up(seconds)
 

@@ -316,6 +316,30 @@ def test_a_motion_is_streamed_without_the_interpreter(server, monkeypatch):
     assert found[-1].pose.position.x != found[0].pose.position.x
 
 
+def test_time_passes_while_the_interpreter_makes_no_tick(server):
+    """What waits for the robot, and goals for later, count it."""
+    node, _ = server
+    cycles, loop, streamer, ended = node._ticks(), node._compiled, node.streamer, []
+    streamer.begin()
+
+    def run():
+        while not ended:
+            next(cycles)
+    thread = threading.Thread(target=run)
+    thread.start()
+    while streamer.player.rollout is None or not streamer.only_goes_on:
+        pass
+    before, begun, then = streamer.ticks, streamer.time, streamer.now
+    # Nothing calls the loop: the interpreter makes no tick.
+    while streamer.time < begun + 0.05:
+        pass
+    assert streamer.now - then >= 0.049
+    ended.append(0)
+    loop.call()
+    thread.join()
+    assert streamer.ticks >= before + 45
+
+
 def test_a_place_is_not_read_while_it_is_written(server):
     loop, numbers, asked = server[0]._compiled, np.zeros(7), []
 

@@ -164,6 +164,10 @@ class CompiledLoop:
             if self.numbers[BEGUN] == begun:
                 return result
 
+    def ticked(self) -> int:
+        """Time of the last tick [ns]; any thread may call it."""
+        return int(self.numbers[TICKED])
+
     def look(self) -> None:
         """Find out which topics have subscribers."""
         check_subscribers(*self._references.streams)

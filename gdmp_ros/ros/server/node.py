@@ -252,12 +252,13 @@ class TrajectoryServer(ManagedNode):
         streamer, numbers = self.streamer, compiled.numbers
         compiled.begin(self._period_ns())
         streamer.called, streamer.whole = compiled.call, compiled.whole
+        streamer.ticked = compiled.ticked
         while True:
             if compiled.run(streamer) == CHANGED:
                 target: np.ndarray | None = streamer.end_tick(compiled.passed)
             else:
-                numbers[TICKED], numbers[LEFT] = numbers[DEADLINE], 0
                 target = streamer.tick_only(int(numbers[DEADLINE]), STALL_S)
+                numbers[TICKED], numbers[LEFT] = numbers[DEADLINE], 0
             self._publish(target, int(numbers[STAMP]))
             yield 0
 
