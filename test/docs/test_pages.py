@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
 TABLES = (ROOT / 'docs' / 'nodes.md').read_text()
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
-#: Processes that a page has started must still run at its end.
+#: Processes that a page has started, and not ended, must still run at its end.
 _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
                 'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
                 'done\n')
@@ -113,7 +113,7 @@ def run_once(text, folder):
     script = folder / '.page.sh'
     script.write_text('set -eo pipefail\n'
                       "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT\n"
-                      + text + _STILL_THERE)
+                      + text.replace('; wait\n', '; wait; jobs\n') + _STILL_THERE)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
     with Domain() as domain, (folder / '.log').open('w') as log:
         done = subprocess.run(['bash', '-x', str(script)], cwd=folder,
