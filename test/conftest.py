@@ -16,7 +16,7 @@ _PR_SET_CHILD_SUBREAPER = 36
 _HELPERS = ('resource_tracker', 'joblib.externals.loky')
 
 #: What runs nodes as processes in real time: one test after the other, or they would compete.
-_REAL_TIME = ('test/processes/', 'test/franka/', 'test/experiments/reliability/', 'test/docs/')
+_REAL_TIME = ('test/processes/', 'test/franka/', 'test/experiments/reliability/')
 
 
 @pytest.hookimpl(optionalhook=True)
