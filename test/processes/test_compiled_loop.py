@@ -33,6 +33,7 @@ from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.util.dds_network import Domain
 
+_CLAIMED = []
 TOPIC = '/trajectory_server/reference'
 #: Nothing that this test does in time is late for the arm.
 PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout:=1.0']
@@ -107,12 +108,17 @@ class Bed:
 
 @pytest.fixture
 def domain(monkeypatch):
-    with Domain() as claimed:
-        for name, value in claimed.environment().items():
-            monkeypatch.setenv(name, value)
-        rclpy.init(args=PATIENT)
-        yield
-        rclpy.shutdown()
+    claim(monkeypatch)
+    rclpy.init(args=PATIENT)
+    yield
+    rclpy.shutdown()
+
+
+def claim(monkeypatch):
+    """Use a domain that is not released: rclpy keeps services of nodes that were destroyed."""
+    _CLAIMED.append(Domain())
+    for name, value in _CLAIMED[-1].environment().items():
+        monkeypatch.setenv(name, value)
 
 
 @pytest.fixture
@@ -266,22 +272,20 @@ def test_without_handles_every_tick_is_made_by_the_interpreter(domain, monkeypat
 @pytest.fixture
 def server(monkeypatch, skill_file):
     """A server that is activated without its threads, and the references of its client."""
-    with Domain() as claimed:
-        for name, value in claimed.environment().items():
-            monkeypatch.setenv(name, value)
-        rclpy.init(args=['--ros-args', '-p', f'skill:={skill_file}', '-p', 'start_from:=skill'])
-        client, node = dds.Dds().client('test'), TrajectoryServer()
-        assert node.trigger_configure().name == 'SUCCESS'
-        references = client.subscription(Reference, TOPIC, reliable(DEEP))
-        while not node._references.streams[0].publisher.subscribers():
-            client.spin(0.01)
-        node.streamer.activate(node._period_ns())
-        yield node, references
-        node.streamer.active = False
-        node.take_down()
-        node.destroy_node()
-        client.close()
-        rclpy.shutdown()
+    claim(monkeypatch)
+    rclpy.init(args=['--ros-args', '-p', f'skill:={skill_file}', '-p', 'start_from:=skill'])
+    client, node = dds.Dds().client('test'), TrajectoryServer()
+    assert node.trigger_configure().name == 'SUCCESS'
+    references = client.subscription(Reference, TOPIC, reliable(DEEP))
+    while not node._references.streams[0].publisher.subscribers():
+        client.spin(0.01)
+    node.streamer.activate(node._period_ns())
+    yield node, references
+    node.streamer.active = False
+    node.take_down()
+    node.destroy_node()
+    client.close()
+    rclpy.shutdown()
 
 
 def test_a_motion_is_streamed_without_the_interpreter(server, monkeypatch):
@@ -354,8 +358,9 @@ def test_a_place_is_not_read_while_it_is_written(server):
     assert len(asked) == 3 and found is not numbers
 
 
-def test_this_rclpy_has_inside_what_is_used_of_it():
+def test_this_rclpy_has_inside_what_is_used_of_it(monkeypatch):
     """If this fails after an update, `gdmp_ros.ros.dds` is the file to look at."""
+    claim(monkeypatch)
     rclpy.init()
     node = LifecycleNode('version')
     publisher = node.create_publisher(Reference, 'a', 1)
