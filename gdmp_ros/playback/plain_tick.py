@@ -23,7 +23,7 @@ _ENDS = {State.MOVING: FINISHES, State.FINISHED: GOES_ON_AGAIN, State.STOPPING: 
          State.RESTARTING: STOPS, State.WAITING: STOPS, State.PAUSED: GOES_ON}
 #: Indices of the counts of `Motion`.
 ENDS, BOUNDED, COUNTS = range(3)
-#: Memory of a roll-out where there is none.
+#: Stands for the memory of a roll-out if there is no motion.
 NOTHING = np.zeros(FINISHED + 1)
 
 

@@ -94,7 +94,7 @@ class Player:
     :ivar rollout: the present motion, also while its goal is held; only to be read
     :ivar target: the reference of the last tick; None before the first one
     :ivar numbers: of the last state of the motion
-    :ivar called: called after a request was added: who ticks may be one that does not look
+    :ivar called: called after a request was added, to wake a compiled loop
     :ivar motion: number of the motion that was begun last (see `start`), 0 before the first
     :ivar started: number of the motion that was asked for last; it may not have begun yet
     """

@@ -64,9 +64,10 @@ class Streamer:
     :ivar sequence: executes sequences
     :ivar record: how the robot followed the last motion
     :ivar active: whether ticks are made
-    :ivar called: called after something was asked for: who ticks may be one that does not look
+    :ivar called: called after something was asked for, to wake a compiled loop
     :ivar lost_motion: number of the last motion that ended because the robot was lost
-    :ivar member: the loop that calls `tick`; None while inactive
+    :ivar member: the loop that makes the ticks; None while inactive
+    :ivar looking: the loop that calls `look`; None if the ticks do so, and while inactive
     :ivar ticks: number of calls of `tick`
     :ivar ticked: gives the time of the last tick, also of one that a kernel has made [ns]
     :ivar context: that the skill of the next start is for
@@ -92,6 +93,7 @@ class Streamer:
         self.refusals, self.record = Refusals(), MotionRecord()
         self.lateness = LatenessRecorder(period_ns)
         self.member: RunningLoop | None = None
+        self.looking: RunningLoop | None = None
         self.active = False
         self.time_jumps: deque[float] = deque(maxlen=10)
         self.called: Callable[[], None] = lambda: None
@@ -266,6 +268,12 @@ class Streamer:
         last, time = self._when
         return time + max(self.ticked() - last, 0) / NS
 
+    @property
+    def failure(self) -> BaseException | None:
+        """Why ticks are not made any more, or nothing is seen or heard; None if all is well."""
+        failures = [one.failure for one in (self.member, self.looking) if one is not None]
+        return next((one for one in failures if one is not None), None)
+
     def _ticked(self) -> int:
         return self._when[0]
 
@@ -349,7 +357,7 @@ class Streamer:
 
     @property
     def only_goes_on(self) -> bool:
-        """Whether a kernel can make the next tick; those that look around are made here."""
+        """Whether a kernel can make the next tick."""
         player = self.player
         if player is None or player.target is None or not self.active:
             return False

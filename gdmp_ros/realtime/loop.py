@@ -141,6 +141,16 @@ def raised_priority() -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def priority_beside(priority: int) -> int | None:
+    """
+    Priority of a loop in Python beside one with a priority; see `Clock.start`.
+
+    It holds the interpreter and sends through the same sockets: were it interrupted there by
+    another process, the other loop would wait.
+    """
+    return RAISED_PRIORITY if priority else None
+
+
 def _keep_memory(keeps: bool) -> None:
     """Let no page of this process be moved to disk, if the system grants that."""
     library = ctypes.CDLL(None)

@@ -1,30 +1,40 @@
 """Clocks, sleep and deadlines of compiled loops, by addresses of functions of the C library."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import ctypes
 import functools
+from typing import TypeVar
 
 import numpy as np
 
+from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import ask_c, kernel
+from gdmp_ros.realtime.loop import NS
+from gdmp_ros.realtime.statistics import BEGIN
 
 _CLOCK, _SLEEP = range(2)
 _REALTIME, _MONOTONIC, _ABSOLUTE = 0, 1, 1
-_NS = 1_000_000_000
-#: Numbers of the deadlines of a loop, integers: period; deadline of the next tick, 0 before the
-#: first wait; that of the last tick, 0 before the first; ticks that are left of this deadline;
-#: time of day of the deadline [ns].
-PERIOD, DEADLINE, LAST, LEFT, STAMP, PACE_SIZE = range(6)
-#: Numbers of a `gdmp_ros.realtime.statistics.LatenessRecorder` before those of the ticks.
-_BEGIN = 3
+#: Numbers of a compiled loop, integers: period; deadline of the next tick, 0 before the first
+#: wait; ticks that are left of this deadline; time of day of the deadline [ns]; whether Python is
+#: needed. Those of its own follow.
+PERIOD, DEADLINE, LEFT, STAMP, ATTENTION, OWN = range(6)
+
+
+def addresses(library: ctypes.CDLL, *names: str) -> np.ndarray:
+    """
+    Addresses of functions of a library.
+
+    :raises AttributeError: if it has not one of them
+    """
+    return np.array([ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
+                     for name in names])
 
 
 @functools.cache
 def clock_functions() -> np.ndarray:
     """Addresses of the functions that the kernels call."""
-    library = ctypes.CDLL(None)
-    return np.array([ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
-                     for name in ('clock_gettime', 'clock_nanosleep')])
+    return addresses(ctypes.CDLL(None), 'clock_gettime', 'clock_nanosleep')
 
 
 @kernel
@@ -36,44 +46,90 @@ def steady_ns(functions, spec):
     :param spec: two integers, overwritten
     """
     ask_c(functions[_CLOCK], (np.int32(_MONOTONIC), spec))
-    return spec[0] * _NS + spec[1]
+    return spec[0] * NS + spec[1]
 
 
 @kernel
 def wall_ns(functions, spec):
     """Time of day [ns since 1970]; see `steady_ns`."""
     ask_c(functions[_CLOCK], (np.int32(_REALTIME), spec))
-    return spec[0] * _NS + spec[1]
+    return spec[0] * NS + spec[1]
 
 
 @kernel
 def sleep_until(functions, spec, deadline):
     """Sleep until a steady time [ns]; return at once if it has passed."""
-    spec[0], spec[1] = deadline // _NS, deadline % _NS
+    spec[0], spec[1] = deadline // NS, deadline % NS
     ask_c(functions[_SLEEP], (np.int32(_MONOTONIC), np.int32(_ABSOLUTE), spec, np.int64(0)))
 
 
 @kernel
-def wait(pace, clocks, spec, lateness):
+def wait(loop, clocks, spec, lateness):
     """
     Wait for the next deadline, and find out how many ticks are to be made for it.
 
     The grid is that of `gdmp_ros.realtime.loop.periodic`.
 
-    :param pace: see `PERIOD`
+    :param loop: see `PERIOD`
     :param clocks: see `clock_functions`
     :param lateness: see `gdmp_ros.realtime.statistics.LatenessRecorder.numbers`
     """
-    period, now = pace[PERIOD], steady_ns(clocks, spec)
-    if pace[DEADLINE] == 0:
-        pace[DEADLINE] = now
-    pace[DEADLINE] += period * (1 + max((now - pace[DEADLINE]) // period, 0))
-    sleep_until(clocks, spec, pace[DEADLINE])
+    period, now = loop[PERIOD], steady_ns(clocks, spec)
+    if loop[DEADLINE] == 0:
+        loop[DEADLINE] = now
+    loop[DEADLINE] += period * (1 + max((now - loop[DEADLINE]) // period, 0))
+    sleep_until(clocks, spec, loop[DEADLINE])
     now = steady_ns(clocks, spec)
-    pace[LEFT] = (pace[DEADLINE] - pace[LAST]) // period if pace[LAST] != 0 else 1
-    pace[LAST] = pace[DEADLINE]
-    pace[STAMP] = wall_ns(clocks, spec) - (now - pace[DEADLINE])
-    slot = _BEGIN + 2 * (lateness[0] % ((lateness.size - _BEGIN) // 2))
-    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + pace[LEFT] - 1
-    lateness[2] = lateness[slot] = pace[DEADLINE]
-    lateness[slot + 1] = now - pace[DEADLINE]
+    loop[LEFT] = (loop[DEADLINE] - lateness[2]) // period if lateness[0] != 0 else 1
+    loop[STAMP] = wall_ns(clocks, spec) - (now - loop[DEADLINE])
+    # As `LatenessRecorder.add`.
+    slot = BEGIN + 2 * (lateness[0] % ((lateness.size - BEGIN) // 2))
+    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + loop[LEFT] - 1
+    lateness[2] = lateness[slot] = loop[DEADLINE]
+    lateness[slot + 1] = now - loop[DEADLINE]
+
+
+class CompiledLoop:
+    """
+    A loop that needs no interpreter until Python is to do something; one thread runs it.
+
+    :ivar numbers: see `PERIOD`
+    """
+
+    def __init__(self, size: int):
+        """:param size: number of `numbers`"""
+        self.numbers = np.zeros(size, dtype=np.int64)
+
+    def begin(self, period_ns: int) -> None:
+        """Begin with a new grid of deadlines, and a new `LatenessRecorder`."""
+        self.numbers[:OWN] = 0
+        self.numbers[PERIOD] = period_ns
+
+    def call(self) -> None:
+        """Let the loop return to Python before its next tick; any thread may call it."""
+        self.numbers[ATTENTION] = 1
+
+    def may_go_on(self, only_goes_on: Callable[[], bool]) -> bool:
+        """Forget the calls until now, and find out whether the next tick needs Python."""
+        # In this order: a call that comes meanwhile counts.
+        self.numbers[ATTENTION] = 0
+        result = only_goes_on()
+        if not result:
+            self.call()
+        return result
+
+
+Made = TypeVar('Made', bound=CompiledLoop)
+
+
+def prepared(make: Callable[[], Made], log: Callable[[str], object]) -> Made | None:
+    """
+    Make a loop, if what it calls has addresses; otherwise say why not.
+
+    :param make: makes it, or raises a `DataError`, or what `ctypes` raises
+    """
+    try:
+        return make()
+    except (DataError, OSError, AttributeError) as error:
+        log(f'every tick is made by the interpreter: {error}')
+        return None

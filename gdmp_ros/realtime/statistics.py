@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 #: Numbers of a `LatenessRecorder` before those of the ticks.
-_BEGIN = 3
+BEGIN = 3
 
 
 class Punctuality(NamedTuple):
@@ -43,7 +43,7 @@ class LatenessRecorder:
         self._period = period_ns
         self._capacity = capacity
         # Written once, because the first access to a page of memory causes a page fault.
-        self.numbers = array('q', [0]) * (_BEGIN + 2 * capacity)
+        self.numbers = array('q', [0]) * (BEGIN + 2 * capacity)
 
     @property
     def ticks(self) -> int:
@@ -66,7 +66,7 @@ class LatenessRecorder:
         ticks = numbers[0]
         if ticks:
             numbers[1] += (deadline_ns - numbers[2]) // self._period - 1
-        slot = _BEGIN + 2 * (ticks % self._capacity)
+        slot = BEGIN + 2 * (ticks % self._capacity)
         numbers[0], numbers[2] = ticks + 1, deadline_ns
         numbers[slot], numbers[slot + 1] = deadline_ns, now_ns - deadline_ns
 
@@ -87,7 +87,7 @@ class LatenessRecorder:
         ticks = self.ticks
         kept = min(ticks, self._capacity, last or ticks)
         slots = np.arange(ticks - kept, ticks) % self._capacity
-        return np.frombuffer(self.numbers, dtype=np.int64)[_BEGIN:].reshape(-1, 2)[slots]
+        return np.frombuffer(self.numbers, dtype=np.int64)[BEGIN:].reshape(-1, 2)[slots]
 
     def save(self, path: str | Path) -> None:
         """Write `ticks_kept` as a NumPy file."""

@@ -2,8 +2,8 @@
 Reference for the CPU load of the server: a process that only sleeps and publishes the same bytes.
 
 ``publish`` sends references at 1 kHz in compiled code: stamp and sequence number are new, nothing
-is computed. ``subscribe`` receives them twice, as the arm and a
-recorder receive those of the server, so that sending costs the same.
+is computed. ``subscribe`` receives them twice, as the arm and a recorder receive those of the
+server, so that sending costs the same.
 """
 from __future__ import annotations
 
@@ -12,13 +12,20 @@ import sys
 from gdmp_msgs.msg import Reference
 import numpy as np
 
-from gdmp_ros.control.target import resting_target
+from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import kernel
 from gdmp_ros.realtime.native import clock_functions, sleep_until
-from gdmp_ros.ros import rcl
 from gdmp_ros.ros.dds import current
 from gdmp_ros.ros.messages import fill_reference
 from gdmp_ros.ros.middleware import DEEP, reliable
+from gdmp_ros.ros.rcl import (
+    bytes_of,
+    Outgoing,
+    rcl_functions,
+    send_message,
+    write_integer,
+    write_stamp,
+)
 from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.util.processes import stop_event
 
@@ -39,34 +46,33 @@ def send(functions, outlet, clocks, time, deadline, sequence):
     :param deadline: before the first [ns]
     :param sequence: number of the last reference
     """
-    data, parts = rcl.bytes_of(outlet), outlet.parts
+    data, parts = bytes_of(outlet), outlet.parts
     for _ in range(BLOCK):
         deadline, sequence = deadline + PERIOD_NS, sequence + 1
         sleep_until(clocks, time, deadline)
-        rcl.write_stamp(data, parts[0], deadline)
-        rcl.write_integer(data, parts[1], 8, sequence)
-        rcl.publish(functions, outlet)
+        write_stamp(data, parts[0], deadline)
+        write_integer(data, parts[1], 8, sequence)
+        send_message(functions, outlet)
 
 
 def publish() -> None:
     """Publish until SIGTERM."""
     participant, stop = current().client('bare_publisher'), stop_event()
-    clock, message, numbers = participant.clock, Reference(), resting_target(
-        np.array([0.5, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0]))
+    clock, message = participant.clock, Reference()
     message.header.frame_id = 'panda_link0'
-    template = SerializedTemplate(message, len(numbers), fill_reference)
+    template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
     publisher = participant.publisher(Reference, TOPIC, reliable(DEEP))
-    sent = rcl.Outgoing(publisher, template)
+    sent = Outgoing(publisher, template)
     while not stop.is_set() and publisher.subscribers() < SUBSCRIBERS:
         clock.sleep_until(clock.now() + LOOK_NS)
     time, sequence = np.zeros(2, dtype=np.int64), 0
     with sent.in_use():
         # Compile it first: a deadline that has passed is not waited for.
-        send(rcl.functions(), sent.outlet, clock_functions(), time, 0, sequence)
+        send(rcl_functions(), sent.outlet, clock_functions(), time, 0, sequence)
         print('publishing', flush=True)
         deadline = clock.now()
         while not stop.is_set():
-            send(rcl.functions(), sent.outlet, clock_functions(), time, deadline, sequence)
+            send(rcl_functions(), sent.outlet, clock_functions(), time, deadline, sequence)
             deadline, sequence = deadline + BLOCK * PERIOD_NS, sequence + BLOCK
     participant.close()
 

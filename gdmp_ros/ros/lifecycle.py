@@ -240,8 +240,8 @@ class ManagedNode(LifecycleNode):
         await done
         self.participant.destroy(timer)
 
-    def log_scheduler(self, scheduler: str) -> None:
-        """Log whether the loop has real-time priority; then its messages have it, too."""
+    def loop_began(self, scheduler: str) -> None:
+        """Let messages have real-time priority if the loop has it, and log whether it has."""
         if scheduler == 'fifo':
             self.participant.precede()
             self.get_logger().info('the 1 kHz thread runs with SCHED_FIFO')

@@ -90,7 +90,7 @@ class Publisher(ABC):
         self.kind, self.topic = kind, topic
 
     def in_use(self) -> AbstractContextManager[int]:
-        """Keep the publisher of rcl, and give its address; 0 if there is none."""
+        """The address of the publisher of rcl, which exists meanwhile; 0 without rcl."""
         return nullcontext(0)
 
     @abstractmethod
@@ -119,7 +119,7 @@ class Subscription(ABC):
         self._clock, self._refused = clock, refused
 
     def in_use(self) -> AbstractContextManager[int]:
-        """Keep the subscription of rcl, and give its address; 0 if there is none."""
+        """The address of the subscription of rcl, which exists meanwhile; 0 without rcl."""
         return nullcontext(0)
 
     @abstractmethod

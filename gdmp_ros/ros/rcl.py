@@ -11,11 +11,12 @@ import numpy as np
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import ask_c, bytes_at, kernel
+from gdmp_ros.realtime.loop import NS
+from gdmp_ros.realtime.native import addresses
 from gdmp_ros.ros.middleware import Publisher
 from gdmp_ros.ros.serialized import SerializedTemplate
 
 _TAKE, _PUBLISH = range(2)
-_NS = 1_000_000_000
 #: Bytes that are reserved for a message; rcl asks for more if one is longer.
 _RESERVED = 4096
 
@@ -35,20 +36,19 @@ class _Message(ctypes.Structure):
 
 
 @functools.cache
-def functions() -> np.ndarray:
+def rcl_functions() -> np.ndarray:
     """
     Addresses of the functions that the kernels call.
 
     :raises OSError: if there is no rcl
     :raises AttributeError: if it has not these functions
     """
-    library = ctypes.CDLL('librcl.so')
-    return np.array([ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in (
-        'rcl_take_serialized_message', 'rcl_publish_serialized_message')])
+    return addresses(ctypes.CDLL('librcl.so'), 'rcl_take_serialized_message',
+                     'rcl_publish_serialized_message')
 
 
-def check(address: int) -> None:
-    """:raises DataError: if it is none"""
+def check_handle(address: int) -> None:
+    """:raises DataError: if an address is 0"""
     if not address:
         raise DataError('this middleware does not tell the addresses of its handles')
 
@@ -112,7 +112,7 @@ class Outgoing:
     def __init__(self, publisher: Publisher, template: SerializedTemplate):
         """:raises DataError: if the publisher has no handle of rcl"""
         with publisher.in_use() as address:
-            check(address)
+            check_handle(address)
         self.publisher = publisher
         self._memory = SerializedMemory()
         message, numbers, parts = template.layout()
@@ -127,23 +127,23 @@ class Outgoing:
 
 
 @kernel
-def take(addresses, subscription, message):
+def take_message(calls, subscription, message):
     """
     Take the next message of a subscription; its number of bytes, 0 if there is none.
 
-    :param addresses: see `functions`
+    :param calls: see `rcl_functions`
     :param subscription: address of an ``rcl_subscription_t``
     :param message: `SerializedMemory.numbers`
     """
     none = np.int64(0)
-    code = ask_c(addresses[_TAKE], (subscription, message, none, none))
+    code = ask_c(calls[_TAKE], (subscription, message, none, none))
     return message[1] if code == 0 else 0
 
 
 @kernel
-def publish(addresses, outlet):
+def send_message(calls, outlet):
     """Send a message that has been written."""
-    ask_c(addresses[_PUBLISH], (outlet.handle[0], outlet.message, np.int64(0)))
+    ask_c(calls[_PUBLISH], (outlet.handle[0], outlet.message, np.int64(0)))
 
 
 @kernel
@@ -184,11 +184,11 @@ def write_integer(data, at, count, value):
 @kernel
 def read_stamp(data, at):
     """A ``builtin_interfaces/Time`` among bytes [ns]."""
-    return read_integer(data, at, 4) * _NS + read_integer(data, at + 4, 4)
+    return read_integer(data, at, 4) * NS + read_integer(data, at + 4, 4)
 
 
 @kernel
 def write_stamp(data, at, time):
     """See `read_stamp`."""
-    write_integer(data, at, 4, time // _NS)
-    write_integer(data, at + 4, 4, time % _NS)
+    write_integer(data, at, 4, time // NS)
+    write_integer(data, at + 4, 4, time % NS)

@@ -24,7 +24,7 @@ Extra: TypeAlias = Callable[[mujoco.MjSpec], None]
 #: Speed limit of the joints of a model without one [rad/s].
 JOINT_SPEED = 2.175
 #: Warnings after which MuJoCo resets its state or ignores the torques.
-_BROKEN = [int(kind) for kind in (
+FATAL = [int(kind) for kind in (
     mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADCTRL)]
 
@@ -257,7 +257,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 def check(data: mujoco.MjData) -> None:
     """:raises DataError: if a simulation is unstable"""
-    if data.warning.number[_BROKEN].any():
+    if data.warning.number[FATAL].any():
         # MuJoCo has reset everything to its initial state silently.
         data.warning.number[:] = 0
         raise DataError('the simulation is unstable: a position, velocity, acceleration or '

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.kernels import call_c, kernel, local_matrix
+from gdmp_ros.realtime.native import addresses
 
 _NAMES = ('mj_step1', 'mj_step2', 'mj_jacSite', 'mj_jacDot', 'mj_fullM', 'mj_energyPos',
           'mju_mat2Quat')
@@ -19,9 +20,7 @@ _STEP1, _STEP2, _JACOBIAN, _RATE, _INERTIA, _ENERGY, _QUATERNION = range(len(_NA
 def functions() -> np.ndarray:
     """Addresses of the functions that the kernels call."""
     folder = Path(mujoco.__file__).parent
-    library = ctypes.CDLL(str(next(folder.glob('libmujoco*'))))
-    return np.array([ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
-                     for name in _NAMES])
+    return addresses(ctypes.CDLL(str(next(folder.glob('libmujoco*')))), *_NAMES)
 
 
 def address(thing: mujoco.MjModel | mujoco.MjData) -> int:

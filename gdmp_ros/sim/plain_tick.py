@@ -19,8 +19,9 @@ from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.control.tick import Tick
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
-from gdmp_ros.sim import native
-from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.arm import Arm, FATAL
+from gdmp_ros.sim.native import address, external_torque, functions, step
+from gdmp_ros.sim.native import measure as measure_arm
 
 if TYPE_CHECKING:
     from gdmp_ros.sim.closed_loop import SimulatedDriver
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 #: What `plain_tick` returns beside the events of `gdmp_ros.control.law.compute`: it has made the
 #: tick; it has done nothing, and the tick is to be made; the simulation is unstable.
 MADE, OTHER, BROKEN = 0, 20, 21
+_FATAL = np.array(FATAL)
 _MOTION = float(StreamMode.STREAMING)
 
 
@@ -37,6 +39,7 @@ class Robot(NamedTuple):
 
     :ivar functions: `gdmp_ros.sim.native.functions`
     :ivar places: address of the model, of the data, id of the site and of its body
+    :ivar fatal: `gdmp_ros.sim.arm.FATAL`
     """
 
     functions: np.ndarray
@@ -53,6 +56,7 @@ class Robot(NamedTuple):
     energy: np.ndarray
     control: np.ndarray
     warnings: np.ndarray
+    fatal: np.ndarray
 
 
 class Controller(NamedTuple):
@@ -77,11 +81,11 @@ def measure(robot, arm):
     model, data = robot.places[0], robot.places[1]
     copy_into(robot.position, arm.position)
     copy_into(robot.velocity, arm.velocity)
-    native.measure(robot.functions, model, data, robot.places[2], robot.places[3],
-                   robot.site_position, robot.site_axes, robot.bias, arm.velocity, arm.pose,
-                   arm.jacobian, arm.inertia, arm.bias, arm.acceleration)
-    native.external_torque(robot.smooth, robot.passive, robot.bias, robot.actuator,
-                           robot.constraint, 0, arm.external)
+    measure_arm(robot.functions, model, data, robot.places[2], robot.places[3],
+                robot.site_position, robot.site_axes, robot.bias, arm.velocity, arm.pose,
+                arm.jacobian, arm.inertia, arm.bias, arm.acceleration)
+    external_torque(robot.smooth, robot.passive, robot.bias, robot.actuator, robot.constraint, 0,
+                    arm.external)
     arm.scalars.potential = robot.energy[0]
     for i in range(6):
         arm.twist[i] = 0.0
@@ -111,9 +115,9 @@ def plain_tick(robot, controller, dt):
     if event != 0:
         return event
     copy_into(arm.torque, robot.control)
-    native.step(robot.functions, robot.places[0], robot.places[1])
-    for i in range(robot.warnings.size):
-        if robot.warnings[i] != 0:
+    step(robot.functions, robot.places[0], robot.places[1])
+    for kind in robot.fatal:
+        if robot.warnings[kind] != 0:
             return BROKEN
     return MADE
 
@@ -187,11 +191,11 @@ def robot_of(arm: Arm) -> Robot:
     """A simulated arm that is alone, for kernels."""
     data, known = arm.data, arm.known
     return Robot(
-        native.functions(),
-        np.array([native.address(arm.model), native.address(data), known.site, known.body]),
+        functions(),
+        np.array([address(arm.model), address(data), known.site, known.body]),
         data.site_xpos[known.site], data.site_xmat[known.site], data.qpos, data.qvel,
         data.qfrc_bias, data.qfrc_smooth, data.qfrc_passive, data.qfrc_actuator,
-        data.qfrc_constraint, data.energy, data.ctrl, data.warning.number)
+        data.qfrc_constraint, data.energy, data.ctrl, data.warning.number, _FATAL)
 
 
 def controller_of(control: ArmControl) -> Controller:

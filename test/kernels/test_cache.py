@@ -81,8 +81,9 @@ def test_the_hash_of_a_kernel_changes_when_one_that_it_calls_moves():
 def kernels():
     """Python functions of all kernels of the library."""
     found = {}
-    for name in ('gdmp_ros.manifolds', 'gdmp_ros.dmp', 'gdmp_ros.control',
-                 'experiments.baselines'):
+    for name in ('gdmp_ros.manifolds', 'gdmp_ros.dmp', 'gdmp_ros.control', 'gdmp_ros.realtime',
+                 'gdmp_ros.playback', 'gdmp_ros.sim', 'gdmp_ros.ros', 'gdmp_ros.ros.arm',
+                 'gdmp_ros.ros.server', 'experiments.baselines'):
         package = importlib.import_module(name)
         for one in pkgutil.iter_modules(package.__path__, f'{package.__name__}.'):
             found.update((id(value), value.py_func) for value

@@ -207,3 +207,15 @@ def test_a_goal_that_moves_on_rests_in_time_and_in_the_workspace(skill, source, 
         advance(streamer, 50)
         streamer.commands.moving_goal(skill.goal[:7], np.array([50.0, 0, 0, 0, 0, 0]),
                                       streamer.now)
+
+
+def test_a_loop_that_looks_around_and_fails_is_told(skill, source):
+    streamer, clock = streamer_of(skill, source), SteppedClock()
+
+    def looking():
+        yield clock.now() + PERIOD_NS
+        raise ValueError('broken')
+    assert streamer.failure is None
+    streamer.looking = clock.start(looking())
+    clock.run_until(clock.now() + 3 * PERIOD_NS)
+    assert str(streamer.failure) == 'broken'

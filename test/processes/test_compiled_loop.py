@@ -18,6 +18,7 @@ from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.realtime.native import ATTENTION
 from gdmp_ros.ros import dds
 from gdmp_ros.ros.arm import compiled_loop, simulated_arm
 from gdmp_ros.ros.messages import (
@@ -40,7 +41,7 @@ PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout
 
 
 class Bed:
-    """A node that has been activated without its threads, and a client; nobody waits for time."""
+    """A node that is active without threads of its own, and a client: the test makes its ticks."""
 
     def __init__(self):
         self.client = dds.Dds().client('test')
@@ -132,7 +133,7 @@ def test_every_tick_is_sent_once(bed, monkeypatch):
     by_python = []
     monkeypatch.setattr(bed.backend, '_advance', lambda *_: by_python.append(0))
     before = bed.out.written[0]
-    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    bed.loop.numbers[ATTENTION] = 0
     threading.Timer(0.3, bed.loop.call).start()
     next(bed.cycles)
     assert len(by_python) == 1  # the one for which it was called
@@ -151,7 +152,7 @@ def test_every_tick_is_sent_once(bed, monkeypatch):
 def test_it_needs_no_lock_of_the_interpreter(bed):
     sleep_with_the_lock = ctypes.PyDLL(None).usleep
     thread = threading.Thread(target=lambda: next(bed.cycles))
-    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    bed.loop.numbers[ATTENTION] = 0
     thread.start()
     made, interval = 0, sys.getswitchinterval()
     try:
@@ -211,7 +212,7 @@ def test_what_is_no_reference_is_refused(bed, size):
 
 def test_what_is_destroyed_under_a_running_loop_is_kept_until_it_returns(bed):
     before = bed.out.written[0]
-    bed.loop.numbers[compiled_loop.ATTENTION] = 0
+    bed.loop.numbers[ATTENTION] = 0
     failed = []
 
     def run():

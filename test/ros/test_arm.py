@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 import yaml
 
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.sim.arm import Arm
 from test.commands import gdmp
@@ -228,3 +229,16 @@ def test_joints_move_by_name_until_the_goal_is_cancelled(running):
     running.wait_rest()
     assert running.robot[-1].mode == RobotState.HOLD
     assert np.abs(np.array(running.robot[-1].position) - begun).max() > 0.05
+
+
+def test_an_arm_whose_viewers_are_not_served_any_more_is_deactivated(nodes, monkeypatch):
+    def broken(publisher):
+        raise ValueError('broken')
+    nodes.start_arm()
+    nodes.wait('the arm', lambda: bool(nodes.robot))
+    # The testbed would end the test: this failure is what is tested.
+    monkeypatch.setattr(nodes.children, 'check', lambda may_end=(): None)
+    monkeypatch.setattr(StatePublisher, '_show', broken)
+    nodes.wait('the arm to be inactive', lambda: nodes.lifecycle_state(ARM) == 'inactive', 10.0)
+    nodes._states[ARM] = 'inactive'
+    assert 'the loop failed' in nodes.log(ARM)

@@ -65,7 +65,7 @@ class ArmCommands:
         self.sequence = 0
         self.asked: deque[_Asked] = deque()
         self.references, self.reader = references, ReferenceReader(frame)
-        #: Called after a request was added: the loop may be one that does not look by itself.
+        #: Called after a request was added, to wake a compiled loop.
         self.called: Callable[[], None] = lambda: None
 
     def ask(self, request: Request, argument: Any = None) -> Answer:

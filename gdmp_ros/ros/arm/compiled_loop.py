@@ -11,26 +11,39 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.stream import go_on
-from gdmp_ros.control.stream import OTHER as UNDECIDED
+from gdmp_ros.control.stream import FOLLOWED, go_on, OTHER
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import bytes_at, kernel
 from gdmp_ros.realtime.native import (
+    ATTENTION,
     clock_functions,
-    DEADLINE,
-    LAST,
+    CompiledLoop,
     LEFT,
-    PACE_SIZE,
+    OWN,
     PERIOD,
     STAMP,
     wait,
     wall_ns,
 )
 from gdmp_ros.realtime.statistics import LatenessRecorder
-from gdmp_ros.ros import rcl
 from gdmp_ros.ros.arm.commands import MAX_REFERENCES
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.middleware import Subscription
+from gdmp_ros.ros.rcl import (
+    bytes_of,
+    check_handle,
+    Outgoing,
+    Outlet,
+    rcl_functions,
+    read_integer,
+    read_stamp,
+    send_message,
+    SerializedMemory,
+    take_message,
+    write_integer,
+    write_numbers,
+    write_stamp,
+)
 from gdmp_ros.ros.serialized import ReferenceReader
 from gdmp_ros.sim.closed_loop import SimulatedDriver
 from gdmp_ros.sim.plain_tick import (
@@ -46,16 +59,16 @@ MAX_CATCH_UP = 10
 #: What `run` returns beside what `plain_tick` does.
 ASKED, MESSAGE = 30, 31
 
-#: Numbers of a loop behind those of its deadlines (`gdmp_ros.realtime.native.PERIOD`): whether
-#: Python is needed; number of the reference that is followed; mode of the arm.
-ATTENTION, SEQUENCE, MODE, NUMBERS = range(PACE_SIZE, PACE_SIZE + 4)
+#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): that of the reference that is followed, and
+#: the mode of the arm.
+SEQUENCE, MODE, NUMBERS = range(OWN, OWN + 3)
 
 
 class Links(NamedTuple):
     """
     How a loop is linked to topics.
 
-    :ivar functions: `gdmp_ros.ros.rcl.functions`
+    :ivar functions: `gdmp_ros.ros.rcl.rcl_functions`
     :ivar references: address of the subscription
     :ivar taken: a message that has come (`gdmp_ros.ros.rcl.SerializedMemory.numbers`)
     :ivar frame: bytes of a reference from which its size, encapsulation and frame are known
@@ -70,7 +83,7 @@ class Links(NamedTuple):
     frame: np.ndarray
     reference: np.ndarray
     reference_parts: np.ndarray
-    states: rcl.Outlet
+    states: Outlet
 
 
 class Scratch(NamedTuple):
@@ -95,7 +108,7 @@ def _read(data, links, scratch):
     if data.size != links.frame.size:
         return False
     # Behind encapsulation and stamp the string of the frame.
-    ends = 12 + 4 + rcl.read_integer(links.frame, 12, 4)
+    ends = 12 + 4 + read_integer(links.frame, 12, 4)
     for k in range(ends):
         if (k < 4 or k >= 12) and data[k] != links.frame[k]:
             return False
@@ -114,20 +127,20 @@ def take_references(loop, links, scratch, controller, now):
     :returns: False if one is to be decided in Python; it is the message that was taken
     """
     for _ in range(MAX_REFERENCES):
-        size = rcl.take(links.functions, links.references[0], links.taken)
+        size = take_message(links.functions, links.references[0], links.taken)
         if size == 0:
             return True
         data = bytes_at(links.taken[0], size)
         if not _read(data, links, scratch):
             return False
-        stamp = rcl.read_stamp(data, links.reference_parts[0])
-        sequence = rcl.read_integer(data, links.reference_parts[1], 8)
+        stamp = read_stamp(data, links.reference_parts[0])
+        sequence = read_integer(data, links.reference_parts[1], 8)
         done = go_on(controller.stream, controller.target, controller.held, scratch.target,
                      1e-9 * (now - stamp), float(sequence),
                      float(data[links.reference_parts[2]]))
-        if done == UNDECIDED:
+        if done == OTHER:
             return False
-        if done == 0:
+        if done == FOLLOWED:
             loop[SEQUENCE] = sequence
     return True
 
@@ -141,13 +154,13 @@ def send_state(loop, links, scratch, controller, stamp):
     written[1], written[2] = written[0], stamp
     if written[3] == 0:
         return
-    rcl.write_numbers(links.states, scratch.state_bytes)
-    data, parts = rcl.bytes_of(links.states), links.states.parts
-    rcl.write_stamp(data, parts[0], stamp)
-    rcl.write_integer(data, parts[1], 8, loop[SEQUENCE])
-    rcl.write_integer(data, parts[2], 1, loop[MODE])
-    rcl.write_integer(data, parts[3], 8, written[0])
-    rcl.publish(links.functions, links.states)
+    write_numbers(links.states, scratch.state_bytes)
+    data, parts = bytes_of(links.states), links.states.parts
+    write_stamp(data, parts[0], stamp)
+    write_integer(data, parts[1], 8, loop[SEQUENCE])
+    write_integer(data, parts[2], 1, loop[MODE])
+    write_integer(data, parts[3], 8, written[0])
+    send_message(links.functions, links.states)
 
 
 @kernel
@@ -182,33 +195,27 @@ def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
     doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
     run(numbers, clock_functions(), integers,
         Links(integers, integers, integers, data, integers, integers,
-              rcl.Outlet(integers, integers, integers, integers)),
+              Outlet(integers, integers, integers, integers)),
         Scratch(integers, doubles, data, doubles, data, integers), robot_of(driver.arm),
         controller_of(control), driver.dt)
 
 
-class CompiledLoop:
-    """
-    The loop of one simulated arm.
+class ArmLoop(CompiledLoop):
+    """The loop of one simulated arm."""
 
-    :ivar numbers: of the loop, see `NUMBERS`
-    """
-
-    def __init__(self, references: Subscription, reader: ReferenceReader, out: StatePublisher,
-                 period_ns: int):
+    def __init__(self, references: Subscription, reader: ReferenceReader, out: StatePublisher):
         """
         Prepare.
 
         :raises DataError: if references and states have no handles of rcl
         """
         with references.in_use() as address:
-            rcl.check(address)
-        self.numbers = np.zeros(NUMBERS, dtype=np.int64)
-        self.numbers[PERIOD] = period_ns
-        self._references, self._states = references, rcl.Outgoing(out.states, out.template)
-        self._taken = rcl.SerializedMemory()
+            check_handle(address)
+        super().__init__(NUMBERS)
+        self._references, self._states = references, Outgoing(out.states, out.template)
+        self._taken = SerializedMemory()
         frame, reference, reference_parts = reader.layout()
-        self._links = Links(rcl.functions(), np.zeros(1, dtype=np.int64), self._taken.numbers,
+        self._links = Links(rcl_functions(), np.zeros(1, dtype=np.int64), self._taken.numbers,
                             frame, reference, reference_parts, self._states.outlet)
         target = np.zeros(len(reference))
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
@@ -218,14 +225,6 @@ class CompiledLoop:
     def message(self) -> bytes:
         """The reference that was taken last."""
         return self._taken.data
-
-    def call(self) -> None:
-        """Let the loop return to Python before its next tick; any thread may call it."""
-        self.numbers[ATTENTION] = 1
-
-    def begin(self) -> None:
-        """Begin with a new grid of deadlines."""
-        self.numbers[DEADLINE] = self.numbers[LAST] = self.numbers[LEFT] = 0
 
     def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
         """

@@ -14,7 +14,7 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
-from gdmp_ros.realtime.loop import Loop, NS, RAISED_PRIORITY, RunningLoop
+from gdmp_ros.realtime.loop import Loop, NS, priority_beside, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.commands import Answer, ArmCommands, MAX_REFERENCES
@@ -111,14 +111,13 @@ class ArmNode(ManagedNode):
         self.commands.know_stream(self.time_ns())
         self.active = True
         priority = self.backend.priority()
-        # It sends through the same sockets: were it interrupted there, the arm would wait.
         self._viewers = self.clock.start(self.state_out.show(self.clock),
-                                         RAISED_PRIORITY if priority else None)
+                                         priority_beside(priority))
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
         if priority:
-            self.log_scheduler(running.scheduler)
+            self.loop_began(running.scheduler)
 
     def _cycles(self) -> Loop:
         """Control the arm; it holds itself before and after."""
@@ -218,8 +217,10 @@ class ArmNode(ManagedNode):
     # Reports
 
     def _report(self) -> None:
-        if self.active and self._loop is not None and self._loop.failure is not None:
-            self.get_logger().error(_failed(self._loop))
+        failed = [loop for loop in (self._loop, self._viewers)
+                  if loop is not None and loop.failure is not None]
+        if self.active and failed:
+            self.get_logger().error(_failed(failed[0]))
             self.trigger_deactivate()
         if self._report_count % TWINS_EVERY == 0:
             count = self.participant.publishers('~/state').count(self.get_fully_qualified_name())

@@ -7,15 +7,14 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool
 
 from gdmp_ros.control.arm_states import Request, State
-from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
-from gdmp_ros.realtime.native import LEFT, PERIOD, STAMP
+from gdmp_ros.realtime.native import LEFT, PERIOD, prepared, STAMP
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.compiled_loop import (
+    ArmLoop,
     ASKED,
-    ATTENTION,
-    CompiledLoop,
     MAX_CATCH_UP,
     MESSAGE,
     MODE,
@@ -59,7 +58,7 @@ class SimulatedArm(ArmBackend):
     guiding = 'only gravity is compensated: guide the arm by ~/hand_pose or with the mouse'
     driver: SimulatedDriver
     _viewer: Viewer | None = None
-    compiled: CompiledLoop | None = None
+    compiled: ArmLoop | None = None
 
     def open(self) -> SimulatedDriver:
         self.model, gripper = simulated_arm(self.node.parameters)
@@ -86,20 +85,17 @@ class SimulatedArm(ArmBackend):
         if self.driver.gripper is not None:
             GripperInterface(node, self.driver.gripper)
         if node.parameters.pace != 'fast':
-            self._compile(round(self.model.period * NS))
+            self._compile()
 
-    def _compile(self, period_ns: int) -> None:
+    def _compile(self) -> None:
         """Prepare the loop that does not need the interpreter, if the middleware allows it."""
-        node = self.node
-        self.compiled = None
-        try:
-            loop = CompiledLoop(node.commands.references, node.commands.reader, node.state_out,
-                                period_ns)
-        except (DataError, OSError, AttributeError) as error:
-            node.get_logger().info(f'every tick is made by the interpreter: {error}')
-            return
-        warm_up(node.control, self.driver)
-        node.commands.called, self.compiled = loop.call, loop
+        node, commands = self.node, self.node.commands
+        loop = self.compiled = prepared(
+            lambda: ArmLoop(commands.references, commands.reader, node.state_out),
+            node.get_logger().info)
+        if loop is not None:
+            warm_up(node.control, self.driver)
+            commands.called = loop.call
 
     def begin(self) -> None:
         if not self.node.parameters.headless:
@@ -128,15 +124,13 @@ class SimulatedArm(ArmBackend):
         return (periodic(self._wall_tick, self._period_ns, self.node.clock)
                 if self.compiled is None else self._without_interpreter(self.compiled))
 
-    def _without_interpreter(self, loop: CompiledLoop) -> Loop:
+    def _without_interpreter(self, loop: ArmLoop) -> Loop:
         """Let compiled code make the ticks; one that it does not make is made here."""
         node, numbers = self.node, loop.numbers
         commands, states, out = node.commands, node.control.states, node.state_out
-        loop.begin()
+        loop.begin(self._period_ns)
         while True:
-            numbers[ATTENTION] = 0
-            if not self._only_goes_on():
-                numbers[ATTENTION] = 1
+            loop.may_go_on(self._only_goes_on)
             numbers[SEQUENCE], before = commands.sequence, int(out.written[0])
             numbers[MODE] = states.state.mode
             why = loop.run(node.control, self.driver, node.lateness)

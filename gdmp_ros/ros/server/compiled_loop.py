@@ -1,8 +1,8 @@
 """
 The loop of a server without the interpreter: sleep, advance the motion, send the reference.
 
-It runs until Python is needed: for requests, for what
-`gdmp_ros.playback.plain_tick` does not do. Python then makes that tick.
+It runs until Python is needed: for requests, and for what `gdmp_ros.playback.plain_tick` does not
+do. Python then makes that tick.
 """
 from __future__ import annotations
 
@@ -17,25 +17,32 @@ from gdmp_ros.kernels import kernel
 from gdmp_ros.playback.plain_tick import COUNTS, Motion, NOTHING, plain_tick
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.native import (
+    ATTENTION,
     clock_functions,
+    CompiledLoop,
     DEADLINE,
-    LAST,
     LEFT,
-    PACE_SIZE,
-    PERIOD,
+    OWN,
     STAMP,
     wait,
 )
-from gdmp_ros.ros import rcl
 from gdmp_ros.ros.lifecycle import check_subscribers
+from gdmp_ros.ros.rcl import (
+    bytes_of,
+    Outgoing,
+    Outlet,
+    rcl_functions,
+    send_message,
+    write_integer,
+    write_numbers,
+    write_stamp,
+)
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 
-#: Numbers of a loop behind those of its deadlines (`gdmp_ros.realtime.native.PERIOD`): whether
-#: Python is needed; time of the last tick, 0 before the first, its duration, and the longest one
-#: [ns]; number of the tick that was begun, and of the one that is whole; number of the last
-#: reference; what the stream says of itself.
-(ATTENTION, TICKED, PASSED, LONGEST, BEGUN, WHOLE, SEQUENCE, MODE, NUMBERS) = range(
-    PACE_SIZE, PACE_SIZE + 9)
+#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): time of the last tick, 0 before the first,
+#: its duration, and the longest one [ns]; number of the tick that was begun, and of the one that
+#: is whole; number of the last reference; what the stream says of itself.
+TICKED, PASSED, LONGEST, BEGUN, WHOLE, SEQUENCE, MODE, NUMBERS = range(OWN, OWN + 8)
 #: Why `run` returns: a tick is to be made; one is to be ended (`Streamer.end_tick`) and sent.
 ASKED, CHANGED = range(2)
 
@@ -44,15 +51,15 @@ class Links(NamedTuple):
     """
     Where references are sent.
 
-    :ivar functions: `gdmp_ros.ros.rcl.functions`
+    :ivar functions: `gdmp_ros.ros.rcl.rcl_functions`
     :ivar wanted: whether the three topics have subscribers
     """
 
     functions: np.ndarray
     wanted: np.ndarray
-    reference: rcl.Outlet
-    pose: rcl.Outlet
-    stiffness: rcl.Outlet
+    reference: Outlet
+    pose: Outlet
+    stiffness: Outlet
 
 
 @kernel
@@ -63,19 +70,19 @@ def send(loop, links, target, stamp):
     :param target: its numbers as bytes
     """
     if links.wanted[0]:
-        rcl.write_numbers(links.reference, target)
-        data, parts = rcl.bytes_of(links.reference), links.reference.parts
-        rcl.write_stamp(data, parts[0], stamp)
-        rcl.write_integer(data, parts[1], 8, loop[SEQUENCE])
-        rcl.write_integer(data, parts[2], 1, loop[MODE])
-        rcl.publish(links.functions, links.reference)
+        write_numbers(links.reference, target)
+        data, parts = bytes_of(links.reference), links.reference.parts
+        write_stamp(data, parts[0], stamp)
+        write_integer(data, parts[1], 8, loop[SEQUENCE])
+        write_integer(data, parts[2], 1, loop[MODE])
+        send_message(links.functions, links.reference)
     if links.wanted[1]:
-        rcl.write_numbers(links.pose, target[8 * POSE:])
-        rcl.write_stamp(rcl.bytes_of(links.pose), links.pose.parts[0], stamp)
-        rcl.publish(links.functions, links.pose)
+        write_numbers(links.pose, target[8 * POSE:])
+        write_stamp(bytes_of(links.pose), links.pose.parts[0], stamp)
+        send_message(links.functions, links.pose)
     if links.wanted[2]:
-        rcl.write_numbers(links.stiffness, target[8 * STIFFNESS:])
-        rcl.publish(links.functions, links.stiffness)
+        write_numbers(links.stiffness, target[8 * STIFFNESS:])
+        send_message(links.functions, links.stiffness)
 
 
 @kernel
@@ -112,17 +119,13 @@ def warm_up() -> None:
     """Compile `run`, or load it from the cache; no tick is made."""
     numbers, integers = np.zeros(NUMBERS, dtype=np.int64), np.zeros(1, dtype=np.int64)
     numbers[ATTENTION] = numbers[LEFT] = 1
-    data, outlet = np.zeros(8, dtype=np.uint8), rcl.Outlet(*4 * [integers])
+    data, outlet = np.zeros(8, dtype=np.uint8), Outlet(*4 * [integers])
     run(numbers, clock_functions(), integers, integers,
         Links(integers, np.zeros(3, dtype=np.bool_), *3 * [outlet]), _NO_MOTION, data)
 
 
-class CompiledLoop:
-    """
-    The loop of one server.
-
-    :ivar numbers: of the loop, see `NUMBERS`
-    """
+class ServerLoop(CompiledLoop):
+    """The loop of one server."""
 
     def __init__(self, references: ReferencePublisher, longest_s: float):
         """
@@ -131,24 +134,19 @@ class CompiledLoop:
         :param longest_s: longest step [s]
         :raises DataError: if topics have no handles of rcl
         """
+        super().__init__(NUMBERS)
         self._references = references
-        self._outgoing = [rcl.Outgoing(stream.publisher, stream.template)
+        self._outgoing = [Outgoing(stream.publisher, stream.template)
                           for stream in references.streams]
-        self.numbers = np.zeros(NUMBERS, dtype=np.int64)
         self.numbers[LONGEST] = round(1e9 * longest_s)
         self._time = np.zeros(2, dtype=np.int64)
         self._wanted = np.zeros(3, dtype=np.bool_)
-        self._links = Links(rcl.functions(), self._wanted,
+        self._links = Links(rcl_functions(), self._wanted,
                             *(one.outlet for one in self._outgoing))
 
     def begin(self, period_ns: int) -> None:
-        """Begin with a new grid of deadlines."""
-        self.numbers[[DEADLINE, LAST, LEFT, TICKED]] = 0
-        self.numbers[PERIOD] = period_ns
-
-    def call(self) -> None:
-        """Let the loop return to Python before its next tick; any thread may call it."""
-        self.numbers[ATTENTION] = 1
+        super().begin(period_ns)
+        self.numbers[TICKED] = 0
 
     @property
     def passed(self) -> float:
@@ -176,12 +174,8 @@ class CompiledLoop:
     def run(self, streamer: Streamer) -> int:
         """Make ticks until Python is needed; see `run`."""
         numbers, references = self.numbers, self._references
-        numbers[ATTENTION] = 0
-        if not streamer.only_goes_on:
-            numbers[ATTENTION] = 1
-            motion = _NO_MOTION
-        else:
-            motion = streamer.motion()
+        goes_on = self.may_go_on(lambda: streamer.only_goes_on)
+        motion = streamer.motion() if goes_on else _NO_MOTION
         numbers[SEQUENCE], numbers[MODE] = references.sequence, streamer.mode
         with ExitStack() as uses:
             for one in self._outgoing:

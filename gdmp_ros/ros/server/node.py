@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
 from gdmp_ros.data.bags import ns_of
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
 from gdmp_ros.playback.player_settings import PlayerSettings
@@ -25,15 +25,15 @@ from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
-from gdmp_ros.realtime.loop import Loop, NS, periodic, RAISED_PRIORITY, RunningLoop
-from gdmp_ros.realtime.native import DEADLINE, LEFT, STAMP
+from gdmp_ros.realtime.loop import Loop, NS, periodic, priority_beside
+from gdmp_ros.realtime.native import DEADLINE, LEFT, prepared, STAMP
 from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import CHECK_EVERY, ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
-from gdmp_ros.ros.server.compiled_loop import CHANGED, CompiledLoop, TICKED, warm_up
+from gdmp_ros.ros.server.compiled_loop import CHANGED, ServerLoop, TICKED, warm_up
 from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, RobotInputs
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher, SecondArm
 from gdmp_ros.ros.server.report import ServerReport
@@ -135,8 +135,7 @@ class TrajectoryServer(ManagedNode):
     _sequences: SequenceAction
     _references: ReferencePublisher
     _second: SecondArm | None
-    _compiled: CompiledLoop | None
-    _looking: RunningLoop | None = None
+    _compiled: ServerLoop | None
     #: Subscription to /clock, and what sets the time of the node; with simulated time only.
     _clock_input: tuple[Subscription, Callable[[ClockMessage], None]]
 
@@ -167,7 +166,10 @@ class TrajectoryServer(ManagedNode):
         self._refinement = Refinement(self.streamer, self._skills, self.get_logger())
         self._configured = True
         self._references = ReferencePublisher(self, parameters.frame_id)
-        self._compiled = self._compile()
+        self._compiled = prepared(lambda: ServerLoop(self._references, STALL_S),
+                                  self.get_logger().info)
+        if self._compiled is not None:
+            warm_up()
         self._report = ServerReport(self, self.streamer, parameters.frame_id,
                                     parameters.arm_status_topic)
         self.goals = GoalTopics(self, self.streamer, self._base, parameters.frame_id,
@@ -193,11 +195,9 @@ class TrajectoryServer(ManagedNode):
             priority = self.parameters.realtime_priority
             running = self.streamer.member = self.clock.start(self._ticks(), priority)
             if self._compiled is not None:
-                # It sends, and holds the interpreter: were it interrupted there, the loop would
-                # wait.
-                self._looking = self.clock.start(self._look_around(self._compiled),
-                                                 RAISED_PRIORITY if priority else None)
-            self.log_scheduler(running.scheduler)
+                self.streamer.looking = self.clock.start(self._look_around(self._compiled),
+                                                         priority_beside(priority))
+            self.loop_began(running.scheduler)
         if self.parameters.execute_on_activate:
             self.streamer.begin()
 
@@ -207,10 +207,10 @@ class TrajectoryServer(ManagedNode):
         self.streamer.stop()
         self.streamer.active = False
         self.streamer.called()
-        for running in (self.streamer.member, self._looking):
+        for running in (self.streamer.member, self.streamer.looking):
             if running is not None:
                 running.end()
-        self.streamer.member = self._looking = None
+        self.streamer.member = self.streamer.looking = None
         self._references.end()
         if self._second is not None:
             self._second.end()
@@ -226,16 +226,6 @@ class TrajectoryServer(ManagedNode):
         self._configured = False
         self.parameters.locked = False
 
-    def _compile(self) -> CompiledLoop | None:
-        """The loop that does not need the interpreter, if the middleware allows it."""
-        try:
-            result = CompiledLoop(self._references, STALL_S)
-        except (DataError, OSError, AttributeError) as error:
-            self.get_logger().info(f'every tick is made by the interpreter: {error}')
-            return None
-        warm_up()
-        return result
-
     # Streaming
 
     def _period_ns(self) -> int:
@@ -247,7 +237,7 @@ class TrajectoryServer(ManagedNode):
             return periodic(self._wall_tick, self._period_ns(), self.clock)
         return self._without_interpreter(self._compiled)
 
-    def _without_interpreter(self, compiled: CompiledLoop) -> Loop:
+    def _without_interpreter(self, compiled: ServerLoop) -> Loop:
         """Let compiled code make the ticks; one that it does not make is made here."""
         streamer, numbers = self.streamer, compiled.numbers
         compiled.begin(self._period_ns())
@@ -262,7 +252,7 @@ class TrajectoryServer(ManagedNode):
             self._publish(target, int(numbers[STAMP]))
             yield 0
 
-    def _look_around(self, compiled: CompiledLoop) -> Loop:
+    def _look_around(self, compiled: ServerLoop) -> Loop:
         """Poll goals, and find out where the robot is, beside a loop that does not."""
         turn = 0
 

@@ -67,8 +67,7 @@ class ReferencePublisher:
         self._stiffness = stiffness_stream(node, f'{prefix}/reference_stiffness')
         self.streams = self._whole, self._pose, self._stiffness
         self.sequence = first_sequence()
-        # Before the next look for subscribers.
-        self._left = 0
+        self._ticks = 0
         self._last: tuple[np.ndarray, int, int] | None = None
 
     def _stream(self, count: int, fill: Callable[[Reference, np.ndarray], None]) -> Stream:
@@ -85,10 +84,9 @@ class ReferencePublisher:
             `gdmp_ros.playback.joint_skill`
         :param joints: number of joints, if it is one of the joints
         """
-        if self._left <= 0:
+        if self._ticks % CHECK_EVERY == 0:
             check_subscribers(*self.streams)
-            self._left = CHECK_EVERY
-        self._left -= 1
+        self._ticks += 1
         self._last = target, stamp_ns, joints
         self.sequence += 1
         if joints:
@@ -110,7 +108,6 @@ class ReferencePublisher:
         :param target: the last one
         """
         self.sequence += count
-        self._left -= count
         self._last = target, stamp_ns, 0
 
     def end(self) -> None:

@@ -179,8 +179,9 @@ class ServerReport:
     def _publish_diagnostics(self, message: ServerState, figures: Punctuality) -> None:
         node, member = self._node, self._streamer.member
         level, text = DiagnosticStatus.OK, message.status
-        if member is not None and member.failure is not None:
-            level, text = DiagnosticStatus.ERROR, f'streaming failed: {member.failure!r}'
+        failure = self._streamer.failure
+        if failure is not None:
+            level, text = DiagnosticStatus.ERROR, f'streaming failed: {failure!r}'
             node.get_logger().error(text, throttle_duration_sec=5.0)
         elif message.flags:
             level, text = DiagnosticStatus.WARN, f'{message.status}: {", ".join(message.flags)}'
