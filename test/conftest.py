@@ -1,6 +1,7 @@
 """What every test may ask for, and what none may leave behind."""
 import contextlib
 import ctypes
+from pathlib import Path
 import signal
 
 import numpy as np
@@ -90,10 +91,21 @@ def _words(process):
         return 'ended'
 
 
+def _participants():
+    """Threads of DDS in this process."""
+    return [name for task in Path('/proc/self/task').iterdir()
+            if (name := (task / 'comm').read_text().strip()).startswith('dds.udp')]
+
+
 @pytest.fixture(scope='module', autouse=True)
 def nothing_left_running():
-    """No test file leaves a process behind, not even one whose parent has gone."""
+    """
+    No test file leaves a process behind, not even one whose parent has gone, nor a participant.
+
+    Participants of one domain that are left talk to each other, until nothing else runs.
+    """
     yield
+    assert not _participants()
     left = _left_running()
     told = [f'{one.pid}: {_words(one)[:200]}' for one in left]
     for one in left:

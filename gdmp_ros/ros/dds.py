@@ -19,6 +19,7 @@ from rclpy.executors import (
     SingleThreadedExecutor,
 )
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -232,6 +233,7 @@ class DdsClient(DdsParticipant):
     def close(self) -> None:
         self._executor.shutdown()
         self.node.destroy_node()
+        destroy_rest(self.node)
         rclpy.shutdown(context=self._context)
 
 
@@ -281,6 +283,15 @@ def answered_transitions(node: Any) -> None:
             reply.success = False
             return reply
     service.callback = partial(change, service.callback)
+
+
+def destroy_rest(node: Any) -> None:
+    """Destroy what `Node.destroy_node` leaves, which would keep the participant."""
+    for waitable in list(node.waitables):
+        if isinstance(waitable, (ActionServer, ActionClient)):
+            waitable.destroy()
+    if isinstance(node, LifecycleNode):
+        node._state_machine.destroy_when_not_in_use()  # noqa: SLF001  of the lifecycle's services
 
 
 class CallbackExecutor:

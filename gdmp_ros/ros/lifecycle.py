@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.realtime.loop import NS
-from gdmp_ros.ros.dds import answered_transitions, current
+from gdmp_ros.ros.dds import answered_transitions, current, destroy_rest
 from gdmp_ros.ros.messages import fill_matrix, fill_pose_stamped, matrix_message, stamp_of
 from gdmp_ros.ros.middleware import (
     best_effort,
@@ -70,6 +70,11 @@ class ManagedNode(LifecycleNode):
 
     def cleanup(self) -> None:
         """Destroy everything."""
+
+    def destroy_node(self) -> None:
+        """Destroy what the node has; nothing of it answers any more."""
+        super().destroy_node()
+        destroy_rest(self)
 
     def add_publisher(self, kind: Any, topic: str, depth: int, late: bool = False) -> Publisher:
         """

@@ -4,10 +4,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from rclpy.serialization import deserialize_message
 
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER
+from test.lockstep.bed import isolated_context
 from test.lockstep.children import LockstepChildren
 from test.lockstep.network import MemoryPublisher, Network
 
@@ -25,9 +25,7 @@ class FuzzedNode:
     """
 
     def __init__(self, name: str, **parameters: Any):
-        context = rclpy.Context()
-        rclpy.init(context=context, args=[])
-        self._network, self._problems = Network(context), []
+        self._network, self._problems = Network(isolated_context()), []
         children = LockstepChildren(self._network)
         children.start_node(name, MODULE[name], parameters)
         self._check, self.node = children.check, children.node(name)

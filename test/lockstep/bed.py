@@ -1,5 +1,7 @@
 """A testbed whose nodes and clients run in lockstep, in this process."""
 from contextlib import contextmanager
+import os
+from unittest import mock
 
 import rclpy
 
@@ -7,15 +9,22 @@ from gdmp_ros.ros.dds import using
 from test.lockstep.children import LockstepChildren
 from test.lockstep.network import Network
 
-#: Nodes in lockstep use nothing of DDS: a domain in which nobody looks for others.
+#: Nodes in lockstep use nothing of DDS.
 _OFF = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
 
 
-@contextmanager
-def network(monkeypatch_environment=_OFF):
-    """A network that nodes and clients join meanwhile."""
+def isolated_context():
+    """A context of rclpy whose nodes open no connection."""
     context = rclpy.Context()
-    rclpy.init(context=context, args=[])
+    with mock.patch.dict(os.environ, _OFF):
+        rclpy.init(context=context, args=[])
+    return context
+
+
+@contextmanager
+def network():
+    """A network that nodes and clients join meanwhile."""
+    context = isolated_context()
     made = Network(context)
     try:
         with using(made):

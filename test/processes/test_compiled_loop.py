@@ -34,7 +34,6 @@ from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.util.dds_network import Domain
 
-_CLAIMED = []
 TOPIC = '/trajectory_server/reference'
 #: Nothing that this test does in time is late for the arm.
 PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout:=1.0']
@@ -44,6 +43,7 @@ class Bed:
     """A node that is active without threads of its own, and a client: the test makes its ticks."""
 
     def __init__(self):
+        rclpy.init(args=PATIENT)
         self.client = dds.Dds().client('test')
         self.node = simulated_arm.node()
         assert self.node.trigger_configure().name == 'SUCCESS'
@@ -65,6 +65,7 @@ class Bed:
         self.node.take_down()
         self.node.destroy_node()
         self.client.close()
+        rclpy.shutdown()
 
     def send(self, mode=StreamMode.STREAMING, frame='panda_link0', joints=False, away=0.0):
         """Send the next reference of a stream, near the robot."""
@@ -109,17 +110,11 @@ class Bed:
 
 @pytest.fixture
 def domain(monkeypatch):
-    claim(monkeypatch)
-    rclpy.init(args=PATIENT)
-    yield
-    rclpy.shutdown()
-
-
-def claim(monkeypatch):
-    """Use a domain that is not released: rclpy keeps services of nodes that were destroyed."""
-    _CLAIMED.append(Domain())
-    for name, value in _CLAIMED[-1].environment().items():
-        monkeypatch.setenv(name, value)
+    """A domain of DDS in which nobody else is."""
+    with Domain() as claimed:
+        for name, value in claimed.environment().items():
+            monkeypatch.setenv(name, value)
+        yield
 
 
 @pytest.fixture
@@ -271,9 +266,8 @@ def test_without_handles_every_tick_is_made_by_the_interpreter(domain, monkeypat
 
 
 @pytest.fixture
-def server(monkeypatch, skill_file):
+def server(domain, skill_file):
     """A server that is activated without its threads, and the references of its client."""
-    claim(monkeypatch)
     rclpy.init(args=['--ros-args', '-p', f'skill:={skill_file}', '-p', 'start_from:=skill'])
     client, node = dds.Dds().client('test'), TrajectoryServer()
     assert node.trigger_configure().name == 'SUCCESS'
@@ -359,9 +353,8 @@ def test_a_place_is_not_read_while_it_is_written(server):
     assert len(asked) == 3 and found is not numbers
 
 
-def test_this_rclpy_has_inside_what_is_used_of_it(monkeypatch):
+def test_this_rclpy_has_inside_what_is_used_of_it(domain):
     """If this fails after an update, `gdmp_ros.ros.dds` is the file to look at."""
-    claim(monkeypatch)
     rclpy.init()
     node = LifecycleNode('version')
     publisher = node.create_publisher(Reference, 'a', 1)
@@ -374,4 +367,5 @@ def test_this_rclpy_has_inside_what_is_used_of_it(monkeypatch):
     assert 'wait_for_ready_callbacks' in vars(Executor)
     rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, node.context.handle).clear_entities()
     node.destroy_node()
+    dds.destroy_rest(node)
     rclpy.shutdown()
