@@ -25,9 +25,8 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.playback.channels import APPROACH_ACCELERATION
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import ENDED, NOTHING_EXECUTED
-from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import ROBOT_LOST, Streamer
 from gdmp_ros.util.profiles import minimum_jerk
 

@@ -112,7 +112,7 @@ def learn(data: Data) -> tuple[Skill, Demonstration]:
 def execute(skill: Skill, beginning: np.ndarray) -> Data:
     """Run the impedance loop without ROS; reference and arm at every tick."""
     from gdmp_ros.playback.player import Player
-    from gdmp_ros.playback.player_settings import PlayerSettings
+    from gdmp_ros.playback.settings import PlayerSettings
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.closed_loop import ClosedLoop
     from gdmp_ros.sim.scenes import contact_count, watering

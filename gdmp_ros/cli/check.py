@@ -68,7 +68,7 @@ def _with_goal_at(skill: Skill, position: list[float]) -> Skill:
 
     :raises DataError: if it is one of the joints
     """
-    from gdmp_ros.playback.player_settings import PlayerSettings
+    from gdmp_ros.playback.settings import PlayerSettings
     from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
     if StreamedSkill(skill, PlayerSettings()).kind is Kind.JOINTS:
         raise DataError('the goal of a skill of the joints is a posture, not a position')

@@ -92,8 +92,8 @@ def compile_motion() -> None:
     from gdmp_ros.data.gallery import learned
     from gdmp_ros.dmp.rollout import Batch, Rollout
     from gdmp_ros.playback.player import Player
-    from gdmp_ros.playback.player_settings import PlayerSettings
     from gdmp_ros.playback.prediction import prediction
+    from gdmp_ros.playback.settings import PlayerSettings
     skill = learned('polish')
     rollout = Rollout(skill)
     rollout.advance(0.01)

@@ -11,13 +11,12 @@ from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.limits import LIMITS
-from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.measurement import Measurement, Tick
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.errors import DataError, RefusedError
 
 #: In these the joints are moved; in these nothing keeps the posture of the null space.

@@ -9,7 +9,7 @@ from gdmp_ros.control.friction import friction_of
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.law import compute, finish, hold_tool, NOT_FINITE
 from gdmp_ros.control.limits import LimitCounters
-from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.posture import Posture
@@ -19,7 +19,6 @@ from gdmp_ros.control.spring import moved_with_tool, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import SPEED_MARGIN
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite

@@ -224,7 +224,8 @@ def _joint_reference(message: Any) -> np.ndarray:
 
 def limited(message: Any) -> np.ndarray:
     """By how much each of `LIMITS` was exceeded in a RobotState."""
-    return np.concatenate([message.limited, message.limited_more])[:len(LIMITS)]
+    exceeded: np.ndarray = message.limited[:len(LIMITS)]
+    return exceeded
 
 
 def _pose(message: Any) -> list[float]:

@@ -65,8 +65,15 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'cut_locus', 'finished', 'not_settled')])  # flags of `gdmp_ros.dmp.Rollout`
 _SIZES, _SCALARS, _FACTOR, _RELATION = (
     dtype.itemsize // 8 for dtype in (SIZES, SCALARS, FACTOR, RELATION))
+
+
+def scalar_index(name: str) -> int:
+    """Index of a scalar of the first roll-out in a memory."""
+    return _SIZES + (SCALARS.names or ()).index(name)
+
+
 #: Indices of the flag ``finished`` and of the speed in a memory.
-FINISHED, SPEED = (_SIZES + (SCALARS.names or ()).index(name) for name in ('finished', 'speed'))
+FINISHED, SPEED = scalar_index('finished'), scalar_index('speed')
 
 
 class Frames(NamedTuple):

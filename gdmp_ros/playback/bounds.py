@@ -6,46 +6,55 @@ import math
 import numpy as np
 
 from gdmp_ros.control.governor import CATCH_UP_S
+from gdmp_ros.control.target import ACCELERATION as TARGET_ACCELERATION
 from gdmp_ros.control.target import (
-    ACCELERATION,
     extrapolate_pose,
     POSE,
     STIFFNESS,
     TARGET_SIZE,
     TWIST,
 )
+from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.look_ahead import (
+    ACCELERATION,
+    AT,
+    largest_tempo,
+    look_ahead_of,
+    NOTHING,
+    SIZE,
+    SLOW,
+    SPEED,
+)
+from gdmp_ros.playback.settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 #: Speed at which a bounded stream catches up, as a share of the largest speed.
 CATCH_UP_SHARE = 0.3
 #: Rounding of a step.
 _TOLERANCE = 1.0 + 1e-6
-#: Least tempo; largest rate at which it rises [1/s]; share of an acceleration that it uses.
-_LEAST, _RISE, _KEPT = 0.02, 5.0, 0.9
-#: A part that is slower than this has no direction [m/s, rad/s].
-_SLOW = 1e-6
-# Columns of `_parts`: numbers of a part, its first velocity, largest speed and acceleration.
-_SIZE, _AT, _SPEED, _ACCELERATION = range(4)
+#: Least tempo, and the share of an acceleration that it uses.
+_LEAST, _KEPT = 0.02, 0.9
 
 
 class StreamBounds:
     """
     Bounds references; those of another kind begin another stream.
 
-    A motion that is too fast is slowed down in time: `tempo` is what the ticks of the player are
-    to be multiplied by. All channels stay on their paths then, and two tools that belong together
-    stay together. What is left, as a step of the references, is bounded in space.
+    A motion that is too fast is slowed down in time, before it is: `tempo` is what the ticks of
+    the player are to be multiplied by. All channels stay on their paths then, and two tools that
+    belong together stay together. What is left, as a step of the references, is bounded in space.
 
     :ivar bounded: ticks in which the bounds were active
-    :ivar parts: what is bounded, see `_SIZE`; written by `bound_in_time_and_space` are:
+    :ivar parts: what is bounded (`gdmp_ros.playback.look_ahead.SIZE`); written by
+        `bound_in_time_and_space` are:
     :ivar out: the bounded reference; None before there is one
     :ivar work: of its size
     :ivar tempos: `tempo`, and its rate [1/s]
+    :ivar ahead: what follows of the present motion
     """
 
     def __init__(self, settings: StreamSettings):
@@ -54,12 +63,14 @@ class StreamBounds:
         self.work, self.tempos = np.empty(0), np.ones(2)
         self._kind, self.parts = Kind.TOOL, np.empty((0, 4))
         self.bounded = 0
+        self._rollout: Rollout | None = None
+        self.ahead = look_ahead_of(None)
 
     def configure(self, settings: StreamSettings) -> None:
         """Use other bounds from the next stream on, and from now on if there is one."""
         self._settings = settings
         if len(self.parts):
-            self.parts[:, _SPEED:] = [self._limits(size) for size in self.parts[:, _SIZE]]
+            self.parts[:, SPEED:] = [self._limits(size) for size in self.parts[:, SIZE]]
 
     def reset(self) -> None:
         """The next reference begins a stream."""
@@ -76,23 +87,33 @@ class StreamBounds:
         return (self.out is not None and skill.kind is self._kind
                 and len(self.out) == len(reference))
 
-    def apply(self, skill: StreamedSkill, reference: np.ndarray, dt: float) -> np.ndarray:
+    def follow(self, rollout: Rollout | None) -> None:
+        """Look ahead along a motion; None: there is none."""
+        if rollout is not self._rollout:
+            self._rollout, self.ahead = rollout, look_ahead_of(rollout)
+
+    def apply(self, skill: StreamedSkill, reference: np.ndarray, dt: float,
+              rollout: Rollout | None = None) -> np.ndarray:
         """
         Bound the reference of a tick.
 
         :param skill: that is played
         :param reference: of a player for which `tempo` of the time has passed; not changed
+        :param rollout: whose state it is; None: what follows is not known
         :returns: the same array every time
         """
         out = self.out
+        self.follow(rollout)
         if out is None or not self.continues(skill, reference):
             self._kind, self.parts = skill.kind, self._parts_of(skill)
             self.reset()
             self.out, self.work = reference.copy(), reference.copy()
             return self.out
         if dt > 0.0:
+            memory = NOTHING if rollout is None else rollout.memory
             self.bounded += bool(bound_in_time_and_space(
-                reference, out, skill.table, self.parts, dt, self.work, self.tempos))
+                reference, out, skill.table, self.parts, dt, self.work, self.tempos, memory,
+                self.ahead))
         return out
 
     def _limits(self, size: float) -> tuple[float, float]:
@@ -135,12 +156,13 @@ def _velocities_to(target, out, table, way, desired, velocity):
 
 
 @kernel
-def bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
+def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, ahead):
     """
     Scale the velocities of targets by the tempo, choose the next one, and bound what is left.
 
     :param work: targets; overwritten
     :param tempo: tempo of this tick, and its rate [1/s]; become those of the next one
+    :param memory: of the roll-out whose state the targets are, and what follows of it
     :returns: whether the references are bounded
     """
     slowed = tempo[0] < 1.0 or tempo[1] != 0.0
@@ -150,7 +172,7 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
     velocity, acceleration = np.empty(size), np.empty(size)
     for row in table:
         at, n, first = row[TARGET], row[COUNT], row[FIRST]
-        speeds, changes = at + TWIST, at + ACCELERATION
+        speeds, changes = at + TWIST, at + TARGET_ACCELERATION
         if row[KIND] == OF_JOINTS:
             speeds, changes = at + n, at + 3 * n + 1
         for i in range(n):
@@ -160,26 +182,30 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo):
                 work[speeds + i] = tempo[0] * target[speeds + i]
                 work[changes + i] = (tempo[0] ** 2 * target[changes + i]
                                      + tempo[1] * target[speeds + i])
-    _choose_tempo(velocity, acceleration, parts, dt, tempo)
+    later, rate = largest_tempo(memory, table, parts, tempo[0], tempo[0] * dt, ahead)
+    _choose_tempo(velocity, acceleration, parts, dt, tempo, later, rate)
     bounded = _bound(work, out, table, parts, dt)
     return bounded or slowed
 
 
 @kernel
-def _choose_tempo(velocity, acceleration, parts, dt, tempo):
+def _choose_tempo(velocity, acceleration, parts, dt, tempo, later, largest_rate):
     """
     The largest next tempo s with speeds s |v| and accelerations |s² a + s' v| inside the bounds.
 
     :param tempo: present tempo, and its rate [1/s]; changed
+    :param later: largest tempo with which what follows keeps the bounds
+    :param largest_rate: of the tempo, as long as the present state needs no larger one [1/s]
     """
     present = tempo[0]
-    most, low, high = 1.0, -math.inf, _RISE
+    most, low = 1.0, -math.inf
+    high = max(min(largest_rate, (later - present) / dt), -largest_rate)
     for part in parts:
-        n, at, largest = abs(int(part[_SIZE])), int(part[_AT]), part[_ACCELERATION]
+        n, at, largest = abs(int(part[SIZE])), int(part[AT]), part[ACCELERATION]
         v, a = velocity[at:at + n], acceleration[at:at + n]
         speed, along = norm(n, v), 0.0
-        if speed > _SLOW:
-            most = min(most, part[_SPEED] / speed)
+        if speed > SLOW:
+            most = min(most, part[SPEED] / speed)
             for i in range(n):
                 along += v[i] * a[i] / speed
         across = math.sqrt(max(norm(n, a) ** 2 - along ** 2, 0.0))
@@ -187,7 +213,7 @@ def _choose_tempo(velocity, acceleration, parts, dt, tempo):
             continue
         if across > 0.0:
             most = min(most, math.sqrt(_KEPT * largest / across))
-        if speed <= _SLOW:
+        if speed <= SLOW:
             if along == 0.0 and norm(n, a) > 0.0:
                 most = min(most, math.sqrt(_KEPT * largest / norm(n, a)))
             continue
@@ -209,7 +235,7 @@ def _bound(target, out, table, parts, dt):
     Move bounded references towards targets by one tick.
 
     :param out: the bounded references of the last tick; changed
-    :param parts: what is bounded; see `_SIZE`
+    :param parts: what is bounded; see `gdmp_ros.playback.look_ahead.SIZE`
     :returns: whether they are bounded now
     """
     size = table[-1, FIRST] + table[-1, COUNT]
@@ -217,8 +243,8 @@ def _bound(target, out, table, parts, dt):
     _velocities_to(target, out, table, way, desired, velocity)
     free = True
     for part in parts:
-        n, at = abs(int(part[_SIZE])), int(part[_AT])
-        speed, acceleration = part[_SPEED], part[_ACCELERATION]
+        n, at = abs(int(part[SIZE])), int(part[AT])
+        speed, acceleration = part[SPEED], part[ACCELERATION]
         for i in range(n):
             step[i] = way[at + i] - 0.5 * dt * (velocity[at + i] + desired[at + i])
         free = free and norm(n, step) <= acceleration * dt * dt
@@ -235,8 +261,8 @@ def _bound(target, out, table, parts, dt):
     # together stays together.
     rate = 1.0 / CATCH_UP_S
     for part in parts:
-        n, at = abs(int(part[_SIZE])), int(part[_AT])
-        speed, acceleration = part[_SPEED], part[_ACCELERATION]
+        n, at = abs(int(part[SIZE])), int(part[AT])
+        speed, acceleration = part[SPEED], part[ACCELERATION]
         for i in range(n):
             way[at + i] -= dt * desired[at + i]
         left = norm(n, way[at:at + n])
@@ -244,20 +270,20 @@ def _bound(target, out, table, parts, dt):
             rate = min(rate, CATCH_UP_SHARE * speed / left, math.sqrt(acceleration / left))
     share = 1.0
     for part in parts:
-        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        n, at = abs(int(part[SIZE])), int(part[AT])
         for i in range(n):
             desired[at + i] += rate * way[at + i]
         fast = norm(n, desired[at:at + n])
-        if fast > part[_SPEED]:
-            share = min(share, part[_SPEED] / fast)
+        if fast > part[SPEED]:
+            share = min(share, part[SPEED] / fast)
     change = 1.0
     for part in parts:
-        n, at = abs(int(part[_SIZE])), int(part[_AT])
+        n, at = abs(int(part[SIZE])), int(part[AT])
         for i in range(n):
             step[i] = share * desired[at + i] - velocity[at + i]
         much = norm(n, step)
-        if much > part[_ACCELERATION] * dt:
-            change = min(change, part[_ACCELERATION] * dt / much)
+        if much > part[ACCELERATION] * dt:
+            change = min(change, part[ACCELERATION] * dt / much)
     for i in range(size):
         way[i] = change * (share * desired[i] - velocity[i])
     _write(target, out, table, way, dt)
@@ -279,7 +305,7 @@ def _write(target, out, table, change, dt):
             continue
         for i in range(6):
             out[at + TWIST + i] += change[first + i]
-            out[at + ACCELERATION + i] = change[first + i] / dt
+            out[at + TARGET_ACCELERATION + i] = change[first + i] / dt
         for i in range(at + STIFFNESS, at + TARGET_SIZE):
             out[i] = target[i]
         one = out[at:at + TARGET_SIZE]

@@ -33,7 +33,7 @@ from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.manifolds.quaternion import pose_distance, rotation_between, UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.playback.distance import Distance
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 
 #: A motion starts at the present reference if it is this close to the robot [m, rad].
 NEAR_M, NEAR_RAD, NEAR_JOINT_RAD = 0.02, 0.1, 0.05

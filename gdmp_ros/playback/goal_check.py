@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from gdmp_ros.errors import ManifoldError, ParameterError
 from gdmp_ros.manifolds.poses import compose, inverse, POSE_SIZE
-from gdmp_ros.playback.kinematics import ArmKinematics
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 
@@ -99,3 +99,23 @@ class GoalCheck:
             return [('', place)]
         return [('first arm: ', place[:POSE_SIZE]),
                 ('second arm: ', compose(inverse(self._second_base()), place[POSE_SIZE:]))]
+
+
+class ArmKinematics(Protocol):
+    """Kinematics of the arm that follows (`gdmp_ros.sim.path_check`)."""
+
+    def problem(self, pose: np.ndarray) -> str:
+        """Why the arm cannot reach a pose; empty if it can."""
+
+    def problem_of_joints(self, position: np.ndarray) -> str:
+        """Why positions are not within the limits of the joints; empty if they are."""
+
+    def posture(self, pose: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """
+        Positions of the joints with which the tool is at a pose, near others.
+
+        :raises ManifoldError: if the arm does not reach it
+        """
+
+    def pose_at(self, position: np.ndarray) -> np.ndarray:
+        """Pose of the tool at positions of the joints."""

@@ -14,6 +14,7 @@ from gdmp_ros.dmp.layout import FINISHED, SPEED
 from gdmp_ros.kernels import kernel
 from gdmp_ros.playback.bounds import bound_in_time_and_space
 from gdmp_ros.playback.channels import advance_references
+from gdmp_ros.playback.look_ahead import LookAhead
 from gdmp_ros.playback.states import State
 
 #: What ends a tick that a kernel makes: nothing; the motion has finished, or goes on after its
@@ -23,8 +24,6 @@ _ENDS = {State.MOVING: FINISHES, State.FINISHED: GOES_ON_AGAIN, State.STOPPING: 
          State.RESTARTING: STOPS, State.WAITING: STOPS, State.PAUSED: GOES_ON}
 #: Indices of the counts of `Motion`.
 ENDS, BOUNDED, COUNTS = range(3)
-#: Stands for the memory of a roll-out if there is no motion.
-NOTHING = np.zeros(FINISHED + 1)
 
 
 class Motion(NamedTuple):
@@ -36,7 +35,7 @@ class Motion(NamedTuple):
     :ivar state: its last state, overwritten
     :ivar table: of the channels (`gdmp_ros.playback.channels.KIND`)
     :ivar target: reference of the player
-    :ivar parts: what is bounded, and three arrays of `gdmp_ros.playback.bounds.StreamBounds`
+    :ivar parts: what is bounded, and four parts of `gdmp_ros.playback.bounds.StreamBounds`
     """
 
     counts: np.ndarray
@@ -48,6 +47,7 @@ class Motion(NamedTuple):
     bounded: np.ndarray
     work: np.ndarray
     tempo: np.ndarray
+    ahead: LookAhead
 
 
 @kernel
@@ -66,7 +66,8 @@ def plain_tick(motion, dt):
                 or ends == STOPS and motion.memory[SPEED] == 0.0):
             return True
     if dt > 0.0 and bound_in_time_and_space(motion.target, motion.bounded, motion.table,
-                                            motion.parts, dt, motion.work, motion.tempo):
+                                            motion.parts, dt, motion.work, motion.tempo,
+                                            motion.memory, motion.ahead):
         motion.counts[BOUNDED] += 1
     return False
 

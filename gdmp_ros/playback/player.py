@@ -22,8 +22,8 @@ from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.playback.approach import Approach
 from gdmp_ros.playback.goal_tracker import moved_on
 from gdmp_ros.playback.plain_tick import end_of
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import after, Request, State, Status, TABLE
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 

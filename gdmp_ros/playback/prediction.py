@@ -6,7 +6,7 @@ import numpy as np
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 
 #: A prediction ends after this many durations of the motion.

@@ -4,9 +4,8 @@ from __future__ import annotations
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 
 _DT = 1e-3  # s
 
@@ -45,4 +44,4 @@ def rehearse(skill: Skill, settings: PlayerSettings) -> None:
     for _ in range(2):
         target = player.tick(_DT)
         if target is not None:
-            bounds.apply(tool, target, _DT)
+            bounds.apply(tool, target, _DT, player.rollout)

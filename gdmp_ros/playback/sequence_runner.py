@@ -12,8 +12,8 @@ from gdmp_ros.dmp.sequence import Course, GripperStep, HoldStep, MotionStep, Ski
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperSequence
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.rehearsal import rehearse
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 

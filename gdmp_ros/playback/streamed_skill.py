@@ -25,7 +25,7 @@ from gdmp_ros.playback.channels import (
     ToolChannel,
 )
 from gdmp_ros.playback.distance import Distance
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 
 #: Time in which the shortest way to the robot is gone, at least [s].
 _SHORTEST_S = 0.02

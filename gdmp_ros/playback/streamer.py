@@ -12,21 +12,20 @@ from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounds import StreamBounds
-from gdmp_ros.playback.goal_check import GoalCheck, no_second_arm
+from gdmp_ros.playback.goal_check import ArmKinematics, GoalCheck, no_second_arm
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
-from gdmp_ros.playback.kinematics import ArmKinematics
+from gdmp_ros.playback.look_ahead import NOTHING
 from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
 from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
-from gdmp_ros.playback.plain_tick import BOUNDED, COUNTS, ENDS, Motion, NOTHING
+from gdmp_ros.playback.plain_tick import BOUNDED, COUNTS, ENDS, Motion
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.rehearsal import rehearse
 from gdmp_ros.playback.robot_watch import RobotSettings, RobotWatch
 from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Request, State, Status
-from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.realtime.loop import NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
@@ -353,7 +352,8 @@ class Streamer:
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
         self.sequence.advance(player, dt)
-        return None if target is None else self.bounds.apply(player.playing, target, dt)
+        return None if target is None else self.bounds.apply(player.playing, target, dt,
+                                                             player.rollout)
 
     @property
     def only_goes_on(self) -> bool:
@@ -372,10 +372,11 @@ class Streamer:
         if player is None or player.target is None or bounds.out is None:
             raise RuntimeError('there is no stream')
         rollout, counts = player.rollout, np.zeros(COUNTS, dtype=np.int64)
+        bounds.follow(rollout)
         counts[ENDS] = player.ends
         return Motion(counts, NOTHING if rollout is None else rollout.memory, player.numbers,
                       player.playing.table, player.target, bounds.parts, bounds.out, bounds.work,
-                      bounds.tempos)
+                      bounds.tempos, bounds.ahead)
 
     def catch_up(self, motion: Motion, ticks: int, now_ns: int) -> None:
         """
@@ -393,7 +394,8 @@ class Streamer:
     def end_tick(self, dt: float) -> np.ndarray:
         """End a tick of a kernel, of ``dt`` seconds, in which the state of the player changes."""
         player = self.loaded()
-        return self.bounds.apply(player.playing, player.end_tick(self.bounds.tempo * dt), dt)
+        rollout, target = player.rollout, player.end_tick(self.bounds.tempo * dt)
+        return self.bounds.apply(player.playing, target, dt, rollout)
 
     def _use_pose(self, player: Player) -> None:
         """Let the player and the watch use where the robot is."""

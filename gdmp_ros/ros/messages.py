@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from gdmp_ros.control.joint_target import joints_of
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.reference_check import Origin, QUATERNION_TOLERANCE
 from gdmp_ros.control.target import (
     ACCELERATION,
@@ -24,16 +25,13 @@ from gdmp_ros.control.target import (
     WRENCH,
     WRENCH_GAIN,
 )
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.data import bags
 from gdmp_ros.errors import ManifoldError
 from gdmp_ros.realtime.statistics import Punctuality
 
 NS = 1_000_000_000
-#: Limits in ``RobotState.limited``; the others are in ``limited_more``.
-STATE_LIMITS = 15
 #: Numbers of a robot state before those of its joints.
-ROBOT_STATE_FIXED = 99 + 32
+ROBOT_STATE_FIXED = 99 + len(RobotState().limited)
 #: Entries of the diagnostics of a Franka.
 IN_TIME, LOST, CPU_TIME = ('commands in time', 'cycles lost',
                            'CPU time of a cycle, 50 % and 99 % [us]')
@@ -133,8 +131,7 @@ def fill_robot_state(message: RobotState, numbers: np.ndarray, rows: int = 3) ->
     message.stiffness, message.requested_stiffness = numbers[19:55], numbers[55:91]
     message.spring_energy, message.tank_energy = float(numbers[91]), float(numbers[92])
     set_vectors(message.commanded_wrench.force, message.commanded_wrench.torque, numbers[93:99])
-    message.limited = numbers[99:99 + STATE_LIMITS]
-    message.limited_more = numbers[99 + STATE_LIMITS:ROBOT_STATE_FIXED]
+    message.limited = numbers[99:ROBOT_STATE_FIXED]
     fields = ('position', 'velocity', 'torque')
     joints = numbers[ROBOT_STATE_FIXED:].reshape(rows, -1)
     for name, row in zip(fields, joints):

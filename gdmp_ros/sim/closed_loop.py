@@ -12,9 +12,8 @@ from gdmp_ros.control.manipulability import (
     PositionState,
     PositionTarget,
 )
-from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.measurement import Measurement, Tick
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform

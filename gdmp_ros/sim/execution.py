@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.target import POSE
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.arm import Arm

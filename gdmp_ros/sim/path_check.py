@@ -14,7 +14,7 @@ from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.law import compute
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.memory import arm_view, TOOL_SPRING
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.stream import advance, elapse, FOLLOWED, go_on, is_plain
 from gdmp_ros.control.target import STIFFNESS
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.sim.arm import Arm, FATAL

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.control.gripper import GripperCommand
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import POSE, TARGET_SIZE
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import is_of_two_arms
 from gdmp_ros.sim.arm import advance, Arm, Extra, PANDA, Robot

@@ -15,8 +15,8 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import likely_path
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import DURATIONS

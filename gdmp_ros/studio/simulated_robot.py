@@ -10,9 +10,9 @@ import numpy as np
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import described, LIMITS
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.data import recordings, takes
 from gdmp_ros.dmp.demonstration import Demonstration, MIN_SAMPLES
 from gdmp_ros.dmp.sequence import SkillSequence
@@ -22,9 +22,8 @@ from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Status
-from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock
 from gdmp_ros.sim.arm import Arm

@@ -65,7 +65,7 @@ def test_messages_without_the_references_of_joints_are_read(tmp_path):
             joints = [JointReference(position=numbers, velocity=numbers,
                                      stiffness=numbers)] if i else []
             state = RobotState(position=[0.1] * 7, velocity=[0.0] * 7, torque=[0.0] * 7, mode=2,
-                               tick=7 + i, limited_more=[0.5] + [0.0] * 16,
+                               tick=7 + i, limited=[0.0] * 15 + [0.5] + [0.0] * 16,
                                joint_reference=joints)
             for name, kind, message in (('/a/reference', REFERENCE, Reference(mode=1,
                                                                               joints=joints)),

@@ -9,7 +9,7 @@ from gdmp_ros.dmp.changes import with_functions
 from gdmp_ros.learning.correction import correction, FollowedMotion, HELD
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop

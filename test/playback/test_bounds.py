@@ -10,8 +10,7 @@ from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -112,3 +111,59 @@ def test_two_tools_that_belong_together_stay_together():
         assert np.linalg.norm(changes[:, :3], axis=1).max() <= 10.0 * 1.001
         assert np.linalg.norm(changes[:, 3:], axis=1).max() <= 20.0 * 1.001
     np.testing.assert_allclose(shown[-1], target, atol=1e-9)
+
+
+@pytest.fixture(scope='module')
+def corner():
+    """A skill that turns back within 40 ms, at 0.6 m/s: 30 m/s^2, where 10 are allowed."""
+    times = np.linspace(0.0, 1.2, 600)
+    speed = 0.6 * np.clip((0.6 - times) / 0.02, -1.0, 1.0) * minimum_jerk(
+        np.minimum(np.minimum(times, 1.2 - times) / 0.3, 1.0))
+    points = np.tile(START, (600, 1))
+    points[:, 1] += np.cumsum(speed) * times[1]
+    return Skill.learn(Demonstration(times, points, tool_manifold(None)), 200)
+
+
+def played(skill, known, seconds=4.0, request=None):
+    """What the player says, what is streamed, and the player, at every tick of a motion."""
+    player, bounds = Player(skill, PlayerSettings()), StreamBounds(StreamSettings())
+    player.start(None)
+    for k in range(round(seconds / DT)):
+        if request is not None and k == 300:
+            request(player)
+        target = player.tick(DT, bounds.tempo)
+        rollout = player.rollout if known else None
+        yield target, bounds.apply(player.playing, target, DT, rollout), player, bounds
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_a_corner_is_slowed_down_for_before_it_comes(corner, known):
+    pairs = np.array([(target.copy(), shown.copy()) for target, shown, *_ in
+                      played(corner, known)])
+    away = np.linalg.norm(pairs[:, 0, :3] - pairs[:, 1, :3], axis=1).max()
+    changes = np.diff(pairs[:, 1, 7:10], axis=0) / DT
+    assert np.linalg.norm(changes, axis=1).max() <= 10.0 * 1.001
+    # Whoever does not know what follows leaves the path.
+    assert away < 1e-9 if known else away > 2e-3
+    np.testing.assert_allclose(pairs[-1, 1], pairs[-1, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize('request_', [
+    None, lambda player: player.go_to(START + [0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    lambda player: player.set_speed(0.5)], ids=['none', 'goal', 'tempo'])
+def test_what_follows_is_what_comes(corner, request_):
+    """Soon after a request too."""
+    expected, met = {}, 0
+    for k, (_, _, player, bounds) in enumerate(played(corner, True, request=request_)):
+        if k == 300:
+            expected.clear()
+        state = player.rollout.state
+        for time in [one for one in expected if one <= state.time]:
+            before = state.point[:3] - (state.time - time) * state.velocity[:3]
+            np.testing.assert_allclose(before, expected.pop(time), atol=1e-4)
+            met += 1
+        if k % 100 == 50:
+            numbers = bounds.ahead.state
+            assert 0.0 < numbers[0] - state.time < 0.25
+            expected[numbers[0]] = numbers[2:5].copy()
+    assert met >= 10

@@ -7,8 +7,8 @@ from gdmp_ros import Skill
 from gdmp_ros.data.recordings import tool_manifold
 from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, TIME_OUT
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.refusals import Refusals
+from gdmp_ros.playback.settings import PlayerSettings
 
 POSE = np.array([0.4, -0.3, 0.3, 0.0, 1.0, 0.0, 0.0])
 BELT = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.2])

@@ -19,8 +19,7 @@ from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from test.lockstep.clock import SteppedClock
 

@@ -5,9 +5,8 @@ import pytest
 from gdmp_ros.kernels import kernel
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.plain_tick import plain_tick
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import State
-from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from test.lockstep.clock import SteppedClock
 

@@ -18,8 +18,8 @@ from gdmp_ros import (
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.playback.channels import APPROACH_ACCELERATION
 from gdmp_ros.playback.player import MAX_WAITING, Player
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.prediction import prediction
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Request
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 

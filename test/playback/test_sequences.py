@@ -13,9 +13,8 @@ from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Status
-from gdmp_ros.playback.stream_settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.util.profiles import minimum_jerk
 from test.lockstep.clock import SteppedClock

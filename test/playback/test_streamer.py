@@ -8,9 +8,8 @@ import pytest
 from gdmp_ros import ParameterError
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from test.lockstep.clock import SteppedClock
 
@@ -108,10 +107,10 @@ LOADING = """
 from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
 from gdmp_ros.playback.robot_watch import RobotSettings
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.realtime.loop import SystemClock
 
 loaded, load = [], KernelCache.load_overload

@@ -7,7 +7,7 @@ from gdmp_ros.data import bags, recordings
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.errors import DataError
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.sim.scenes import cloth_table

@@ -10,7 +10,7 @@ from gdmp_ros.data import lasa
 from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.execution import execution_ticks

@@ -7,7 +7,7 @@ from gdmp_ros.control.settings import ControllerSettings, FrictionSettings, Tank
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload

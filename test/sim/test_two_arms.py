@@ -14,7 +14,7 @@ from gdmp_ros.demo.tray import (
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
-from gdmp_ros.playback.player_settings import PlayerSettings
+from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute

@@ -10,13 +10,13 @@ from experiments.reliability.stability import growth_margin
 from experiments.reliability.trial import FaultTrial
 from experiments.reliability.trial_result import TrialResult
 from gdmp_ros.control.impedance import damping_design
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.settings import (
     ControllerSettings,
     LimitSettings,
     TankSettings,
 )
 from gdmp_ros.control.target import resting_target, STIFFNESS
-from gdmp_ros.control.tick import Tick
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import hard_table

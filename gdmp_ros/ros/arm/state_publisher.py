@@ -7,7 +7,7 @@ from functools import partial
 from gdmp_msgs.msg import RobotState
 import numpy as np
 
-from gdmp_ros.control.tick import Tick
+from gdmp_ros.control.measurement import Tick
 from gdmp_ros.realtime.loop import Clock, Loop, NS, periodic
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
 from gdmp_ros.ros.lifecycle import (

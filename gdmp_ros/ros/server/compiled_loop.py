@@ -14,7 +14,8 @@ import numpy as np
 
 from gdmp_ros.control.target import POSE, STIFFNESS
 from gdmp_ros.kernels import kernel
-from gdmp_ros.playback.plain_tick import COUNTS, Motion, NOTHING, plain_tick
+from gdmp_ros.playback.look_ahead import look_ahead_of, NOTHING
+from gdmp_ros.playback.plain_tick import COUNTS, Motion, plain_tick
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.native import (
     ATTENTION,
@@ -112,7 +113,8 @@ def run(loop, clocks, time, lateness, links, motion, target):
 
 
 _NO_MOTION = Motion(np.zeros(COUNTS, dtype=np.int64), NOTHING, NOTHING,
-                    np.zeros((1, 9), dtype=np.int64), NOTHING, np.zeros((2, 4)), *3 * [NOTHING])
+                    np.zeros((1, 9), dtype=np.int64), NOTHING, np.zeros((2, 4)),
+                    NOTHING, NOTHING, NOTHING, look_ahead_of(None))
 
 
 def warm_up() -> None:

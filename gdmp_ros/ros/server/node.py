@@ -20,9 +20,8 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
-from gdmp_ros.playback.player_settings import PlayerSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
-from gdmp_ros.playback.stream_settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from gdmp_ros.realtime.loop import Loop, NS, periodic, priority_beside
