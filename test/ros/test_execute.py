@@ -30,7 +30,7 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - goal) < 0.01)
     # The state is reported ten times a second.
-    running.wait('the end to be reported', lambda: running.state.progress == 1.0)
+    running.wait('the end to be reported', lambda: running.state.status == 'holding')
     motions = running.state.progress
     code, _, err = execute('--goal-position', '5', '0', '0.3', '--switch-at', '0.2')
     assert code == 1 and 'goal x is 5.000 m, outside the workspace' in err.splitlines()[-1]
