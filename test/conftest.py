@@ -1,7 +1,6 @@
 """What every test may ask for, and what none may leave behind."""
 import contextlib
 import ctypes
-from pathlib import Path
 import signal
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.util.processes import thread_names
 
 _PR_SET_CHILD_SUBREAPER = 36
 #: Helpers of libraries that stay until this process ends.
@@ -93,8 +93,7 @@ def _words(process):
 
 def _participants():
     """Threads that look for other participants of DDS: at ports 7400 + 250 times the domain."""
-    names = [(task / 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir()]
-    return [name for name in names if name.startswith('dds.udp.')
+    return [name for name in thread_names().values() if name.startswith('dds.udp.')
             and (int(name.removeprefix('dds.udp.')) - 7400) % 250 == 0]
 
 
@@ -106,11 +105,11 @@ def nothing_left_running():
     Participants of one domain that are left find each other again and again: nothing else runs.
     """
     yield
-    assert not _participants()
-    left = _left_running()
+    left, participants = _left_running(), _participants()
     told = [f'{one.pid}: {_words(one)[:200]}' for one in left]
     for one in left:
         with contextlib.suppress(psutil.NoSuchProcess):
             one.kill()
     assert not told, told
+    assert not participants, participants
 

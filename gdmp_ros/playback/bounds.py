@@ -6,32 +6,34 @@ import math
 import numpy as np
 
 from gdmp_ros.control.governor import CATCH_UP_S
-from gdmp_ros.control.target import ACCELERATION as TARGET_ACCELERATION
 from gdmp_ros.control.target import (
+    ACCELERATION,
     extrapolate_pose,
     POSE,
     STIFFNESS,
     TARGET_SIZE,
     TWIST,
 )
+from gdmp_ros.dmp.layout import FINISHED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
 from gdmp_ros.playback.look_ahead import (
-    ACCELERATION,
     AT,
     largest_tempo,
     look_ahead_of,
-    NOTHING,
+    MOST_ACCELERATION,
+    MOST_SPEED,
     SIZE,
     SLOW,
-    SPEED,
 )
 from gdmp_ros.playback.settings import StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
+#: Stands for the memory of a roll-out if there is no motion.
+NOTHING = np.zeros(FINISHED + 1)
 #: Speed at which a bounded stream catches up, as a share of the largest speed.
 CATCH_UP_SHARE = 0.3
 #: Rounding of a step.
@@ -70,7 +72,7 @@ class StreamBounds:
         """Use other bounds from the next stream on, and from now on if there is one."""
         self._settings = settings
         if len(self.parts):
-            self.parts[:, SPEED:] = [self._limits(size) for size in self.parts[:, SIZE]]
+            self.parts[:, MOST_SPEED:] = [self._limits(size) for size in self.parts[:, SIZE]]
 
     def reset(self) -> None:
         """The next reference begins a stream."""
@@ -88,7 +90,7 @@ class StreamBounds:
                 and len(self.out) == len(reference))
 
     def follow(self, rollout: Rollout | None) -> None:
-        """Look ahead along a motion; None: there is none."""
+        """Use this motion for looking ahead; None if there is no motion."""
         if rollout is not self._rollout:
             self._rollout, self.ahead = rollout, look_ahead_of(rollout)
 
@@ -172,7 +174,7 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, 
     velocity, acceleration = np.empty(size), np.empty(size)
     for row in table:
         at, n, first = row[TARGET], row[COUNT], row[FIRST]
-        speeds, changes = at + TWIST, at + TARGET_ACCELERATION
+        speeds, changes = at + TWIST, at + ACCELERATION
         if row[KIND] == OF_JOINTS:
             speeds, changes = at + n, at + 3 * n + 1
         for i in range(n):
@@ -201,11 +203,11 @@ def _choose_tempo(velocity, acceleration, parts, dt, tempo, later, largest_rate)
     most, low = 1.0, -math.inf
     high = max(min(largest_rate, (later - present) / dt), -largest_rate)
     for part in parts:
-        n, at, largest = abs(int(part[SIZE])), int(part[AT]), part[ACCELERATION]
+        n, at, largest = abs(int(part[SIZE])), int(part[AT]), part[MOST_ACCELERATION]
         v, a = velocity[at:at + n], acceleration[at:at + n]
         speed, along = norm(n, v), 0.0
         if speed > SLOW:
-            most = min(most, part[SPEED] / speed)
+            most = min(most, part[MOST_SPEED] / speed)
             for i in range(n):
                 along += v[i] * a[i] / speed
         across = math.sqrt(max(norm(n, a) ** 2 - along ** 2, 0.0))
@@ -244,7 +246,7 @@ def _bound(target, out, table, parts, dt):
     free = True
     for part in parts:
         n, at = abs(int(part[SIZE])), int(part[AT])
-        speed, acceleration = part[SPEED], part[ACCELERATION]
+        speed, acceleration = part[MOST_SPEED], part[MOST_ACCELERATION]
         for i in range(n):
             step[i] = way[at + i] - 0.5 * dt * (velocity[at + i] + desired[at + i])
         free = free and norm(n, step) <= acceleration * dt * dt
@@ -262,7 +264,7 @@ def _bound(target, out, table, parts, dt):
     rate = 1.0 / CATCH_UP_S
     for part in parts:
         n, at = abs(int(part[SIZE])), int(part[AT])
-        speed, acceleration = part[SPEED], part[ACCELERATION]
+        speed, acceleration = part[MOST_SPEED], part[MOST_ACCELERATION]
         for i in range(n):
             way[at + i] -= dt * desired[at + i]
         left = norm(n, way[at:at + n])
@@ -274,16 +276,16 @@ def _bound(target, out, table, parts, dt):
         for i in range(n):
             desired[at + i] += rate * way[at + i]
         fast = norm(n, desired[at:at + n])
-        if fast > part[SPEED]:
-            share = min(share, part[SPEED] / fast)
+        if fast > part[MOST_SPEED]:
+            share = min(share, part[MOST_SPEED] / fast)
     change = 1.0
     for part in parts:
         n, at = abs(int(part[SIZE])), int(part[AT])
         for i in range(n):
             step[i] = share * desired[at + i] - velocity[at + i]
         much = norm(n, step)
-        if much > part[ACCELERATION] * dt:
-            change = min(change, part[ACCELERATION] * dt / much)
+        if much > part[MOST_ACCELERATION] * dt:
+            change = min(change, part[MOST_ACCELERATION] * dt / much)
     for i in range(size):
         way[i] = change * (share * desired[i] - velocity[i])
     _write(target, out, table, way, dt)
@@ -305,7 +307,7 @@ def _write(target, out, table, change, dt):
             continue
         for i in range(6):
             out[at + TWIST + i] += change[first + i]
-            out[at + TARGET_ACCELERATION + i] = change[first + i] / dt
+            out[at + ACCELERATION + i] = change[first + i] / dt
         for i in range(at + STIFFNESS, at + TARGET_SIZE):
             out[i] = target[i]
         one = out[at:at + TARGET_SIZE]

@@ -7,28 +7,26 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.dmp.integrator import advance
-from gdmp_ros.dmp.layout import FINISHED, scalar_index
+from gdmp_ros.dmp.layout import scalar_index
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, norm
 from gdmp_ros.playback.channels import COUNT, KIND, OF_JOINTS, STATE_ACCELERATION, VELOCITY
 
-#: Stands for the memory of a roll-out if there is no motion.
-NOTHING = np.zeros(FINISHED + 1)
-#: Time between two samples of what follows, how far it is known, and when it is computed anew [s].
+#: Time between two samples, time that is looked ahead, and time after which all samples are
+#: computed again [s].
 STEP_S, AHEAD_S, RENEW_S = 0.002, 0.2, 2.0
 #: Most samples of one tick; samples that are kept.
 _BUDGET, _KEPT_SAMPLES = 4, 128
 #: Share of an acceleration that a change of the tempo may use; the rest is for the motion.
 SHARE = 0.25
-#: Change of the slowing down of phase stopping with which samples are computed anew.
-_SLOWER = 0.05
-#: Indices of the scalars of a motion that only requests change, and of phase stopping.
-_SPEED_GOAL, _SWITCHED, _SINCE, _AMPLITUDE, _OBSTACLES, _SLOWDOWN = (
-    scalar_index(name) for name in ('speed_goal', 'switched_at', 'target_since', 'amplitude_goal',
-                                    'obstacles', 'slowdown'))
+#: Scalars of a motion, and the change of each with which all samples are computed again: requests
+#: change them, and phase stopping the last one.
+_WATCHED = tuple(scalar_index(name) for name in (
+    'speed_goal', 'switched_at', 'target_since', 'amplitude_goal', 'obstacles', 'slowdown'))
+_TOLERANCES = (0.0, 0.0, 0.0, 0.0, 0.0, 0.05)
 #: Indices of `LookAhead.numbers`: time of the motion since the first sample [s], number of
-#: samples, and the scalars above as they were then.
+#: samples, and the watched scalars as they were then.
 _TIME, _COUNT, _KNOWN = range(3)
 #: A part that is slower than this has no direction [m/s, rad/s].
 SLOW = 1e-6
@@ -36,7 +34,7 @@ SLOW = 1e-6
 MOST_RATE = 5.0
 #: Columns of what is bounded: numbers of a part (-3: a position, 3: a rotation, 1: a joint), its
 #: first velocity, largest speed and acceleration.
-SIZE, AT, SPEED, ACCELERATION = range(4)
+SIZE, AT, MOST_SPEED, MOST_ACCELERATION = range(4)
 
 
 class LookAhead(NamedTuple):
@@ -61,7 +59,7 @@ def look_ahead_of(rollout: Rollout | None) -> LookAhead:
     """Nothing is known yet of a motion; None: there is no motion."""
     size, state_size = (0, 0) if rollout is None else (len(rollout.memory), rollout.state_size)
     return LookAhead(np.empty(size), np.empty(state_size), np.ones(_KEPT_SAMPLES),
-                     np.zeros(_KEPT_SAMPLES), np.zeros(_KNOWN + 6))
+                     np.zeros(_KEPT_SAMPLES), np.zeros(_KNOWN + len(_WATCHED)))
 
 
 @kernel
@@ -69,7 +67,7 @@ def largest_tempo(memory, table, parts, present, passed, ahead):
     """
     The largest tempo with which a motion can keep its bounds from now on.
 
-    After a request what follows is computed anew, in some ticks; the tempo does not rise then.
+    After a request all samples are computed again, in some ticks; the tempo does not rise then.
 
     :param memory: of the roll-out
     :param table: of the channels, see `gdmp_ros.playback.channels.KIND`
@@ -85,7 +83,8 @@ def largest_tempo(memory, table, parts, present, passed, ahead):
     numbers[_TIME] += passed
     if numbers[_COUNT] == 0.0 or numbers[_TIME] > RENEW_S or _is_changed(memory, numbers):
         copy_into(memory, ahead.memory)
-        _note(memory, numbers)
+        for i in range(len(_WATCHED)):
+            numbers[_KNOWN + i] = memory[_WATCHED[i]]
         numbers[_TIME], numbers[_COUNT] = 0.0, 0.0
     for _ in range(_BUDGET):
         if numbers[_COUNT] * STEP_S > numbers[_TIME] + AHEAD_S:
@@ -120,9 +119,9 @@ def _bounds_at(state, table, parts):
             first, change = row[VELOCITY] + n * i, row[STATE_ACCELERATION] + n * i
             speed = factor * norm(n, state[first:first + n])
             acceleration = factor * norm(n, state[change:change + n])
-            largest = parts[at, ACCELERATION]
+            largest = parts[at, MOST_ACCELERATION]
             if speed > SLOW:
-                tempo = min(tempo, parts[at, SPEED] / speed)
+                tempo = min(tempo, parts[at, MOST_SPEED] / speed)
                 rate = min(rate, SHARE * largest / speed)
             if acceleration > largest:
                 tempo = min(tempo, math.sqrt((1.0 - SHARE) * largest / acceleration))
@@ -132,14 +131,8 @@ def _bounds_at(state, table, parts):
 
 @kernel
 def _is_changed(memory, numbers):
-    known = numbers[_KNOWN:]
-    return (memory[_SPEED_GOAL] != known[0] or memory[_SWITCHED] != known[1]
-            or memory[_SINCE] != known[2] or memory[_AMPLITUDE] != known[3]
-            or memory[_OBSTACLES] != known[4] or abs(memory[_SLOWDOWN] - known[5]) > _SLOWER)
-
-
-@kernel
-def _note(memory, numbers):
-    known = numbers[_KNOWN:]
-    known[0], known[1], known[2] = memory[_SPEED_GOAL], memory[_SWITCHED], memory[_SINCE]
-    known[3], known[4], known[5] = memory[_AMPLITUDE], memory[_OBSTACLES], memory[_SLOWDOWN]
+    """Whether a watched scalar is not what it was when the first sample was computed."""
+    for i in range(len(_WATCHED)):
+        if abs(memory[_WATCHED[i]] - numbers[_KNOWN + i]) > _TOLERANCES[i]:
+            return True
+    return False

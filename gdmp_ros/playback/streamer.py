@@ -11,10 +11,9 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.playback.bounds import StreamBounds
+from gdmp_ros.playback.bounds import NOTHING, StreamBounds
 from gdmp_ros.playback.goal_check import ArmKinematics, GoalCheck, no_second_arm
 from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, GripperSequence
-from gdmp_ros.playback.look_ahead import NOTHING
 from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
 from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord

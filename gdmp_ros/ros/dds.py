@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 import os
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -37,7 +36,7 @@ from gdmp_ros.ros.middleware import (
     ServiceClient,
     Subscription,
 )
-from gdmp_ros.util.processes import held_interrupts
+from gdmp_ros.util.processes import held_interrupts, thread_names
 
 #: Longest wait for a message before a loop looks whether it is to end [ns].
 WAIT_NS = 50_000_000
@@ -198,11 +197,10 @@ class DdsParticipant:
 
     def precede(self) -> None:
         # Fast DDS names its threads; the system grants what it has granted to the loop.
-        for task in Path('/proc/self/task').iterdir():
-            with suppress(OSError):
-                if (task / 'comm').read_text().startswith(_THREADS):
-                    os.sched_setscheduler(int(task.name), os.SCHED_FIFO,
-                                          os.sched_param(MESSAGE_PRIORITY))
+        for number, name in thread_names().items():
+            if name.startswith(_THREADS):
+                with suppress(OSError):
+                    os.sched_setscheduler(number, os.SCHED_FIFO, os.sched_param(MESSAGE_PRIORITY))
 
     def publishers(self, topic: str) -> list[str]:
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))

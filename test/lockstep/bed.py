@@ -9,12 +9,12 @@ from gdmp_ros.ros.dds import using
 from test.lockstep.children import LockstepChildren
 from test.lockstep.network import Network
 
-#: Nodes in lockstep use nothing of DDS.
+#: Nodes in lockstep use nothing of DDS: they look for no other participants.
 _OFF = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
 
 
 def isolated_context():
-    """A context of rclpy whose nodes open no connection."""
+    """A context of rclpy whose nodes look for no others."""
     context = rclpy.Context()
     with mock.patch.dict(os.environ, _OFF):
         rclpy.init(context=context, args=[])

@@ -125,7 +125,7 @@ def corner():
 
 
 def played(skill, known, seconds=4.0, request=None):
-    """What the player says, what is streamed, and the player, at every tick of a motion."""
+    """Target of the player, bounded reference, player and bounds, at every tick of a motion."""
     player, bounds = Player(skill, PlayerSettings()), StreamBounds(StreamSettings())
     player.start(None)
     for k in range(round(seconds / DT)):
@@ -143,7 +143,7 @@ def test_a_corner_is_slowed_down_for_before_it_comes(corner, known):
     away = np.linalg.norm(pairs[:, 0, :3] - pairs[:, 1, :3], axis=1).max()
     changes = np.diff(pairs[:, 1, 7:10], axis=0) / DT
     assert np.linalg.norm(changes, axis=1).max() <= 10.0 * 1.001
-    # Whoever does not know what follows leaves the path.
+    # Without looking ahead the reference leaves the path.
     assert away < 1e-9 if known else away > 2e-3
     np.testing.assert_allclose(pairs[-1, 1], pairs[-1, 0], atol=1e-9)
 

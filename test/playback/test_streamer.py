@@ -107,10 +107,9 @@ LOADING = """
 from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
 from gdmp_ros.playback.robot_watch import RobotSettings
-from gdmp_ros.playback.settings import StreamSettings
+from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.realtime.loop import SystemClock
 
 loaded, load = [], KernelCache.load_overload

@@ -110,7 +110,7 @@ class Bed:
 
 @pytest.fixture
 def domain(monkeypatch):
-    """A domain of DDS in which nobody else is."""
+    """A domain of DDS without other participants."""
     with Domain() as claimed:
         for name, value in claimed.environment().items():
             monkeypatch.setenv(name, value)

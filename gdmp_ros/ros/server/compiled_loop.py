@@ -14,7 +14,8 @@ import numpy as np
 
 from gdmp_ros.control.target import POSE, STIFFNESS
 from gdmp_ros.kernels import kernel
-from gdmp_ros.playback.look_ahead import look_ahead_of, NOTHING
+from gdmp_ros.playback.bounds import NOTHING
+from gdmp_ros.playback.look_ahead import look_ahead_of
 from gdmp_ros.playback.plain_tick import COUNTS, Motion, plain_tick
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.native import (
