@@ -100,7 +100,7 @@ class ImpedanceController:
         arm.last[:] = np.clip(measured.bias, -arm.largest, arm.largest)
         if not hasattr(self, 'guard'):
             self.guard = ReferenceGuard(settings.guard, measured.pose, settings.damping_ratio,
-                                        len(measured.position), self.states)
+                                        len(measured.position), self.states, settings.limits)
         self.guard.restart(MeasuredMotion(
             measured.pose.copy(), np.zeros(6), measured.position.copy(),
             np.zeros_like(measured.velocity)))
@@ -253,7 +253,7 @@ class ImpedanceController:
         arm.friction[:], arm.credit[:] = friction_of(settings.friction, self._model_friction)
         arm.gains[:], arm.limits[:] = numbers(settings.gains), numbers(limits)
         arm.bounds[:] = diagonal_bounds(limits.stiffness_min, limits.stiffness_max)
-        arm.largest[:], arm.fastest[:] = (limits.torque_share * joints.torque,
+        arm.largest[:], arm.fastest[:] = (joints.torque,
                                           joints.fastest(limits.joint_speed))
         arm.joint_limits[:] = joints.lower, joints.upper, SPEED_MARGIN * arm.fastest
         scalars = arm.scalars
@@ -273,7 +273,7 @@ class ImpedanceController:
             self.posture.use(settings.posture)
         # The last torque stays: a smaller limit is no step of it.
         self._use(settings)
-        self.guard.configure(settings.guard, settings.damping_ratio)
+        self.guard.configure(settings.guard, settings.limits, settings.damping_ratio)
         self.tank.configure(settings.tank)
 
     def _hold(self, pose: np.ndarray) -> None:

@@ -15,15 +15,19 @@ from gdmp_ros.control.reference_kinds import (
     PoseReferences,
     ReferenceKind,
 )
-from gdmp_ros.control.settings import GuardSettings
+from gdmp_ros.control.settings import GuardSettings, LimitSettings
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import records_at
+from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.util.profiles import smoothstep
 
 #: Reason of a stop because the stream has ended without saying so.
 NO_REFERENCE = 'no reference for'
 #: After `ReferenceGuard.arm` a motion must begin within this time [s].
 ARMED_S = 10.0
+#: A stream may be this many times as fast as the arm, which is then slowed down behind it.
+HEADROOM = 2.0
+_LIMITS = LimitSettings()
 
 
 class ReferenceGuard:
@@ -40,18 +44,20 @@ class ReferenceGuard:
     """
 
     def __init__(self, settings: GuardSettings, pose: np.ndarray, damping_ratio: float,
-                 joints: int = 0, states: ArmStates | None = None):
+                 joints: int = 0, states: ArmStates | None = None,
+                 limits: LimitSettings = _LIMITS):
         """
         Hold a pose until the first reference.
 
         :param pose: (x, y, z, qw, qx, qy, qz)
         :param joints: number of joints, if references of the joints may be followed
+        :param limits: of the arm
         :param states: of the arm; by default of one that does nothing but follow
         """
         self.numbers = stream.blank()
         self._stream = records_at(self.numbers, 0, 1, stream.STREAM)[0]
         self.held = np.zeros(max(7, joints))
-        self._use(settings)
+        self._use(settings, limits)
         self.states = states or ArmStates()
         self.states.watchers.append(self._entered)
         self._stream.state = stream.number_of(self.states.state)
@@ -67,7 +73,7 @@ class ReferenceGuard:
         known.fresh = known.resumable = known.armed = 0.0
         known.age, known.sequence, known.delay = math.inf, 0.0, 0.0
         known.on_time, known.stop_progress = 0.0, 1.0
-        self._far = ''
+        self._far, self._distrusted = '', False
         self.states.take(Request.ACTIVATE)
         self._robot = robot
         self.hold(robot.pose)
@@ -174,17 +180,20 @@ class ReferenceGuard:
             self.held[:len(place)] = place
         return rested
 
-    def configure(self, settings: GuardSettings, damping_ratio: float) -> None:
+    def configure(self, settings: GuardSettings, limits: LimitSettings, damping_ratio: float
+                  ) -> None:
         """Use other settings from now on; the damping ratio only while nothing is followed."""
-        self._use(settings)
+        self._use(settings, limits)
         if not self.following:
             self._tool.damp(damping_ratio)
             self._joints.damp(damping_ratio)
 
-    def _use(self, settings: GuardSettings) -> None:
+    def _use(self, settings: GuardSettings, limits: LimitSettings) -> None:
         self.settings, known = settings, self._stream
         known.timeout, known.stamp_tolerance = settings.timeout, settings.stamp_tolerance
         known.jump_position, known.jump_rotation = settings.jump_position, settings.jump_rotation
+        known.fastest, known.fastest_turn = (HEADROOM * limits.speed,
+                                             HEADROOM * limits.angular_speed)
 
     def refuse(self, reason: str) -> None:
         """Count a reference that is not accepted, and keep the reason."""
@@ -284,7 +293,7 @@ class ReferenceGuard:
             gap = 0.0 if self.following else self._stream.age
             reason = self._out_of_sequence(origin)
             if reason is None and same:
-                reason = kind.jump(kind.target, target, gap, settings)
+                reason = self._jump(kind, place, target, gap)
             if reason is not None or (same and origin.mode != StreamMode.ENDED):
                 return reason
             if same:
@@ -316,6 +325,29 @@ class ReferenceGuard:
             return None
         return (f'sequence number {origin.sequence} does not follow {last:.0f}: there is '
                 'more than one publisher of references')
+
+    def _jump(self, kind: ReferenceKind, place: np.ndarray, target: np.ndarray, gap: float
+              ) -> str | None:
+        """Why a reference does not go on from the last one; None if it does."""
+        if not self.following or kind is not self._tool:
+            return kind.jump(kind.target, target, gap, self.settings)
+        # As it came: the target has gone on since then, and late references come one by one.
+        ways = pose_distance(stream.newest(self.numbers).place, place)
+        for what, way, limit, unit in zip(('position', 'rotation'), ways,
+                                          stream.allowance(self.numbers), ('m', 'rad')):
+            if not way <= limit:
+                return f'the {what} jumps by {way:.3g} {unit}, expected at most {limit:.3g}'
+        return None
+
+    def look(self) -> None:
+        """Say once that the twists of a stream are not those of its poses."""
+        newest = stream.newest(self.numbers)
+        distrusted = self.following and bool((newest.distrusted > 0.0).any())
+        if distrusted and not self._distrusted and newest.twist.any():
+            self.refuse('the twist of the references is not that of their poses, and is not used: '
+                        f'they are {1e3 * np.linalg.norm(newest.apart[:3]):.1f} mm and '
+                        f'{np.linalg.norm(newest.apart[3:]):.3f} rad apart')
+        self._distrusted = distrusted
 
     def _forget(self) -> None:
         """Follow nothing from now on."""

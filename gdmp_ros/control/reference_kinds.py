@@ -30,6 +30,8 @@ from gdmp_ros.manifolds.quaternion import normalize, pose_distance
 HOLD_JOINT_STIFFNESS = 200.0
 #: A joint may move at most this fast, before any limit of the arm [rad/s].
 LARGEST_RATE = 20.0
+#: The first references of a motion may be lost for this time [s].
+LOST_S = 0.2
 
 
 class MeasuredMotion(NamedTuple):
@@ -77,6 +79,10 @@ class ReferenceKind(Protocol):
         """
         Why a target does not continue from the last place; None if it does.
 
+        In a gap a motion may have gone on as before. One that begins in it may have gone half the
+        way of its velocity, for at most `LOST_S`.
+
+        :param last: where the last one was: a target; or a place at rest
         :param gap: time in between in which there were no references [s]
         """
 
@@ -137,10 +143,10 @@ class PoseReferences:
         for what, value, first, limit, unit in (
                 ('position', distance, TWIST, settings.jump_position, 'm'),
                 ('rotation', angle, TWIST + 3, settings.jump_rotation, 'rad')):
-            if gap:
-                limit += gap * max(float(np.linalg.norm(numbers))
-                                   for numbers in (target[first:first + 3],
-                                                   self._twist[first - TWIST:][:3]))
+            if len(last) == len(target):
+                limit += gap * float(np.linalg.norm(self._twist[first - TWIST:][:3]))
+            else:
+                limit += 0.5 * min(gap, LOST_S) * float(np.linalg.norm(target[first:first + 3]))
             if not value <= limit:
                 return f'the {what} jumps by {value:.3g} {unit}, expected at most {limit:.3g}'
         return None
@@ -225,8 +231,11 @@ class JointReferences:
         """Why a target does not continue from the last place; None if it does."""
         n = self._n
         step = np.abs(target[:n] - last[:n])
-        limit = settings.jump_joints + gap * float(np.maximum(
-            np.abs(target[n:2 * n]), np.abs(self._velocity)).max())
+        if len(last) == len(target):
+            way = gap * float(np.abs(self._velocity).max(initial=0.0))
+        else:
+            way = 0.5 * min(gap, LOST_S) * float(np.abs(target[n:2 * n]).max(initial=0.0))
+        limit = settings.jump_joints + way
         if step.max() <= limit:
             return None
         return (f'joint {int(np.argmax(step)) + 1} jumps by {step.max():.3g} rad, expected at '

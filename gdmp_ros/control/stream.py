@@ -6,14 +6,18 @@ Everything else, the beginning and the end of a motion and every refusal, is dec
 """
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import continues, is_invalid
 from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, TWIST
-from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.quaternion import normalize, pose_distance
+from gdmp_ros.kernels import jitable, kernel, local_numbers, records_at
+from gdmp_ros.manifolds.linalg import norm
+from gdmp_ros.manifolds.quaternion import normalize, pose_distance, rotation_between
 
 #: Time for which the acceleration of the last reference is used between two references [s].
 ACCELERATION_S = 0.01
@@ -21,6 +25,16 @@ ACCELERATION_S = 0.01
 DELAY_SHARE, DELAY_GAP_S = 0.02, 0.05
 #: A reference that is further from its usual time is followed as it is [s].
 LARGEST_SHIFT_S = 0.02
+
+#: How far the poses of a stream may be from its twists: always [m, rad], for each unit of speed
+#: [s], and as a share of the way between two references; how long that is remembered [s].
+_APART, _APART_S, _APART_SHARE, _MEMORY_S = (0.001, 0.005), 0.001, 0.1, 0.1
+#: Twists that were wrong are used again when they have been right for this time [s].
+TRUSTED_S = 0.5
+#: Twists are not compared with poses that are further apart in time [s].
+_LONGEST_STEP_S = 0.1
+#: What a stream did not go while it could is forgotten with this time constant [s].
+_SPARE_S = 0.01
 
 #: What a guard knows of its streams; flags are 0 or 1.
 STREAM = np.dtype([(name, np.float64) for name in (
@@ -32,6 +46,8 @@ STREAM = np.dtype([(name, np.float64) for name in (
     'sequence',         # its number
     'delay',            # usual age of references on arrival [s]
     'resumable',        # flag: its stream may go on after a gap
+    'arrived_age',      # its age on arrival [s]
+    'way', 'turn',      # how far the next one may be from it, besides what time adds [m, rad]
     # The newest reference that came, followed or not.
     'offered_mode', 'offered_sequence', 'offered_age',
     'offered_of_joints',  # flag
@@ -40,7 +56,34 @@ STREAM = np.dtype([(name, np.float64) for name in (
     'armed',            # time for which a motion is followed wherever it is [s]
     'stop_progress',    # of coming to rest, 1 at rest
     # Settings.
-    'timeout', 'stamp_tolerance', 'jump_position', 'jump_rotation')])
+    'timeout', 'stamp_tolerance', 'jump_position', 'jump_rotation',
+    'fastest', 'fastest_turn')])  # how fast references may go on [m/s, rad/s]
+_SCALARS = len(STREAM.names or ())
+
+
+class Newest(NamedTuple):
+    """
+    What follows a `STREAM` record: of the newest reference that is followed, as it came.
+
+    :ivar place: its pose
+    :ivar twist: [m/s, rad/s]
+    :ivar apart: how far the poses of the stream are from its twists [m, rad]
+    :ivar distrusted: time until its twists are used again, the linear and the angular ones [s]
+    """
+
+    place: np.ndarray
+    twist: np.ndarray
+    apart: np.ndarray
+    distrusted: np.ndarray
+
+
+@jitable
+def newest(numbers):
+    """See `Newest`."""
+    return Newest(numbers[_SCALARS:_SCALARS + 7], numbers[_SCALARS + 7:_SCALARS + 13],
+                  numbers[_SCALARS + 13:_SCALARS + 19], numbers[_SCALARS + 19:_SCALARS + 21])
+
+
 #: What `go_on` has done with a reference.
 FOLLOWED, REMEMBERED, OTHER = range(3)
 _NUMBERS = {state: number for number, state in enumerate(State)}
@@ -79,6 +122,65 @@ def remember(numbers, mode, sequence, of_joints):
 
 
 @kernel
+def allowance(numbers):
+    """
+    How far the next reference may be from the last one, whatever its twist says [m, rad].
+
+    What an arm could travel since then, and one jump. After a gap the ones that were late arrive
+    together: what was not used of a gap is kept for some milliseconds.
+    """
+    stream = records_at(numbers, 0, 1, STREAM)[0]
+    kept = math.exp(-stream.age / _SPARE_S)
+    way = min(stream.way, stream.jump_position)
+    turn = min(stream.turn, stream.jump_rotation)
+    return (way + kept * (stream.way - way) + stream.fastest * stream.age,
+            turn + kept * (stream.turn - turn) + stream.fastest_turn * stream.age)
+
+
+@kernel
+def _compare(last, target, step):
+    """Find out whether twists are those of the poses; ``step`` is the time in between [s]."""
+    if not 0.0 < step <= _LONGEST_STEP_S:
+        last.apart[:] = 0.0
+        return
+    moved, kept = local_numbers(6), math.exp(-step / _MEMORY_S)
+    for i in range(3):
+        moved[i] = target[POSE + i] - last.place[i]
+    rotation_between(last.place[3:], target[POSE + 3:POSE + 7], moved[3:])
+    for part in range(2):
+        first = 3 * part
+        for i in range(first, first + 3):
+            last.apart[i] = (kept * last.apart[i] + moved[i]
+                             - 0.5 * step * (last.twist[i] + target[TWIST + i]))
+        speed = max(norm(3, last.twist[first:first + 3]),
+                    norm(3, target[TWIST + first:TWIST + first + 3]))
+        allowed = _APART[part] + (_APART_S + _APART_SHARE * step) * speed
+        if norm(3, last.apart[first:first + 3]) > allowed:
+            last.distrusted[part] = TRUSTED_S
+        else:
+            last.distrusted[part] -= step
+
+
+@kernel
+def _arrive(numbers, target, age, begins):
+    """A reference is followed: know it as it came."""
+    stream, last = records_at(numbers, 0, 1, STREAM)[0], newest(numbers)
+    if begins:
+        stream.way, stream.turn = stream.jump_position, stream.jump_rotation
+        last.apart[:], last.distrusted[:] = 0.0, 0.0
+    else:
+        distance, angle = pose_distance(last.place, target[POSE:POSE + 7])
+        way, turn = allowance(numbers)
+        stream.way, stream.turn = way - distance, turn - angle
+        _compare(last, target, stream.age + stream.arrived_age - age)
+    stream.arrived_age = age
+    for i in range(7):
+        last.place[i] = target[POSE + i]
+    for i in range(6):
+        last.twist[i] = target[TWIST + i]
+
+
+@kernel
 def use(numbers, last, target, age, sequence, begins):
     """
     Follow a reference; one of the tool that is later, or earlier, than usual is moved in time.
@@ -92,6 +194,14 @@ def use(numbers, last, target, age, sequence, begins):
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     last[:] = target
+    if stream.of_joints == 0.0:
+        _arrive(numbers, target, age, begins)
+        distrusted = newest(numbers).distrusted
+        for part in range(2):
+            if distrusted[part] > 0.0:
+                first = TWIST + 3 * part
+                last[first:first + 3] = 0.0
+                last[first + ACCELERATION - TWIST:first + ACCELERATION - TWIST + 3] = 0.0
     if begins or stream.age > DELAY_GAP_S:
         stream.delay = age
     shift = age - stream.delay
@@ -129,8 +239,9 @@ def go_on(numbers, last, held, target, age, sequence, mode):
     if follows:
         if not continues(sequence, stream.sequence):
             return OTHER
-        distance, angle = pose_distance(last[POSE:POSE + 7], target[POSE:POSE + 7])
-        if not (distance <= stream.jump_position and angle <= stream.jump_rotation):
+        distance, angle = pose_distance(newest(numbers).place, target[POSE:POSE + 7])
+        way, turn = allowance(numbers)
+        if not (distance <= way and angle <= turn):
             return OTHER
     stream.on_time = sequence
     remember(numbers, mode, sequence, 0.0)
@@ -187,4 +298,4 @@ def advance(numbers, target, dt):
 
 def blank() -> np.ndarray:
     """A `STREAM` record of a guard that has seen nothing."""
-    return np.zeros(len(STREAM.names or ()))
+    return np.zeros(_SCALARS + 21)

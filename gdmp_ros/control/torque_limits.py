@@ -39,19 +39,25 @@ def _guard_torque(position, velocity, lower, upper, fastest, limits, torque, vio
 
 
 @kernel
-def _allowed_share(active, velocity, base, largest, fastest, violation):
-    """The factor of the active torque with which no joint is too fast or at its torque limit."""
+def _allowed_share(active, velocity, base, largest, torque_share, fastest, violation):
+    """
+    The factor of the active torque with which no joint is too fast or at its torque limit.
+
+    :param base: what comes first: gravity, repulsion and brake [Nm]
+    :param torque_share: part of a motor's torque that the active torque may have
+    """
     share = 1.0
     for i in range(active.size):
         slow = SPEED_MARGIN * fastest[i]
         too_fast = abs(velocity[i]) - slow
         if too_fast > 0.0 and active[i] * velocity[i] > 0.0:
             share = min(share, max(1.0 - too_fast / (fastest[i] - slow), 0.0))
-        excess = abs(base[i] + active[i]) - largest[i]
-        if excess > 0.0:
+        excess = max(abs(base[i] + active[i]) - largest[i],
+                     abs(active[i]) - torque_share * largest[i])
+        if excess > 0.0 and active[i] != 0.0:
             violation[TORQUE] = max(violation[TORQUE], excess)
-            room = math.copysign(largest[i], active[i]) - base[i]
-            share = min(share, max(room / active[i], 0.0) if active[i] != 0.0 else 1.0)
+            room = (math.copysign(largest[i], active[i]) - base[i]) / active[i]
+            share = min(share, max(room, 0.0), torque_share * largest[i] / abs(active[i]))
     return share
 
 
@@ -61,12 +67,14 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     """
     Apply joint-limit repulsion, joint speed, torque limit and torque rate.
 
-    The active torque, without gravity and Coriolis, is scaled as a whole: cut joint by joint, it
-    would no longer belong to a wrench, and the rest would drive the null space. The same holds for
-    its change in a tick. Without a finite measurement the last torque stays.
+    The torque of a motor goes first to gravity and Coriolis, then to repulsion and brake, then to
+    the active torque, which may have `torque_share` of it. The active torque is scaled as a whole:
+    cut joint by joint, it would no longer belong to a wrench, and the rest would drive the null
+    space. The same holds for its change in a tick. Without a finite measurement the last torque
+    stays.
 
     :param last: torque of the last tick [Nm]
-    :param largest: torque limits [Nm]
+    :param largest: torque limits of the motors [Nm]
     :param fastest: speed limits of the joints [rad/s]
     :param limit_numbers: `LimitSettings` as numbers
     :param torque: requested; changed to what may be sent [Nm]
@@ -79,7 +87,8 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     for i in range(n):
         active[i] = torque[i] - bias[i]
         base[i] = min(max(base[i] + bias[i], -largest[i]), largest[i])
-    share = _allowed_share(active, velocity, base, largest, fastest, violation)
+    share = _allowed_share(active, velocity, base, largest, limits.torque_share, fastest,
+                           violation)
     change = 0.0
     for i in range(n):
         torque[i] = base[i] + share * active[i]
@@ -97,7 +106,7 @@ class TorqueLimiter:
 
     def __init__(self, joints: JointLimits, settings: LimitSettings):
         self._joints = joints
-        self._torque = settings.torque_share * joints.torque
+        self._torque = joints.torque
         self._fastest = joints.fastest(settings.joint_speed)
         self._limits = numbers(settings)
         self._last = np.zeros_like(joints.torque)

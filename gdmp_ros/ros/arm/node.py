@@ -235,6 +235,7 @@ class ArmNode(ManagedNode):
         level, text = self._status()
         controller, states = self.control.controller, self.control.states
         counters = controller.counters
+        controller.guard.look()
         # After a reset the guard counts from 0 again.
         refused, self._refused = self._refused, states.refused
         if states.refused > refused:
