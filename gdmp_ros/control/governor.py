@@ -42,13 +42,21 @@ MEAN_S = 0.03
 
 
 @kernel
-def _move_into_workspace(position, velocity, limits):
-    """Move a position to the nearest one inside, and return how far outside it was."""
+def _move_into_workspace(position, velocity, present, limits):
+    """
+    Move a position to the nearest one inside, and return how far outside it was.
+
+    A workspace that has become smaller leads nothing back: where the reference is beyond a wall,
+    it may only go inwards.
+
+    :param present: where the governed reference is
+    """
     outside = 0.0
     for i in range(3):
-        inside = min(max(position[i], limits.workspace_min[i]), limits.workspace_max[i])
+        low, high = limits.workspace_min[i], limits.workspace_max[i]
+        outside += max(low - position[i], position[i] - high, 0.0) ** 2
+        inside = min(max(position[i], min(low, present[i])), max(high, present[i]))
         if inside != position[i]:
-            outside += (position[i] - inside) ** 2
             position[i] = inside
             velocity[i] = 0.0
     return math.sqrt(outside)
@@ -144,7 +152,8 @@ def _wanted_velocity(reference, target, limits, dt, velocity, violation):
     lag = local_numbers(6)
     for i in range(6):
         velocity[i] = target[TWIST + i] - 0.5 * dt * target[ACCELERATION + i]
-    violation[WORKSPACE] = _move_into_workspace(target[POSE:POSE + 3], velocity, limits)
+    violation[WORKSPACE] = _move_into_workspace(target[POSE:POSE + 3], velocity,
+                                                 reference[POSE:POSE + 3], limits)
     rotation_between(reference[POSE + 3:POSE + 7], target[POSE + 3:POSE + 7], lag[3:])
     for i in range(3):
         lag[i] = target[POSE + i] - reference[POSE + i]

@@ -80,7 +80,9 @@ class GuardSettings:
 class LimitSettings:
     """Limits of the motion; the defaults are those of a Franka Emika Panda where it has one."""
 
-    torque_share: float = setting(1.0, "fraction of the motors' torque limits", '', 0.01, 1.0)
+    torque_share: float = setting(
+        1.0, "part of the motors' torque that the law may use; gravity, brakes and repulsion may "
+        'use all', '', 0.01, 1.0)
     torque_slew: float = setting(
         950.0, 'largest rate of change of a joint torque; 5 % inside the limit of a Franka',
         'Nm/s', 1.0, 1e6)

@@ -21,7 +21,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.sim.arm import Arm
-from test.control.plants import CLEAN, on_every_plant
+from test.control.plants import CLEAN, on_every_plant, on_plants
 
 DT = 1e-3
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position=10.0,
@@ -127,6 +127,41 @@ def test_references_outside_the_workspace_are_held_at_its_wall(plant):
     assert followed[-1, 1] == pytest.approx(0.05, abs=1e-3)
     assert most(ticks, limits.WORKSPACE) == pytest.approx(home()[0] + 0.1 - 0.35,
                                                           abs=1e-6)
+
+
+@on_every_plant
+def test_a_smaller_workspace_moves_nothing_and_the_next_motion_goes_inwards(plant):
+    loop = loop_with(plant)
+    home = run(loop, [reference(loop)] * 3000)[0][-1].measurement.pose
+    changed = replace(loop.controller.settings, limits=LimitSettings(
+        workspace_max=(home[0] - 0.1, 1.0, 1.3)))
+    loop.controller.configure(changed)
+    ticks, followed = run(loop, [reference(loop)] * 1500)
+    away = np.array([tick.measurement.pose[:3] - home[:3] for tick in ticks])
+    assert np.abs(away).max() < 0.001
+    assert ticks[-1].violation[limits.WORKSPACE] == pytest.approx(0.1, abs=0.005)
+    # Sideways and inwards it goes, outwards it does not, and what was left is closed.
+    for shift, expected in (((0.05, 0.1, 0.0), (0.0, 0.1)), ((-0.05, 0.1, 0.0), (-0.05, 0.1)),
+                            ((0.05, 0.1, 0.0), (-0.05, 0.1)), ((-0.2, 0.1, 0.0), (-0.2, 0.1)),
+                            ((0.05, 0.1, 0.0), (-0.1, 0.1))):
+        target = reference(loop)
+        target[:3] = home[:3] + shift
+        _, followed = run(loop, [target] * 3000)
+        np.testing.assert_allclose(followed[-1, :2] - home[:2], expected, atol=0.005)
+
+
+@on_plants('clean', 'real')  # a weight that nobody knows needs the law
+@pytest.mark.parametrize('share', [0.2, 0.01])
+def test_a_small_share_of_the_torque_drops_nothing(plant, share, rng):
+    """Gravity alone needs a quarter of it here, and up to 0.65 in other postures."""
+    for away in [np.zeros(7), *rng.uniform(-0.5, 0.5, (3, 7))]:
+        loop = loop_with(plant, torque_share=share)
+        loop.reset(loop.arm.data.qpos[:7] + away)
+        before = loop.arm.measure().pose
+        for _ in range(1500):
+            tick = loop.tick()
+        away = np.linalg.norm(tick.measurement.pose[:3] - before[:3])
+        assert away < 0.001 + plant.slack()
 
 
 def test_stiffness_stays_between_its_bounds_in_every_direction(rng):
