@@ -244,11 +244,13 @@ class ArmControl:
         motion = self._present_motion
         if motion is None:
             return self.controller.tick(measured, dt)
-        result = self.controller.move_joints(measured, *motion.target(), dt)
+        position, velocity = motion.target()
+        tempo = self._tempo(motion, measured, velocity)
+        result = self.controller.move_joints(measured, position, tempo * velocity, dt)
         if motion is not self._present_motion:
             return result  # a collision has ended it
         try:
-            motion.add(measured, result.torque, dt)
+            motion.add(measured, result.torque, tempo * dt)
         except DataError as error:
             # What holds the arm would be pushed on by joints that come to rest on their way.
             self.joint_motion, self.joint_motion_problem = None, str(error)
@@ -257,6 +259,13 @@ class ArmControl:
             if motion.done:
                 self.states.take(Request.ARRIVED)
         return result
+
+    def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray) -> float:
+        """Part of the time that passes for a motion of the joints: the tool is not too fast."""
+        speed = float(np.linalg.norm(measured.jacobian[:3] @ velocity))
+        largest = self.controller.settings.limits.tool_speed
+        # One that comes to rest is not kept from it.
+        return 1.0 if motion.request is Request.STOP or speed <= largest else largest / speed
 
     @property
     def _present_motion(self) -> JointMotion | None:

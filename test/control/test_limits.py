@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import (
     GuardSettings,
@@ -162,6 +163,20 @@ def test_a_small_share_of_the_torque_drops_nothing(plant, share, rng):
             tick = loop.tick()
         away = np.linalg.norm(tick.measurement.pose[:3] - before[:3])
         assert away < 0.001 + plant.slack()
+
+
+@on_every_plant
+@pytest.mark.parametrize('speed', [0.5, 2.0])
+def test_joints_that_move_to_a_posture_keep_the_speed_of_the_tool(plant, speed):
+    loop = loop_with(plant, tool_speed=0.25)
+    goal = loop.arm.home + [0.8, -0.5, -0.6, 0.6, 0.3, 0.5, 0.5]
+    loop.move(PostureMotion(loop.joints, goal[None], speed))
+    fastest = 0.0
+    while loop.moves_joints:
+        tick = loop.tick()
+        fastest = max(fastest, np.linalg.norm(tick.twist[:3]))
+    assert not loop.joint_motion_problem and fastest <= 1.05 * 0.25
+    np.testing.assert_allclose(tick.measurement.position, goal, atol=0.05)
 
 
 def test_stiffness_stays_between_its_bounds_in_every_direction(rng):
