@@ -75,8 +75,8 @@ def test_a_hand_pulls_with_a_nearly_empty_tank(k, plant):
     assert pulled_and_released(loop_with(plant, energy=0.2), k).min() >= DEBT
 
 
-def shaken(loop, k, rate=2.0, size=0.06):
-    """A hand shakes the tool for three seconds, and lets go."""
+def shaken(loop, k, rate=2.0, size=0.06, each=None):
+    """A hand shakes the tool for three seconds, and lets go; ``each`` is called at every tick."""
     home = loop.arm.measure().pose.copy()
     audit, target = Audit(loop), resting_target(home, stiff(k), 0.1)
     hand = loop.driver.hand = Hand(home.copy(), HandSettings(3000.0, 150.0))
@@ -88,7 +88,19 @@ def shaken(loop, k, rate=2.0, size=0.06):
             loop.arm.push(np.zeros(6))
         loop.follow(target)
         audit.tick()
+        if each is not None:
+            each()
     return np.array(audit.content)
+
+
+@pytest.mark.parametrize('recharge', [0.0, 50.0])
+def test_the_tank_holds_no_more_than_its_capacity(recharge):
+    """A hand that shakes the tool puts more into it."""
+    loop, contents = loop_with(energy=9.9), []
+    loop.controller.configure(replace(loop.controller.settings,
+                                      tank=TankSettings(9.9, 10.0, recharge)))
+    shaken(loop, 2000.0, each=lambda: contents.append(loop.controller.tank.energy))
+    assert max(contents) == 10.0
 
 
 @pytest.mark.parametrize('hand, k, plant', [

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
+from gdmp_ros.control.joint_constraints import keep_from_singularity, velocity_map
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import (
@@ -271,6 +272,29 @@ def test_singular_value_and_its_rate(rng):
         assert singular_value(jacobian, direction) == pytest.approx(value(q), abs=1e-7)
         rate = (value(q + 1e-6 * dq) ** 2 - value(q - 1e-6 * dq) ** 2) / 4e-6
         assert singular_rate(jacobian, dq, direction) == pytest.approx(rate, abs=1e-6)
+
+
+def test_only_what_leads_to_a_singularity_is_taken_away(rng):
+    arm, taken_away = Arm(), 0
+    q = arm.home.copy()
+    q[3] = arm.limits.upper[3] - 0.02  # nearly stretched
+    arm.reset(q)
+    measured = arm.measure()
+    velocities, unit, value = np.zeros((7, 6)), np.eye(7), np.zeros(6)
+    velocity_map(measured.jacobian, measured.inertia, velocities)
+    singular_value(measured.jacobian, value)
+    gradient = velocities.T @ [singular_rate(measured.jacobian, each, value) for each in unit]
+    for _ in range(50):
+        twist = rng.standard_normal(6)
+        before = twist.copy()
+        taken = keep_from_singularity(velocities, measured.jacobian, 1.0, 0.0, twist)
+        assert (taken > 0.0) == (gradient @ before < 0.0)
+        for part in (slice(3), slice(3, 6)):
+            change, along = twist[part] - before[part], gradient[part]
+            across = change - along * (change @ along) / (along @ along)
+            assert np.linalg.norm(across) < 1e-9
+            taken_away += np.linalg.norm(change) > 1e-3
+    assert taken_away > 20
 
 
 @on_every_plant
