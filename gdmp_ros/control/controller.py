@@ -19,7 +19,7 @@ from gdmp_ros.control.spring import moved_with_tool, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS
-from gdmp_ros.control.torque_limits import SPEED_MARGIN
+from gdmp_ros.control.torque_limits import relief_of, SPEED_MARGIN
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.util.settings import numbers
@@ -107,7 +107,7 @@ class ImpedanceController:
         self.tank.settings = settings.tank
         self.tank.reset()
         self._last_pose = measured.pose.copy()
-        arm.felt[:] = arm.correction[:] = 0.0
+        arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
         arm.scalars.unknown = 0.0
         self._hold(measured.pose)
 
@@ -271,6 +271,8 @@ class ImpedanceController:
             return
         if settings.posture != self.settings.posture:
             self.posture.use(settings.posture)
+        self.memory.relief[:] = relief_of(self.memory.position, self._joints, self.settings.limits,
+                                          settings.limits, self.memory.relief)
         # The last torque stays: a smaller limit is no step of it.
         self._use(settings)
         self.guard.configure(settings.guard, settings.limits, settings.damping_ratio)

@@ -191,7 +191,7 @@ def _limit(numbers):
     s = arm.scalars
     limit_torque(arm.position, arm.velocity, arm.bias, arm.last, arm.joint_limits[0],
                  arm.joint_limits[1], arm.largest, arm.fastest, min(s.dt, s.cycle), arm.limits,
-                 arm.torque, arm.violation)
+                 arm.relief, arm.torque, arm.violation)
 
 
 @kernel

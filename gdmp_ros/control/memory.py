@@ -83,6 +83,7 @@ class ArmMemory(NamedTuple):
     :ivar bias_before: the same
     :ivar last: torque of the last tick [Nm]
     :ivar torque: of this tick [Nm]
+    :ivar relief: depth in the zone of repulsion of a joint that does not act yet [rad]
     :ivar felt: smoothed external wrench, acting on the tool [N, Nm]
     :ivar correction: of the wrench of a reference
     :ivar twist: measured, of the tool
@@ -125,6 +126,7 @@ class ArmMemory(NamedTuple):
     bias_before: Any
     last: Any
     torque: Any
+    relief: Any
     felt: Any
     correction: Any
     twist: Any
@@ -166,8 +168,8 @@ def arm_view(numbers):
     at += 7 * n
     sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = memory[at:at + 14 * n].reshape(14, n)
-    at += 14 * n
+    joints = memory[at:at + 15 * n].reshape(15, n)
+    at += 15 * n
     tool = memory[at:at + 30].reshape(5, 6)
     at += 30
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
@@ -175,14 +177,14 @@ def arm_view(numbers):
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
         reference, past, joint_target, joint_reference, joint_limits, friction, credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
-        joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], tool[0], tool[1],
-        tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
+        joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
+        tool[0], tool[1], tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
 
 
 def blank(joints: int) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
-             + 2 * TARGET_SIZE + 12 + 2 * (3 * joints + 1) + (7 + MOST_TORQUES + 14) * joints + 30
+             + 2 * TARGET_SIZE + 12 + 2 * (3 * joints + 1) + (7 + MOST_TORQUES + 15) * joints + 30
              + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints,)

@@ -17,10 +17,11 @@ SPEED_MARGIN = 0.9
 
 
 @kernel
-def _guard_torque(position, velocity, lower, upper, fastest, limits, torque, violation):
+def _guard_torque(position, velocity, lower, upper, fastest, limits, relief, torque, violation):
     """
     Write the repulsion from joint limits and the damping of joints that are too fast.
 
+    :param relief: depth in the zone of repulsion that does not act yet [rad]; changed
     :returns: how much of the active torque is left to a joint that it drives too fast
     """
     margin = limits.joint_margin
@@ -30,8 +31,12 @@ def _guard_torque(position, velocity, lower, upper, fastest, limits, torque, vio
         above = max(position[i] - upper[i] + margin, 0.0)
         if below + above > 0.0:
             violation[JOINT_POSITION] = max(violation[JOINT_POSITION], below, above)
+            relief[i] = min(relief[i], max(below, above))
+            below, above = max(below - relief[i], 0.0), max(above - relief[i], 0.0)
             torque[i] += limits.joint_repulsion * (min(below / margin, 1.0)
                                                    - min(above / margin, 1.0))
+        else:
+            relief[i] = 0.0
         too_fast = abs(velocity[i]) - SPEED_MARGIN * fastest[i]
         if too_fast > 0.0:
             violation[JOINT_SPEED] = max(violation[JOINT_SPEED], too_fast)
@@ -63,7 +68,7 @@ def _allowed_share(active, velocity, base, largest, torque_share, fastest, viola
 
 @kernel
 def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest, dt,
-                 limit_numbers, torque, violation):
+                 limit_numbers, relief, torque, violation):
     """
     Apply joint-limit repulsion, joint speed, torque limit and torque rate.
 
@@ -77,13 +82,14 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     :param largest: torque limits of the motors [Nm]
     :param fastest: speed limits of the joints [rad/s]
     :param limit_numbers: `LimitSettings` as numbers
+    :param relief: see `relief_of`; changed
     :param torque: requested; changed to what may be sent [Nm]
     :param violation: written: by how much each limit was exceeded (`LIMITS`)
     """
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
     n = torque.size
     base, active = local_numbers(n), local_numbers(n)
-    _guard_torque(position, velocity, lower, upper, fastest, limits, base, violation)
+    _guard_torque(position, velocity, lower, upper, fastest, limits, relief, base, violation)
     for i in range(n):
         active[i] = torque[i] - bias[i]
         base[i] = min(max(base[i] + bias[i], -largest[i]), largest[i])
@@ -101,6 +107,26 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
         copy_into(last, torque)
 
 
+def relief_of(position: np.ndarray, joints: JointLimits, before: LimitSettings,
+              after: LimitSettings, relief: np.ndarray) -> np.ndarray:
+    """
+    Depth in the zone of repulsion that does not act at first, so that other settings move nothing.
+
+    It decreases as the joint leaves the zone.
+
+    :param relief: until now
+    :returns: for each joint [rad]
+    """
+    def depth(margin: float) -> np.ndarray:
+        return np.maximum(np.maximum(joints.lower - position, position - joints.upper) + margin,
+                          0.0)
+    if after.joint_repulsion == 0.0:
+        return np.zeros_like(relief)
+    share = np.clip((depth(before.joint_margin) - relief) / before.joint_margin, 0.0, 1.0)
+    acts = before.joint_repulsion / after.joint_repulsion * share * after.joint_margin
+    return np.maximum(depth(after.joint_margin) - acts, 0.0)
+
+
 class TorqueLimiter:
     """Limits the torque tick by tick."""
 
@@ -109,7 +135,7 @@ class TorqueLimiter:
         self._torque = joints.torque
         self._fastest = joints.fastest(settings.joint_speed)
         self._limits = numbers(settings)
-        self._last = np.zeros_like(joints.torque)
+        self._last, self._relief = np.zeros_like(joints.torque), np.zeros_like(joints.torque)
 
     def reset(self, torque: np.ndarray) -> None:
         """Begin at ``torque``: the next one may differ from it by the rate."""
@@ -124,7 +150,7 @@ class TorqueLimiter:
         """
         joints, result = self._joints, torque.copy()
         limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
-                     self._torque, self._fastest, min(dt, joints.cycle), self._limits, result,
-                     violation)
+                     self._torque, self._fastest, min(dt, joints.cycle), self._limits,
+                     self._relief, result, violation)
         self._last = result.copy()
         return result

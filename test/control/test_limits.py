@@ -18,7 +18,7 @@ from gdmp_ros.control.settings import (
 from gdmp_ros.control.singularity import ROTATION_LENGTH, singular_rate, singular_value
 from gdmp_ros.control.stiffness import bound_stiffness, diagonal_bounds
 from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
-from gdmp_ros.control.torque_limits import TorqueLimiter
+from gdmp_ros.control.torque_limits import relief_of, TorqueLimiter
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import UnitQuaternion
 from gdmp_ros.manifolds.quaternion import rotation_angles
@@ -150,6 +150,39 @@ def test_a_smaller_workspace_moves_nothing_and_the_next_motion_goes_inwards(plan
         target[:3] = home[:3] + shift
         _, followed = run(loop, [target] * 3000)
         np.testing.assert_allclose(followed[-1, :2] - home[:2], expected, atol=0.005)
+
+
+@on_plants('clean', 'real')  # a weight that nobody knows still sinks
+def test_another_zone_of_repulsion_moves_nothing(plant):
+    """With a margin of 1 rad joints are inside of it where they rest."""
+    loop = loop_with(plant)
+    for _ in range(3000):
+        before = loop.tick().measurement
+    for settings in ({'joint_margin': 1.0, 'joint_repulsion': 50.0}, {'joint_margin': 1.0},
+                     {'joint_margin': 1.0, 'joint_repulsion': 20.0}):
+        loop.controller.configure(replace(loop.controller.settings,
+                                          limits=LimitSettings(**settings)))
+        for _ in range(1500):
+            tick = loop.tick()
+        assert np.abs(tick.measurement.pose[:3] - before.pose[:3]).max() < 0.001
+        assert tick.violation[limits.JOINT_POSITION] > 0.1
+
+
+def test_repulsion_that_was_kept_back_acts_when_a_joint_returns():
+    joints = JointLimits(np.full(2, -1.0), np.full(2, 1.0), np.full(2, 50.0))
+    position, relief = np.array([0.5, -0.5]), np.zeros(2)
+    relief[:] = relief_of(position, joints, LimitSettings(), LimitSettings(
+        joint_margin=1.0, joint_repulsion=50.0), relief)
+    made, still = limiter(torque_slew=1e6, joint_margin=1.0, joint_repulsion=50.0), np.zeros(2)
+    made._relief[:] = relief
+
+    def pushed(first):
+        return made.apply(np.array([first, 0.0]), still, still, still, DT,
+                          np.zeros(len(limits.LIMITS)))[0]
+    assert pushed(0.5) == 0.0 and pushed(0.6) == pytest.approx(-5.0)  # its motor has no more
+    assert pushed(0.52) == pytest.approx(-1.0)
+    assert pushed(0.4) == 0.0 and pushed(0.42) == pytest.approx(-1.0)
+    assert pushed(0.0) == 0.0 and pushed(0.05) == pytest.approx(-2.5)
 
 
 @on_plants('clean', 'real')  # a weight that nobody knows needs the law
