@@ -38,6 +38,8 @@ from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
 #: Band below the speed limit of the tool in which what drives it decreases [m/s].
 TOOL_SPEED_BAND = 0.15
+#: Braking of a tool that a hand moves too fast: 40 N move it 10 % too fast at most [Ns/m].
+GUIDED_BRAKE = 300.0
 #: Bandwidth with which joints follow a motion of their own [1/s].
 BANDWIDTH = 20.0
 #: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
@@ -114,11 +116,12 @@ def _follow_joints(position, velocity, bias, jacobian, inertia, wanted, wanted_r
 
 
 @kernel
-def _slow_tool(jacobian, velocity, bias, largest, torque):
+def _slow_tool(jacobian, velocity, bias, largest, damping, torque):
     """
     Reduce what drives a tool that is too fast, and brake it.
 
     :param largest: speed of the tool [m/s]
+    :param damping: of what is too fast [Ns/m]
     :returns: excess [m/s]
     """
     band, moving = min(TOOL_SPEED_BAND, 0.5 * largest), local_numbers(3)
@@ -135,7 +138,7 @@ def _slow_tool(jacobian, velocity, bias, largest, torque):
     for i in range(velocity.size):
         brake = 0.0
         for j in range(3):
-            brake -= jacobian[j, i] * moving[j] * TOOL_BRAKE * excess / speed
+            brake -= jacobian[j, i] * moving[j] * damping * excess / speed
         torque[i] = bias[i] + left * (torque[i] - bias[i]) + brake
     return excess
 
@@ -257,6 +260,8 @@ def compute(numbers):
         arm.commanded[:] = 0.0
         if s.does == FREE:
             _free(arm.velocity, arm.bias, s.free_damping, arm.torque, twist)
+            arm.violation[TOOL_SPEED] = _slow_tool(arm.jacobian, arm.velocity, arm.bias,
+                                                   limits.tool_speed, GUIDED_BRAKE, arm.torque)
         else:
             arm.violation[WRENCH_LIMIT] = _follow_joints(
                 arm.position, arm.velocity, arm.bias, arm.jacobian, arm.inertia, arm.wanted,
@@ -326,7 +331,8 @@ def _springs_at_joints(numbers, external, limits):
     draw(s, arm.tank, drawn)
     joint_law(arm.position, arm.velocity, arm.inertia, arm.bias, arm.friction, arm.gains,
               reference, arm.joint_mean, arm.torque)
-    excess = _slow_tool(arm.jacobian, arm.velocity, arm.bias, limits.tool_speed, arm.torque)
+    excess = _slow_tool(arm.jacobian, arm.velocity, arm.bias, limits.tool_speed, TOOL_BRAKE,
+                        arm.torque)
     if excess > 0.0:
         arm.violation[TOOL_SPEED] = excess
     external_wrench(arm.jacobian, arm.inertia, external, gains.singularity, arm.wrench)

@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.arm_states import Request
+from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.sim.teaching import Hand, HandSettings
-from test.control.plants import PLANTS
+from test.control.plants import on_every_plant, PLANTS
 
 #: How far friction holds the arm from the hand, which has 800 N/m [m].
 SLACK = PLANTS['real'].slack(800.0)
@@ -56,6 +57,19 @@ def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
     assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.005
     assert np.abs(tick.measurement.velocity).max() < 0.01
     assert tick.stiffness.reshape(6, 6)[0, 0] == pytest.approx(400.0)
+
+
+@on_every_plant
+@pytest.mark.parametrize('largest', [0.25, 1.0])
+def test_a_strong_hand_does_not_move_it_faster_than_the_tool_may_be(plant, largest):
+    loop = plant.loop(limits=LimitSettings(tool_speed=largest))
+    loop.states.take(Request.GUIDE)
+    fastest = 0.0
+    for k in range(4000):
+        turn = 2e-3 * np.pi * 0.5 * k  # half a turn in a second: it stays within reach
+        loop.arm.push(np.array([40.0 * np.sin(turn), 40.0 * np.cos(turn), 0.0, 0.0, 0.0, 0.0]))
+        fastest = max(fastest, np.linalg.norm(loop.tick().twist[:3]))
+    assert 0.8 * min(largest, 0.6) < fastest <= 1.1 * largest
 
 
 def test_the_wrench_that_is_felt_is_the_one_that_pushes():
