@@ -22,6 +22,9 @@ from gdmp_ros.errors import DataError, RefusedError
 #: In these the joints are moved; in these nothing keeps the posture of the null space.
 _OF_JOINTS = (State.MOVING, State.IDENTIFYING)
 _FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
+#: Part of the tool's speed limit at which a motion of the joints is meant: they overshoot a little
+#: as they begin.
+TOOL_SPEED_SHARE = 0.9
 
 
 class ArmControl:
@@ -43,8 +46,8 @@ class ArmControl:
         """
         self.driver, self.joints = driver, driver.joints
         self.states = ArmStates()
-        self.controller = ImpedanceController(driver.joints, driver.friction, settings,
-                                              self.states)
+        self.controller = ImpedanceController(driver.joints, driver.friction, driver.chain,
+                                              settings, self.states)
         self.states.watchers.append(self._entered)
         self.joint_motion: JointMotion | None = None
         self.joint_motion_problem = ''
@@ -53,7 +56,7 @@ class ArmControl:
 
     def hold(self, measured: Measurement) -> None:
         """Hold the arm where it is, as after the start."""
-        self.controller.reset(measured)
+        self.controller.reset(measured, self.driver.end_pose)
 
     def warm_up(self, measured: Measurement, dt: float) -> None:
         """
@@ -70,7 +73,7 @@ class ArmControl:
             guard.offer(target, Origin(guard.settings.frame, mode=StreamMode.ENDED))
             self.compute(measured, dt)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt)
-        self.controller.move_tool(measured.pose, measured.pose)
+        self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.hold(measured)
 
     def follow(self, target: np.ndarray, mode: StreamMode = StreamMode.STREAMING) -> bool:
@@ -195,7 +198,7 @@ class ArmControl:
 
     def use_tool(self, tool: Any) -> None:
         """`put_tool` in any state."""
-        self.controller.move_tool(*self.driver.use_tool(tool))
+        self.controller.move_tool(*self.driver.use_tool(tool), self.driver.end_pose)
 
     def carry(self, payload: Any) -> None:
         """
@@ -263,7 +266,7 @@ class ArmControl:
     def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray) -> float:
         """Part of the time that passes for a motion of the joints: the tool is not too fast."""
         speed = float(np.linalg.norm(measured.jacobian[:3] @ velocity))
-        largest = self.controller.settings.limits.tool_speed
+        largest = TOOL_SPEED_SHARE * self.controller.settings.limits.tool_speed
         # One that comes to rest is not kept from it.
         return 1.0 if motion.request is Request.STOP or speed <= largest else largest / speed
 

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gdmp_ros.control.arm_states import State
+from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import GdmpError
 
@@ -35,6 +36,14 @@ class ArmDriver(Protocol):
     @property
     def friction(self) -> np.ndarray:
         """Viscous friction of each joint, as the model knows it [Nm s/rad]."""
+
+    @property
+    def chain(self) -> Chain:
+        """The joints between the base and the tool."""
+
+    @property
+    def end_pose(self) -> np.ndarray:
+        """Where the tool is in the frame of the last joint (x, y, z, qw, qx, qy, qz)."""
 
     @property
     def dt(self) -> float:

@@ -7,7 +7,9 @@ from gdmp_ros.control import contact, memory
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.friction import friction_of
 from gdmp_ros.control.guard import ReferenceGuard
+from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.law import compute, finish, hold_tool, NOT_FINITE
+from gdmp_ros.control.limit_rows import row_name
 from gdmp_ros.control.limits import LimitCounters
 from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
@@ -26,6 +28,8 @@ from gdmp_ros.util.settings import numbers
 
 #: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
 FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
+#: A reference is blocked that has made no way for this time [s].
+BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)
 _NOTHING.setflags(write=False)
 
@@ -44,23 +48,25 @@ class ImpedanceController:
 
     guard: ReferenceGuard
 
-    def __init__(self, joints: JointLimits, friction: np.ndarray,
+    def __init__(self, joints: JointLimits, friction: np.ndarray, chain: Chain,
                  settings: ControllerSettings | None = None, states: ArmStates | None = None):
         """
         Prepare to control.
 
         :param friction: viscous friction of the model's joints [Nm s/rad], shape (n,)
+        :param chain: the joints between base and tool
         :param states: of the arm
         :raises ParameterError: if the settings do not fit the joints
         """
         settings = settings or ControllerSettings()
         self.states, self.posture = states or ArmStates(), Posture(joints)
-        self._joints, self._model_friction = joints, friction
+        self._joints, self._model_friction, self._chain = joints, friction, chain
         self._next: ControllerSettings | None = None
         self._refills = False
         self.numbers = memory.blank(len(joints.torque))
         self.memory = memory.parts(self.numbers)
         self.memory.scalars.cycle = joints.cycle
+        self.memory.frames[:], self.memory.axes[:] = chain
         self.counters = LimitCounters(self.memory.counts, self.memory.recent)
         self.tank = EnergyTank(self.memory, settings.tank)
         self.check(settings)
@@ -92,9 +98,14 @@ class ImpedanceController:
         """Fill the energy tank as at the start, with the next tick."""
         self._refills = True
 
-    def reset(self, measured: Measurement) -> None:
-        """Hold the measured pose, with the tank as at the start."""
+    def reset(self, measured: Measurement, end: np.ndarray) -> None:
+        """
+        Hold the measured pose, with the tank as at the start.
+
+        :param end: where the tool is in the frame of the last joint
+        """
         arm, settings = self.memory, self.settings
+        arm.end[:] = end
         self.posture.hold(measured.position)
         self.posture.use(settings.posture)
         arm.last[:] = np.clip(measured.bias, -arm.largest, arm.largest)
@@ -106,10 +117,10 @@ class ImpedanceController:
             np.zeros_like(measured.velocity)))
         self.tank.settings = settings.tank
         self.tank.reset()
-        self._last_pose = measured.pose.copy()
+        self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
         arm.scalars.unknown = 0.0
-        self._hold(measured.pose)
+        self._hold(measured.pose, measured.position)
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
         """Compute the torque for the next ``dt`` seconds."""
@@ -134,7 +145,7 @@ class ImpedanceController:
         arm.scalars.does = does
         self._answer(compute(self.numbers), measured)
         if known:
-            self._last_pose = measured.pose.copy()
+            self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
                           else None)
 
@@ -147,9 +158,9 @@ class ImpedanceController:
     def catch_up(self) -> None:
         """Know where the robot is, after ticks that a kernel has made."""
         arm = self.memory
-        self._last_pose = arm.pose.copy()
+        self._last_pose, self._last_position = arm.pose.copy(), arm.position.copy()
         self.guard.measure(0.0, MeasuredMotion(self._last_pose, arm.twist.copy(),
-                                               arm.position.copy(), arm.velocity.copy()))
+                                               self._last_position, arm.velocity.copy()))
 
     def end_tick(self, event: int) -> Tick:
         """End a tick of a kernel in which something was felt, or no torque could be computed."""
@@ -182,7 +193,7 @@ class ImpedanceController:
         self.memory.wanted[:], self.memory.wanted_rate[:] = position, velocity
         return self._without_reference(measured, JOINT_MOTION, dt)
 
-    def move_tool(self, before: np.ndarray, after: np.ndarray) -> None:
+    def move_tool(self, before: np.ndarray, after: np.ndarray, end: np.ndarray) -> None:
         """
         Go on holding with the same wrench, after another point became the tool.
 
@@ -190,14 +201,27 @@ class ImpedanceController:
 
         :param before: pose of the last tool (x, y, z, qw, qx, qy, qz)
         :param after: pose of the new one
+        :param end: where it is in the frame of the last joint
         """
         arm = self.memory
         pose = arm.reference[POSE:POSE + 7]
         stored = stored_energy(before, arm.reference, arm.gains)
-        pose[:] = moved_with_tool(arm.reference, before, after, arm.gains)
-        if stored_energy(after, arm.reference, arm.gains) - stored > self.tank.energy:
-            pose[:] = after
+        wanted = moved_with_tool(arm.reference, before, after, arm.gains)
+        arm.end[:] = end
+        arm.governed[:] = self._chain.near(wanted, arm.governed, end)
+        pose[:] = self._chain.pose_at(arm.governed, end)
+        if not stored_energy(after, arm.reference, arm.gains) - stored <= self.tank.energy:
+            arm.governed[:], pose[:] = arm.position, after
         self.guard.hold(pose.copy())
+
+    @property
+    def blocked(self) -> str:
+        """The limit that keeps the governed reference from its target; empty if it makes way."""
+        scalars = self.memory.scalars
+        if scalars.blocked < BLOCKED_S:
+            return ''
+        return ('what holds the tool' if scalars.blocking < 0.0 else
+                row_name(int(scalars.blocking), len(self._joints.torque)))
 
     @property
     def reference(self) -> np.ndarray:
@@ -278,18 +302,25 @@ class ImpedanceController:
         self.guard.configure(settings.guard, settings.limits, settings.damping_ratio)
         self.tank.configure(settings.tank)
 
-    def _hold(self, pose: np.ndarray) -> None:
-        """Hold the tool at a pose, with the stiffness before the first reference."""
+    def _hold(self, pose: np.ndarray, position: np.ndarray) -> None:
+        """
+        Hold the tool where it is, with the stiffness before the first reference.
+
+        :param pose: of the tool there
+        :param position: of the joints [rad]
+        """
         arm = self.memory
         arm.scalars.law = TOOL_SPRING
-        hold_tool(pose, arm.reference, arm.past)
+        arm.pose[:], arm.position[:] = pose, position
+        hold_tool(self.numbers)
 
     def _recover(self, measured: Measurement) -> None:
         """No torque could be computed: hold the measured pose, and compensate gravity."""
         arm = self.memory
-        pose = np.where(np.isfinite(measured.pose), measured.pose, self._last_pose)
-        self._hold(pose)
-        self.guard.measure(0.0, MeasuredMotion(pose, np.zeros(6)))
+        if is_finite(measured.pose) and is_finite(measured.position):
+            self._last_pose, self._last_position = measured.pose, measured.position
+        self._hold(self._last_pose, self._last_position)
+        self.guard.measure(0.0, MeasuredMotion(self._last_pose, np.zeros(6)))
         self.guard.fault('a measurement or a torque was not finite')
         self.tank.empty()
         arm.scalars.does, arm.scalars.stored = TOOL_SPRING, 0.0

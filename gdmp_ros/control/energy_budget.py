@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from gdmp_ros.control.kinematics import chain_state
 from gdmp_ros.control.limits import (
     ENERGY,
     LIMITS,
@@ -15,6 +16,7 @@ from gdmp_ros.control.limits import (
     ROTATION_ERROR,
     STIFFNESS_RATE,
 )
+from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.spring import (
     make_spring,
     pose_error,
@@ -24,8 +26,8 @@ from gdmp_ros.control.spring import (
     stored_energy,
 )
 from gdmp_ros.control.stiffness import bound_stiffness, compose_modes, relative_modes
-from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, STIFFNESS, TWIST
-from gdmp_ros.kernels import kernel, local_numbers, local_zeros
+from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros
 from gdmp_ros.manifolds.linalg import copy_into, norm
 
 #: Steps of the bisections for the affordable part of a change.
@@ -118,33 +120,48 @@ def _change_stiffness(old, target, error, gain_numbers, largest, budget, spring,
 
 
 @kernel
-def _move_reference(reference, pose, spring, budget, dt):
+def _energy_after(numbers, seconds, spring, joints, moved, error):
+    """Energy in the spring after the joints of the reference have moved for a time [J]."""
+    arm = arm_view(numbers)
+    jacobian = local_matrix(6, joints.size)
+    for i in range(joints.size):
+        joints[i] = arm.governed[i] + seconds * arm.governed_rate[i]
+    chain_state(arm.frames, arm.axes, arm.end, joints, moved, jacobian)
+    return _energy(arm.pose, moved, spring, error)
+
+
+@kernel
+def _move_reference(numbers, spring, budget):
     """
-    Move the pose of the reference with its twist, as far as there is energy.
+    Move the joints of the reference with their velocities, as far as there is energy.
 
     :returns: energy drawn, and energy that was missing [J]
     """
-    moved, error = local_numbers(ACCELERATION), local_numbers(6)
-    before = _energy(pose, reference, spring, error)
-    extrapolate_pose(reference, dt, moved)
-    drawn = _energy(pose, moved, spring, error) - before
+    arm = arm_view(numbers)
+    reference, dt = arm.reference, arm.scalars.dt
+    moved, error, joints = local_numbers(7), local_numbers(6), local_numbers(arm.position.size)
+    before = _energy(arm.pose, reference, spring, error)
+    drawn = _energy_after(numbers, dt, spring, joints, moved, error) - before
     missing = max(drawn - budget, 0.0)
     if missing > 0.0:
         # The energy is convex along the step and affordable at its beginning.
         low, high = 0.0, 1.0
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            extrapolate_pose(reference, middle * dt, moved)
-            if _energy(pose, moved, spring, error) - before <= budget:
+            if _energy_after(numbers, middle * dt, spring, joints, moved, error) - before <= (
+                    budget):
                 low = middle
             else:
                 high = middle
-        extrapolate_pose(reference, low * dt, moved)
-        drawn = _energy(pose, moved, spring, error) - before
+        drawn = _energy_after(numbers, low * dt, spring, joints, moved, error) - before
         for i in range(TWIST, ACCELERATION + 6):
             reference[i] *= low
-    for i in range(7):
-        reference[POSE + i] = moved[i]
+        for i in range(6):
+            arm.past[2, i] *= low
+        for i in range(joints.size):
+            arm.governed_rate[i] *= low
+    copy_into(moved, reference[POSE:POSE + 7])
+    copy_into(joints, arm.governed)
     return drawn, missing
 
 
@@ -156,31 +173,28 @@ def _report_clipping(spring, error, violation):
 
 
 @kernel
-def apply_energy_budget(reference, target, pose, gain_numbers, bounds, largest, budget, dt,
-                        violation):
+def apply_energy_budget(numbers, largest, budget):
     """
     Move the reference and change its stiffness for one tick, inside the bounds and the energy.
 
-    :param reference: the governed reference, `TARGET_SIZE` numbers; changed
-    :param target: what the guard gives; its stiffness is overwritten
-    :param pose: measured
-    :param gain_numbers: `ImpedanceGains` as numbers
-    :param bounds: of the stiffness, lower and upper, shape (2, 36)
+    :param numbers: memory (`gdmp_ros.control.memory`); the stiffness of its target is overwritten
     :param largest: log of the largest ratio of a stiffness mode in a tick
     :param budget: energy that may be drawn [J]
-    :param violation: written: by how much each limit was exceeded
     :returns: energy drawn, and energy in the spring at the end [J]
     """
-    stiffness, desired = reference[STIFFNESS:STIFFNESS + 36], target[STIFFNESS:STIFFNESS + 36]
+    arm = arm_view(numbers)
+    pose, reference, violation = arm.pose, arm.reference, arm.violation
+    stiffness, desired = (reference[STIFFNESS:STIFFNESS + 36],
+                          arm.target[STIFFNESS:STIFFNESS + 36])
     error, spring = local_numbers(6), local_numbers(SPRING_SIZE)
     pose_error(pose, reference, error)
-    make_spring(stiffness, gain_numbers, spring)
-    bound_stiffness(desired, bounds[0], bounds[1], violation)
-    stiffening, short = _change_stiffness(stiffness, desired, error, gain_numbers, largest, budget,
+    make_spring(stiffness, arm.gains, spring)
+    bound_stiffness(desired, arm.bounds[0], arm.bounds[1], violation)
+    stiffening, short = _change_stiffness(stiffness, desired, error, arm.gains, largest, budget,
                                           spring, violation)
     copy_into(desired, stiffness)
-    violation[STIFFNESS_RATE] /= dt
-    moving, missing = _move_reference(reference, pose, spring, budget - stiffening, dt)
+    violation[STIFFNESS_RATE] /= arm.scalars.dt
+    moving, missing = _move_reference(numbers, spring, budget - stiffening)
     if short + missing > 1e-12:
         violation[ENERGY] = short + missing
     stored = _energy(pose, reference, spring, error)

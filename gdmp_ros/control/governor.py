@@ -1,19 +1,19 @@
 """
 Reference governor: keeps the reference of the impedance law inside the limits.
 
-The governed reference moves with the target as long as that stays inside the limits. After a limit
-or an interruption it lags behind, and catches up at a bounded speed.
+The governed reference is a posture of the arm; its pose is that of the tool there. It moves with
+the target as long as the limits allow it: what the joints do is the solution of one problem in
+each tick, of which all limits are rows (`gdmp_ros.control.limit_rows`). Along a limit it slides:
+the position of the tool has priority over its orientation, and that over the posture of the null
+space. Limits of speed and acceleration make it slower, but bend no path. After a limit or an
+interruption it lags behind, and catches up at a bounded speed.
 """
 from __future__ import annotations
 
 import math
 
-from gdmp_ros.control.joint_constraints import (
-    keep_from_singularity,
-    keep_joint_speeds,
-    keep_joints,
-    velocity_map,
-)
+from gdmp_ros.control.kinematics import chain_state
+from gdmp_ros.control.limit_rows import limit_rows, OTHER_ROWS
 from gdmp_ros.control.limits import (
     ACCELERATION_LIMIT,
     ANGULAR_ACCELERATION,
@@ -25,12 +25,15 @@ from gdmp_ros.control.limits import (
     SPEED,
     WORKSPACE,
 )
+from gdmp_ros.control.memory import arm_view
+from gdmp_ros.control.quadratic_program import solve
 from gdmp_ros.control.settings import LIMIT_NUMBERS
+from gdmp_ros.control.singularity import ROTATION_LENGTH
 from gdmp_ros.control.spring import keep_error
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, records_at
-from gdmp_ros.manifolds.linalg import limit_norm, norm
-from gdmp_ros.manifolds.quaternion import rotation_between
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
+from gdmp_ros.manifolds.linalg import copy_into, limit_norm, norm
+from gdmp_ros.manifolds.quaternion import pose_distance, rotation_between
 
 #: Time constant of catching up, unless the catch-up speed limits it [s].
 CATCH_UP_S = 0.02
@@ -39,6 +42,20 @@ CATCH_UP_S = 0.02
 LINEAR_MARGIN, ANGULAR_MARGIN = 3.0, 15.0
 #: Time constant of that mean [s].
 MEAN_S = 0.03
+#: Weights of orientation and posture beside that of the position: far enough apart that the
+#: important one is hardly disturbed.
+ORIENTATION_WEIGHT, POSTURE_WEIGHT = 1e-2 * ROTATION_LENGTH ** 2, 1e-6
+#: Weight of the posture while the joints go straight to it.
+RETURN_WEIGHT = 1e3
+#: Time constant with which the null space approaches its posture [s], and its largest speed
+#: [rad/s].
+POSTURE_S, POSTURE_SPEED = 1.0, 0.3
+#: A reference that makes no way for this time [s], and whose target is where the posture of the
+#: null space has the tool, within these distances [m, rad], goes there joint by joint.
+RETURN_S, RETURN_DISTANCE, RETURN_ANGLE = 0.2, 0.01, 0.05
+#: The reference makes no way if it has less than this share of the velocity that is asked, while
+#: it is this far from its target [m].
+NO_WAY, OFF_TARGET = 0.05, 0.002
 
 
 @kernel
@@ -74,29 +91,150 @@ def catch_up(lag, deceleration, fastest, velocity):
 
 
 @kernel
-def _brake_at_walls(position, velocity, limits):
-    """Slow down so that the acceleration limit allows to stop at a wall of the workspace."""
-    for i in range(3):
-        above = max(limits.workspace_max[i] - position[i], 0.0)
-        below = max(position[i] - limits.workspace_min[i], 0.0)
-        velocity[i] = min(velocity[i], math.sqrt(limits.acceleration * above))
-        velocity[i] = max(velocity[i], -math.sqrt(limits.acceleration * below))
+def _move_joints(numbers, jacobian, twist, violation):
+    """
+    Write the joint velocities that bring a twist about, as far as the limits allow it.
+
+    :param jacobian: of the reference
+    :param twist: replaced by the one that is reached
+    :returns: the limit that takes most away, or -1
+    """
+    arm = arm_view(numbers)
+    n, rates, limits = (arm.position.size, arm.governed_rate,
+                        records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0])
+    most = 2 * n + OTHER_ROWS
+    rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
+    hessian, gradient, last = local_matrix(n, n), local_numbers(n), local_numbers(n)
+    count, value = limit_rows(arm.governed, arm.reference[POSE:POSE + 3], jacobian,
+                              arm.joint_limits, arm.limits, rows, bounds, ids)
+    copy_into(rates, last)
+    weight = _approach_posture(arm.scalars, arm.governed, arm.posture, limits, last, rates)
+    for i in range(n):
+        gradient[i] = weight * rates[i]
+        for j in range(i + 1):
+            linear, angular = 0.0, 0.0
+            for k in range(3):
+                linear += jacobian[k, i] * jacobian[k, j]
+                angular += jacobian[3 + k, i] * jacobian[3 + k, j]
+            hessian[i, j] = linear + ORIENTATION_WEIGHT * angular
+            hessian[j, i] = hessian[i, j]
+        for k in range(6):
+            gradient[i] += (1.0 if k < 3 else ORIENTATION_WEIGHT) * jacobian[k, i] * twist[k]
+        hessian[i, i] += weight
+    multipliers = local_zeros(most)
+    steps = solve(hessian, gradient, rows[:count], bounds[:count], rates, multipliers[:count])
+    if steps < 0:
+        _slow_down(last, rows[:count], bounds[:count], rates)
+    strongest, blocking = 0.0, -1.0
+    for i in range(count):
+        if multipliers[i] > strongest:
+            strongest, blocking = multipliers[i], ids[i]
+        if ids[i] == 2 * n + 6 and multipliers[i] > 0.0:
+            start, stop = limits.singularity_start, limits.singularity_stop
+            violation[SINGULARITY] = min((start - value) / (start - stop), 1.0)
+    share = (_tool_share(jacobian, rates, limits.catch_up_speed, limits.catch_up_angular_speed)
+             if arm.scalars.returns > 0.0 else
+             _tool_share(jacobian, rates, limits.speed, limits.angular_speed))
+    for i in range(n):
+        excess = abs(rates[i]) - arm.joint_limits[2, i]
+        if excess > 0.0:
+            violation[JOINT_SPEED] = max(violation[JOINT_SPEED], excess)
+            share = min(share, arm.joint_limits[2, i] / abs(rates[i]))
+    for i in range(n):
+        rates[i] *= share
+    for j in range(6):
+        twist[j] = 0.0
+        for i in range(n):
+            twist[j] += jacobian[j, i] * rates[i]
+    return blocking
 
 
 @kernel
-def _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits, gain_numbers,
-               limits, violation):
-    """Take away what winds up the spring, and what the joints do not allow; scale the rest."""
-    velocities = local_matrix(inertia.shape[0], 6)
-    velocity_map(jacobian, inertia, velocities)
-    keep_error(pose, reference, gain_numbers, velocity)
-    taken = keep_from_singularity(velocities, jacobian, limits.singularity_start,
-                                  limits.singularity_stop, velocity)
-    violation[SINGULARITY] = taken
-    stopped = keep_joints(velocities, position, joint_limits[0], joint_limits[1], velocity)
-    excess = keep_joint_speeds(velocities, joint_limits[2], velocity)
-    violation[JOINT_SPEED] = max(violation[JOINT_SPEED], excess)
-    return stopped > 0.0
+def _approach_posture(s, position, posture, limits, last, rates):
+    """
+    Write the joint velocities that lead to the posture.
+
+    :param last: velocities of the last tick
+    :returns: their weight
+    """
+    n, furthest = position.size, 0.0
+    if s.returns == 0.0:
+        for i in range(n):
+            rest = (posture[i] - position[i]) / POSTURE_S
+            rates[i] = min(max(rest, -POSTURE_SPEED), POSTURE_SPEED)
+        return POSTURE_WEIGHT
+    for i in range(n):
+        furthest = max(furthest, abs(posture[i] - position[i]))
+    # All joints arrive together.
+    change = limits.joint_acceleration * s.dt
+    speed = min(math.sqrt(limits.joint_acceleration * furthest), furthest / CATCH_UP_S)
+    for i in range(n):
+        wanted = speed / max(furthest, 1e-12) * (posture[i] - position[i])
+        rates[i] = min(max(wanted, last[i] - change), last[i] + change)
+    return RETURN_WEIGHT
+
+
+@kernel
+def _tool_share(jacobian, rates, fastest, fastest_turn):
+    """Factor of joint velocities with which the tool is no faster than allowed."""
+    share = 1.0
+    for part in range(0, 6, 3):
+        largest, square = fastest if part == 0 else fastest_turn, 0.0
+        for j in range(part, part + 3):
+            speed = 0.0
+            for i in range(rates.size):
+                speed += jacobian[j, i] * rates[i]
+            square += speed * speed
+        if square > largest * largest:
+            share = min(share, largest / math.sqrt(square))
+    return share
+
+
+@kernel
+def _decide_return(numbers):
+    """Decide whether the joints go straight to the posture: the target is there, and no way is."""
+    arm = arm_view(numbers)
+    s, pose = arm.scalars, local_numbers(7)
+    if s.returns == 0.0 and s.blocked < RETURN_S:
+        return
+    chain_state(arm.frames, arm.axes, arm.end, arm.posture, pose,
+                local_matrix(6, arm.position.size))
+    distance, angle = pose_distance(pose, arm.target[POSE:POSE + 7])
+    there = True
+    for i in range(arm.position.size):
+        there = there and abs(arm.posture[i] - arm.governed[i]) < 1e-4
+    s.returns = 1.0 if distance < RETURN_DISTANCE and angle < RETURN_ANGLE and not there else 0.0
+
+
+@kernel
+def _slow_down(last, rows, bounds, rates):
+    """No velocity was found: the largest part of the last one that satisfies all rows."""
+    share = 1.0
+    for i in range(bounds.size):
+        speed = 0.0
+        for k in range(last.size):
+            speed += rows[i, k] * last[k]
+        if speed > bounds[i]:
+            share = min(share, bounds[i] / speed)
+    for k in range(last.size):
+        rates[k] = share * last[k]
+
+
+@kernel
+def _notice_block(s, asked, twist, lag, blocking):
+    """Count the time for which the reference makes no way although it is off its target."""
+    made, size, away = 0.0, 0.0, 0.0
+    for i in range(6):
+        weight = 1.0 if i < 3 else ROTATION_LENGTH ** 2
+        made += weight * asked[i] * twist[i]
+        size += weight * asked[i] ** 2
+        away += weight * lag[i] ** 2
+    if away > OFF_TARGET ** 2 and made < NO_WAY * size and s.returns == 0.0:
+        s.blocked += s.dt
+        if blocking >= 0.0:
+            s.blocking = blocking
+    else:
+        s.blocked, s.blocking = 0.0, -1.0
 
 
 @kernel
@@ -147,9 +285,8 @@ def _is_limited(violation):
 
 
 @kernel
-def _wanted_velocity(reference, target, limits, dt, velocity, violation):
+def _wanted_velocity(reference, target, limits, dt, velocity, lag, violation):
     """Velocity of the target plus that which reduces the lag, before the speed limits."""
-    lag = local_numbers(6)
     for i in range(6):
         velocity[i] = target[TWIST + i] - 0.5 * dt * target[ACCELERATION + i]
     violation[WORKSPACE] = _move_into_workspace(target[POSE:POSE + 3], velocity,
@@ -165,48 +302,48 @@ def _wanted_velocity(reference, target, limits, dt, velocity, violation):
 
 
 @kernel
-def govern(reference, past, target, pose, position, jacobian, inertia, joint_limits, gain_numbers,
-           limit_numbers, dt, violation):
+def govern(numbers):
     """
-    Write the twist and the acceleration of the governed reference for the next tick.
+    Write the velocities of the governed reference for the next tick, and its acceleration.
 
-    Its pose is moved later, as far as there is energy (`gdmp_ros.control.energy_budget`).
+    It is moved later, as far as there is energy (`gdmp_ros.control.energy_budget`).
 
-    :param reference: the governed reference, `TARGET_SIZE` numbers
-    :param past: its mean acceleration and its last one, shape (2, 6); changed
-    :param target: what the guard gives; its position is moved into the workspace
-    :param pose: measured (x, y, z, qw, qx, qy, qz)
-    :param position: of the joints, measured [rad]
-    :param joint_limits: lowest and highest position [rad], largest speed [rad/s], shape (3, n)
-    :param gain_numbers: `ImpedanceGains` as numbers
-    :param limit_numbers: `LimitSettings` as numbers
-    :param violation: written: by how much each limit was exceeded
+    :param numbers: memory (`gdmp_ros.control.memory`), with the target of the guard, whose
+        position is moved into the workspace, and the posture that the null space approaches
     """
-    limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
-    velocity, change, mean, last = local_numbers(6), local_numbers(6), past[0], past[1]
-    _wanted_velocity(reference, target, limits, dt, velocity, violation)
-    stopped = _constrain(reference, velocity, pose, position, jacobian, inertia, joint_limits,
-                         gain_numbers, limits, violation)
-    _brake_at_walls(reference, velocity, limits)
+    arm = arm_view(numbers)
+    reference, target, violation, dt = arm.reference, arm.target, arm.violation, arm.scalars.dt
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    n, mean, last, wish = arm.position.size, arm.past[0], arm.past[1], arm.past[2]
+    velocity, change, asked, lag = (local_numbers(6), local_numbers(6), local_numbers(6),
+                                    local_numbers(6))
+    jacobian = local_matrix(6, n)
+    chain_state(arm.frames, arm.axes, arm.end, arm.governed, reference[POSE:POSE + 7], jacobian)
+    _wanted_velocity(reference, target, limits, dt, velocity, lag, violation)
+    keep_error(arm.pose, reference, arm.gains, velocity)
     violation[SPEED] = limit_norm(3, velocity[:3], limits.speed)
     violation[ANGULAR_SPEED] = limit_norm(3, velocity[3:], limits.angular_speed)
+    copy_into(velocity, asked)
     violation[ACCELERATION_LIMIT], violation[JERK] = _accelerate(
-        velocity, reference[TWIST:TWIST + 6], last, 0, limits.acceleration, limits.jerk, dt,
-        change)
+        velocity, wish, last, 0, limits.acceleration, limits.jerk, dt, change)
     violation[ANGULAR_ACCELERATION], violation[ANGULAR_JERK] = _accelerate(
-        velocity, reference[TWIST:TWIST + 6], last, 3, limits.angular_acceleration,
-        limits.angular_jerk, dt, change)
+        velocity, wish, last, 3, limits.angular_acceleration, limits.angular_jerk, dt, change)
     for i in range(6):
-        last[i] = -reference[TWIST + i] / dt
-        reference[TWIST + i] += dt * change[i]
-    limit_norm(3, reference[TWIST:TWIST + 3], limits.speed)
-    limit_norm(3, reference[TWIST + 3:TWIST + 6], limits.angular_speed)
+        last[i] = -wish[i] / dt
+        wish[i] += dt * change[i]
+    limit_norm(3, wish[:3], limits.speed)
+    limit_norm(3, wish[3:], limits.angular_speed)
     for i in range(6):
-        last[i] += reference[TWIST + i] / dt
-        change[i] = last[i]
-        mean[i] += dt / MEAN_S * (change[i] - mean[i])
+        last[i] += wish[i] / dt
+        velocity[i] = wish[i]
+    _decide_return(numbers)
+    blocking = _move_joints(numbers, jacobian, velocity, violation)
+    _notice_block(arm.scalars, asked, velocity, lag, blocking)
+    for i in range(6):
+        mean[i] += dt / MEAN_S * ((velocity[i] - reference[TWIST + i]) / dt - mean[i])
+        reference[TWIST + i] = velocity[i]
     _feed_forward(reference, mean, target, 0, limits.acceleration, LINEAR_MARGIN)
     _feed_forward(reference, mean, target, 3, limits.angular_acceleration, ANGULAR_MARGIN)
-    if stopped or _is_limited(violation):
+    if blocking >= 0.0 or _is_limited(violation):
         for i in range(6):
             reference[ACCELERATION + i] = 0.0

@@ -143,12 +143,13 @@ def _limit_tool_speed(jacobian, dq, largest, force):
 
 
 @kernel
-def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
+def _add_posture(q, dq, rest, rate, gains, jacobian, solved, task_inertia, torque):
     """Add the posture torque projected to the null space: ``(I - Jᵀ Λ J M⁻¹) τ``."""
     n = q.size
     posture, task = local_numbers(n), local_zeros(6)
     for i in range(n):
-        posture[i] = gains.posture_stiffness * (rest[i] - q[i]) - gains.posture_damping * dq[i]
+        posture[i] = (gains.posture_stiffness * (rest[i] - q[i])
+                      + gains.posture_damping * (rate[i] - dq[i]))
     for j in range(6):
         for i in range(n):
             task[j] += solved[i, j] * posture[i]
@@ -161,28 +162,22 @@ def _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque):
 
 
 @kernel
-def _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task_inertia, torque):
+def _add_friction(target, rates, friction, gains, pull, jacobian, inertia, torque):
     """
-    Add the joint friction (`friction_torque`) at the joint velocities ``M⁻¹ Jᵀ Λ ẋ_d``.
+    Add the joint friction (`friction_torque`).
 
+    :param rates: velocities of the joints that follow the target [rad/s]
     :param friction: viscous [Nm s/rad] and dry [Nm], shape (2, n)
     :param pull: torque of the springs at tool and posture [Nm]
     """
-    impulse = local_zeros(6)
-    for j in range(6):
-        for k in range(6):
-            impulse[j] += task_inertia[j, k] * target[TWIST + k]
     for i in range(torque.size):
-        speed = 0.0
-        for j in range(6):
-            speed += solved[i, j] * impulse[j]
         stiffness = gains.posture_stiffness
         for j in range(6):
             for k in range(6):
                 stiffness += jacobian[j, i] * target[STIFFNESS + 6 * j + k] * jacobian[k, i]
         scale = rest_scale(friction[1, i], gains.friction_at_rest, stiffness, inertia[i, i],
                            target[DAMPING_RATIO])
-        torque[i] += friction_torque(friction[0, i], friction[1, i], speed, pull[i],
+        torque[i] += friction_torque(friction[0, i], friction[1, i], rates[i], pull[i],
                                      gains.friction_smoothing, gains.friction_at_rest, scale)
 
 
@@ -214,15 +209,16 @@ def external_wrench(jacobian, inertia, external, singularity, wrench):
 
 
 @kernel
-def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, rest, gain_numbers,
-                     tool_speed, external, torque, wrench, force):
+def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, joints, rates,
+                     gain_numbers, tool_speed, external, torque, wrench, force):
     """
     Compute the joint torque of one tick.
 
     :param pose: measured (x, y, z, qw, qx, qy, qz)
     :param friction: of the joints, viscous [Nm s/rad] and dry [Nm], shape (2, n)
     :param target: `TARGET_SIZE` numbers: pose, twist, acceleration, 6×6 stiffness, damping ratio
-    :param rest: posture of the null space [rad]
+    :param joints: positions of the joints with which the tool is at the target [rad]
+    :param rates: their velocities [rad/s]
     :param gain_numbers: `ImpedanceGains` as numbers
     :param tool_speed: speed limit of the tool [m/s]
     :param external: external joint torque [Nm]
@@ -264,10 +260,9 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, res
         for j in range(6):
             torque[i] += jacobian[j, i] * force[j]
         pull[i] -= torque[i]
-    _add_posture(q, dq, rest, gains, jacobian, solved, task_inertia, torque)
+    _add_posture(q, dq, joints, rates, gains, jacobian, solved, task_inertia, torque)
     if gains.feed_forward > 0.0:
         for i in range(n):
             pull[i] += torque[i]
-        _add_friction(target, friction, gains, pull, jacobian, inertia, solved, task_inertia,
-                      torque)
+        _add_friction(target, rates, friction, gains, pull, jacobian, inertia, torque)
     return scale, too_fast

@@ -2,9 +2,15 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from gdmp_ros.kernels import kernel, local_numbers
-from gdmp_ros.manifolds.quaternion import multiply, rotate
+from gdmp_ros.manifolds.quaternion import multiply, rotate, rotation_between
+
+#: Steps of `Chain.near`, and the damping of each [m, rad].
+NEAR_STEPS, NEAR_DAMPING = 20, 0.01
 
 
 @kernel
@@ -53,29 +59,80 @@ def constant_velocity_acceleration(jacobian, velocity, acceleration):
 
 
 @kernel
-def chain_pose(frames, axes, position, end, pose):
+def chain_state(frames, axes, end, position, pose, jacobian):
     """
-    Write the pose of the end of a chain of revolute joints.
+    Write the pose of the end of a chain of revolute joints, and its Jacobian.
 
     :param frames: pose of each joint in the frame of the last one, at zero, shape ``(n, 7)``
     :param axes: of the joints in their frames, shape ``(n, 3)``
-    :param position: of the joints [rad]
     :param end: pose in the frame of the last joint
-    :param pose: written
+    :param position: of the joints [rad]
+    :param pose: written, in the frame of the base
+    :param jacobian: written, linear over angular, shape ``(6, n)``
     """
+    n = position.size
     step, moved, turn = local_numbers(4), local_numbers(3), pose[3:]
     for i in range(7):
         pose[i] = 1.0 if i == 3 else 0.0
-    for k in range(position.size + 1):
-        frame = frames[k] if k < position.size else end
+    for k in range(n + 1):
+        frame = frames[k] if k < n else end
         rotate(turn, frame[:3], moved)
         for i in range(3):
             pose[i] += moved[i]
         multiply(turn, frame[3:], turn)
-        if k == position.size:
+        if k == n:
             break
+        rotate(turn, axes[k], moved)
+        for i in range(3):
+            jacobian[i, k], jacobian[3 + i, k] = pose[i], moved[i]
         half = 0.5 * position[k]
         step[0] = math.cos(half)
         for i in range(3):
             step[1 + i] = math.sin(half) * axes[k, i]
         multiply(turn, step, turn)
+    for k in range(n):
+        for i in range(3):
+            moved[i] = pose[i] - jacobian[i, k]
+        x, y, z = jacobian[3, k], jacobian[4, k], jacobian[5, k]
+        jacobian[0, k] = y * moved[2] - z * moved[1]
+        jacobian[1, k] = z * moved[0] - x * moved[2]
+        jacobian[2, k] = x * moved[1] - y * moved[0]
+
+
+class Chain(NamedTuple):
+    """
+    The revolute joints between the base of an arm and its tool.
+
+    :ivar frames: pose of each joint in the frame of the last one, at zero, shape ``(n, 7)``
+    :ivar axes: of the joints in their frames, shape ``(n, 3)``
+    """
+
+    frames: np.ndarray
+    axes: np.ndarray
+
+    def pose_at(self, position: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """
+        Pose (x, y, z, qw, qx, qy, qz) of the end of the chain.
+
+        :param position: of the joints [rad]
+        :param end: pose of the end in the frame of the last joint
+        """
+        return self._state(position, end)[0]
+
+    def near(self, pose: np.ndarray, position: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """
+        Joint positions near others with which the end comes as close to a pose as it can [rad].
+        """
+        position, error = position.copy(), np.empty(6)
+        for _ in range(NEAR_STEPS):
+            now, jacobian = self._state(position, end)
+            error[:3] = pose[:3] - now[:3]
+            rotation_between(now[3:], pose[3:], error[3:])
+            square = jacobian @ jacobian.T + NEAR_DAMPING ** 2 * np.eye(6)
+            position += jacobian.T @ np.linalg.solve(square, error)
+        return position
+
+    def _state(self, position: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pose, jacobian = np.empty(7), np.empty((6, len(position)))
+        chain_state(self.frames, self.axes, end, position, pose, jacobian)
+        return pose, jacobian

@@ -49,13 +49,15 @@ _AT_REST = resting_target(np.zeros(7))
 
 
 @kernel
-def hold_tool(pose, reference, past):
-    """Hold a pose of the tool from now on, with the stiffness before the first reference."""
+def hold_tool(numbers):
+    """Hold the tool where it is from now on, with the stiffness before the first reference."""
+    arm = arm_view(numbers)
     for i in range(TARGET_SIZE):
-        reference[i] = _AT_REST[i]
-    for i in range(7):
-        reference[POSE + i] = pose[i]
-    past[:] = 0.0
+        arm.reference[i] = _AT_REST[i]
+    copy_into(arm.pose, arm.reference[POSE:POSE + 7])
+    copy_into(arm.position, arm.governed)
+    arm.governed_rate[:], arm.past[:] = 0.0, 0.0
+    arm.scalars.blocked, arm.scalars.blocking, arm.scalars.returns = 0.0, -1.0, 0.0
 
 
 @kernel
@@ -256,7 +258,7 @@ def compute(numbers):
                      external)
     if not springs:
         s.law, s.stored = TOOL_SPRING, 0.0
-        hold_tool(arm.pose, arm.reference, arm.past)
+        hold_tool(numbers)
         arm.commanded[:] = 0.0
         if s.does == FREE:
             _free(arm.velocity, arm.bias, s.free_damping, arm.torque, twist)
@@ -269,7 +271,7 @@ def compute(numbers):
         external_wrench(arm.jacobian, arm.inertia, external, gains.singularity, arm.wrench)
     elif s.does == TOOL_SPRING:
         if s.law != TOOL_SPRING:
-            hold_tool(arm.pose, arm.reference, arm.past)
+            hold_tool(numbers)
         s.law = TOOL_SPRING
         _spring_at_tool(numbers, external, limits)
         for i in range(6):
@@ -294,15 +296,12 @@ def _spring_at_tool(numbers, external, limits):
     arm = arm_view(numbers)
     s, target, reference = arm.scalars, arm.target, arm.reference
     budget = spendable(s, arm.tank)
-    govern(reference, arm.past, target, arm.pose, arm.position, arm.jacobian, arm.inertia,
-           arm.joint_limits, arm.gains, arm.limits, s.dt, arm.violation)
+    govern(numbers)
     for i in range(WRENCH, TARGET_SIZE):
         reference[i] = target[i]
     correct(s, arm.felt, arm.correction, reference)
     reference[DAMPING_RATIO] = _ratio(target[DAMPING_RATIO], s.damping_ratio)
-    drawn, s.stored = apply_energy_budget(
-        reference, target, arm.pose, arm.gains, arm.bounds, s.dt * limits.stiffness_rate, budget,
-        s.dt, arm.violation)
+    drawn, s.stored = apply_energy_budget(numbers, s.dt * limits.stiffness_rate, budget)
     draw(s, arm.tank, drawn)
     wanted = local_numbers(TARGET_SIZE)
     copy_into(reference, wanted)
@@ -311,8 +310,8 @@ def _spring_at_tool(numbers, external, limits):
         wanted[ACCELERATION + i] -= arm.acceleration[i]
     scale, too_fast = impedance_torque(
         arm.position, arm.velocity, arm.pose, arm.jacobian, arm.inertia, arm.bias, arm.friction,
-        wanted, arm.posture, arm.gains, limits.tool_speed, external, arm.torque, arm.wrench,
-        arm.commanded)
+        wanted, arm.governed, arm.governed_rate, arm.gains, limits.tool_speed, external,
+        arm.torque, arm.wrench, arm.commanded)
     arm.violation[WRENCH_LIMIT], arm.violation[TOOL_SPEED] = 1.0 - scale, too_fast
 
 

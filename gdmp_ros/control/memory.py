@@ -43,7 +43,10 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'unknown',           # time since when the external wrench is not finite [s]
     'against',           # what opposes the motion in a collision [N, Nm]
     # What the tick has found.
-    'stored')])          # energy in the spring at its end [J]
+    'stored',            # energy in the spring at its end [J]
+    'blocked',           # time for which the governed reference has made no way [s]
+    'blocking',          # the limit that keeps it: index of `gdmp_ros.control.limit_rows`, or -1
+    'returns')])         # flag: its joints go straight to the posture, where the target is
 _SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
 _GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
 _LIMIT_COUNT = len(LIMITS)
@@ -62,7 +65,11 @@ class ArmMemory(NamedTuple):
     :ivar inertia: measured, shape (n, n)
     :ivar target: of the guard, `TARGET_SIZE` numbers
     :ivar reference: the governed one of the tool
-    :ivar past: its mean acceleration and its last one, shape (2, 6)
+    :ivar past: its mean acceleration, its last one and its twist, as far as limits of joints and
+        tool do not change them, shape (3, 6)
+    :ivar frames: of the joints of the arm (`gdmp_ros.control.kinematics.Chain`)
+    :ivar axes: the same
+    :ivar end: pose of the tool in the frame of the last joint
     :ivar joint_target: of the guard, 3 n + 1 numbers
     :ivar joint_reference: the governed one of the joints
     :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], shape (3, n)
@@ -73,7 +80,7 @@ class ArmMemory(NamedTuple):
     :ivar velocity: measured [rad/s]
     :ivar bias: gravity and Coriolis torque [Nm]
     :ivar external: torque of the environment [Nm]
-    :ivar posture: of the null space [rad]
+    :ivar posture: that the null space approaches [rad]
     :ivar wanted: positions of a joint motion [rad]
     :ivar wanted_rate: their velocities [rad/s]
     :ivar joint_mean: acceleration of the reference of the joints, smoothed [rad/s²]
@@ -83,6 +90,8 @@ class ArmMemory(NamedTuple):
     :ivar bias_before: the same
     :ivar last: torque of the last tick [Nm]
     :ivar torque: of this tick [Nm]
+    :ivar governed: of the governed reference of the tool: it is where these have the tool [rad]
+    :ivar governed_rate: their velocities [rad/s]
     :ivar relief: depth in the zone of repulsion of a joint that does not act yet [rad]
     :ivar felt: smoothed external wrench, acting on the tool [N, Nm]
     :ivar correction: of the wrench of a reference
@@ -106,6 +115,9 @@ class ArmMemory(NamedTuple):
     target: Any
     reference: Any
     past: Any
+    frames: Any
+    axes: Any
+    end: Any
     joint_target: Any
     joint_reference: Any
     joint_limits: Any
@@ -126,6 +138,8 @@ class ArmMemory(NamedTuple):
     bias_before: Any
     last: Any
     torque: Any
+    governed: Any
+    governed_rate: Any
     relief: Any
     felt: Any
     correction: Any
@@ -157,8 +171,12 @@ def arm_view(numbers):
     at += n * n
     target, reference = memory[at:at + TARGET_SIZE], memory[at + TARGET_SIZE:at + 2 * TARGET_SIZE]
     at += 2 * TARGET_SIZE
-    past = memory[at:at + 12].reshape(2, 6)
-    at += 12
+    past = memory[at:at + 18].reshape(3, 6)
+    at += 18
+    frames = memory[at:at + 7 * n].reshape(n, 7)
+    axes = memory[at + 7 * n:at + 10 * n].reshape(n, 3)
+    end = memory[at + 10 * n:at + 10 * n + 7]
+    at += 10 * n + 7
     size = 3 * n + 1
     joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
     at += 2 * size
@@ -168,24 +186,26 @@ def arm_view(numbers):
     at += 7 * n
     sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = memory[at:at + 15 * n].reshape(15, n)
-    at += 15 * n
+    joints = memory[at:at + 17 * n].reshape(17, n)
+    at += 17 * n
     tool = memory[at:at + 30].reshape(5, 6)
     at += 30
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
-        reference, past, joint_target, joint_reference, joint_limits, friction, credit, sent,
+        reference, past, frames, axes, end, joint_target, joint_reference, joint_limits, friction,
+        credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
-        tool[0], tool[1], tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
+        joints[15], joints[16], tool[0], tool[1], tool[2], tool[3], tool[4], limited[0],
+        limited[1], limited[2])
 
 
 def blank(joints: int) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
-             + 2 * TARGET_SIZE + 12 + 2 * (3 * joints + 1) + (7 + MOST_TORQUES + 15) * joints + 30
-             + 3 * _LIMIT_COUNT)
+             + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + 2 * (3 * joints + 1)
+             + (7 + MOST_TORQUES + 17) * joints + 30 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints,)
     return memory

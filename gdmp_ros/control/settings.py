@@ -24,9 +24,9 @@ class ImpedanceGains:
         (60.0, 15.0), 'largest commanded force and torque at the tool, without gravity', 'N, Nm',
         0.1, 1000.0)
     posture_stiffness: float = setting(
-        5.0, 'stiffness of the posture in the null space', 'Nm/rad', 0.0, 100.0)
+        30.0, 'stiffness of the posture in the null space', 'Nm/rad', 0.0, 100.0)
     posture_damping: float = setting(
-        2.0, 'damping of the posture in the null space', 'Nm s/rad', 0.0, 50.0)
+        5.0, 'damping of the posture in the null space', 'Nm s/rad', 0.0, 50.0)
     feed_forward: bool = setting(
         True, 'add the inertial force and the joint friction of the reference motion')
     friction_smoothing: float = setting(
@@ -87,9 +87,11 @@ class LimitSettings:
         950.0, 'largest rate of change of a joint torque; 5 % inside the limit of a Franka',
         'Nm/s', 1.0, 1e6)
     joint_margin: float = setting(
-        0.3, 'distance from a joint limit at which repulsion begins', 'rad', 1e-3, 1.0)
+        0.05, 'distance that the reference keeps from a joint limit; a joint that comes closer is '
+        'pushed back', 'rad', 1e-3, 1.0)
     joint_repulsion: float = setting(
-        5.0, 'repulsion torque at the joint limit itself', 'Nm', 0.0, 50.0)
+        40.0, 'torque that pushes a joint back, at the joint limit itself, at most half of what '
+        'the motor can do', 'Nm', 0.0, 50.0)
     joint_speed: float = setting(
         2.61, 'largest speed of any joint; the model may have less for some, as the built-in '
         'Panda: 2.175 rad/s but for the wrist. Braking begins at 90 %', 'rad/s', 0.01, 20.0)

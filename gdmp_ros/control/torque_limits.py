@@ -14,27 +14,34 @@ from gdmp_ros.util.settings import numbers
 
 #: A joint is braked from this fraction of its speed limit on.
 SPEED_MARGIN = 0.9
+#: Repulsion has at most this share of a motor's torque.
+REPULSION_SHARE = 0.5
 
 
 @kernel
-def _guard_torque(position, velocity, lower, upper, fastest, limits, relief, torque, violation):
+def _guard_torque(position, velocity, lower, upper, largest, fastest, limits, relief, torque,
+                  depth, violation):
     """
     Write the repulsion from joint limits and the damping of joints that are too fast.
 
+    The repulsion is a potential of the distance from the limit; only the approach is damped.
+
     :param relief: depth in the zone of repulsion that does not act yet [rad]; changed
-    :returns: how much of the active torque is left to a joint that it drives too fast
+    :param depth: written: how deep a joint is in the zone, 1 at its limit; negative near the upper
     """
     margin = limits.joint_margin
     for i in range(torque.size):
-        torque[i] = 0.0
+        torque[i] = depth[i] = 0.0
         below = max(lower[i] + margin - position[i], 0.0)
         above = max(position[i] - upper[i] + margin, 0.0)
         if below + above > 0.0:
             violation[JOINT_POSITION] = max(violation[JOINT_POSITION], below, above)
             relief[i] = min(relief[i], max(below, above))
             below, above = max(below - relief[i], 0.0), max(above - relief[i], 0.0)
-            torque[i] += limits.joint_repulsion * (min(below / margin, 1.0)
-                                                   - min(above / margin, 1.0))
+            depth[i] = min(below / margin, 1.0) - min(above / margin, 1.0)
+            torque[i] += depth[i] * min(limits.joint_repulsion, REPULSION_SHARE * largest[i])
+            if depth[i] * velocity[i] < 0.0:
+                torque[i] -= abs(depth[i]) * limits.joint_brake * velocity[i]
         else:
             relief[i] = 0.0
         too_fast = abs(velocity[i]) - SPEED_MARGIN * fastest[i]
@@ -44,11 +51,12 @@ def _guard_torque(position, velocity, lower, upper, fastest, limits, relief, tor
 
 
 @kernel
-def _allowed_share(active, velocity, base, largest, torque_share, fastest, violation):
+def _allowed_share(active, velocity, base, depth, largest, torque_share, fastest, violation):
     """
-    The factor of the active torque with which no joint is too fast or at its torque limit.
+    The factor of the active torque with which no joint is too fast, or driven into its limit.
 
     :param base: what comes first: gravity, repulsion and brake [Nm]
+    :param depth: of each joint in its zone of repulsion
     :param torque_share: part of a motor's torque that the active torque may have
     """
     share = 1.0
@@ -57,6 +65,8 @@ def _allowed_share(active, velocity, base, largest, torque_share, fastest, viola
         too_fast = abs(velocity[i]) - slow
         if too_fast > 0.0 and active[i] * velocity[i] > 0.0:
             share = min(share, max(1.0 - too_fast / (fastest[i] - slow), 0.0))
+        if active[i] * depth[i] < 0.0:
+            share = min(share, 1.0 - abs(depth[i]))
         excess = max(abs(base[i] + active[i]) - largest[i],
                      abs(active[i]) - torque_share * largest[i])
         if excess > 0.0 and active[i] != 0.0:
@@ -88,13 +98,14 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     """
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
     n = torque.size
-    base, active = local_numbers(n), local_numbers(n)
-    _guard_torque(position, velocity, lower, upper, fastest, limits, relief, base, violation)
+    base, active, depth = local_numbers(n), local_numbers(n), local_numbers(n)
+    _guard_torque(position, velocity, lower, upper, largest, fastest, limits, relief, base,
+                  depth, violation)
     for i in range(n):
         active[i] = torque[i] - bias[i]
         base[i] = min(max(base[i] + bias[i], -largest[i]), largest[i])
-    share = _allowed_share(active, velocity, base, largest, limits.torque_share, fastest,
-                           violation)
+    share = _allowed_share(active, velocity, base, depth, largest, limits.torque_share,
+                           fastest, violation)
     change = 0.0
     for i in range(n):
         torque[i] = base[i] + share * active[i]
@@ -123,7 +134,9 @@ def relief_of(position: np.ndarray, joints: JointLimits, before: LimitSettings,
     if after.joint_repulsion == 0.0:
         return np.zeros_like(relief)
     share = np.clip((depth(before.joint_margin) - relief) / before.joint_margin, 0.0, 1.0)
-    acts = before.joint_repulsion / after.joint_repulsion * share * after.joint_margin
+    most = REPULSION_SHARE * joints.torque
+    acts = (np.minimum(before.joint_repulsion, most) / np.minimum(after.joint_repulsion, most)
+            * share * after.joint_margin)
     return np.maximum(depth(after.joint_margin) - acts, 0.0)
 
 

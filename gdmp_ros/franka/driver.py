@@ -12,8 +12,7 @@ from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.robot import FrankaRobot, Reading
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.chain import Chain
-from gdmp_ros.sim.frames import ToolTransform
+from gdmp_ros.sim.frames import tool_at, ToolTransform
 from gdmp_ros.sim.payload import Payload
 
 #: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
@@ -22,7 +21,6 @@ CYCLE_S = 0.001
 LONGEST_S = 0.02
 #: Cycles in which the torque decreases to zero at the end.
 END_CYCLES = 50
-_END_EFFECTOR = ToolTransform()
 
 
 class FrankaDriver:
@@ -50,16 +48,15 @@ class FrankaDriver:
         """
         self.robot, self._wall_time, self._arrived = robot, wall_time, 0
         flange = Arm('fr3', 'flange', hand=False)
-        self._chain = Chain(flange)
+        self.chain = flange.chain
         self.joints = replace(flange.limits, cycle=CYCLE_S)
         self.friction = np.zeros(len(self.joints.torque))
         self.dt, self.lost = CYCLE_S, 0
         self._rotors = rotor_inertia * np.eye(len(self.joints.torque))
         self._sent = np.zeros_like(self.joints.torque)
         self._reading = robot.read()
-        self._end_effector = robot.end_effector
-        self._end = self._chain.end_of(self._end_effector)
-        self._tool_end: np.ndarray | None = None
+        self._end_effector = tool_at(flange.end_pose, robot.end_effector)
+        self.end_pose = self._end_effector
         self.measured = self._measurement()
         add_lever(self.measured.jacobian, np.zeros(3))  # compiled before it is needed
 
@@ -70,7 +67,7 @@ class FrankaDriver:
     @property
     def misplaced(self) -> float:
         """Distance between the tool that the robot reports and that of the model [m]."""
-        own = self._chain.pose_at(self._reading.position, self._end)
+        own = self.chain.pose_at(self._reading.position, self._end_effector)
         return float(np.linalg.norm(own[:3] - self.robot.position))
 
     def begin(self) -> Measurement:
@@ -116,8 +113,7 @@ class FrankaDriver:
 
     def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
         before = self.measured.pose
-        self._tool_end = (None if tool == _END_EFFECTOR
-                          else self._chain.end_of(self._end_effector, tool))
+        self.end_pose = tool_at(self._end_effector, tool)
         self.measured = self._measurement()
         return before, self.measured.pose
 
@@ -135,10 +131,10 @@ class FrankaDriver:
     def _measurement(self) -> Measurement:
         reading: Reading = self._reading
         jacobian = np.ascontiguousarray(reading.jacobian)
-        pose = self._chain.pose_at(reading.position, self._end)
+        pose = self.chain.pose_at(reading.position, self.end_pose)
         acceleration = np.empty(6)
-        if self._tool_end is not None:
-            at, pose = pose, self._chain.pose_at(reading.position, self._tool_end)
+        if self.end_pose is not self._end_effector:
+            at = self.chain.pose_at(reading.position, self._end_effector)
             add_lever(jacobian, pose[:3] - at[:3])
         constant_velocity_acceleration(jacobian, reading.velocity, acceleration)
         return Measurement(reading.position, reading.velocity, pose, jacobian,

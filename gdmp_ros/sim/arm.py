@@ -8,9 +8,12 @@ from typing import Any, NamedTuple, TypeAlias
 import mujoco
 import numpy as np
 
+from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.sim.chain import chain_of
 from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
@@ -107,6 +110,7 @@ class Arm:
         self._body = int(self.model.site_bodyid[self._site])
         self._mount = Mount(self.model, self._site)
         self.known = KnownModel(known, self.data if shared else mujoco.MjData(known), site, shared)
+        self._known_chain: tuple[Chain, np.ndarray] | None = None
         self._elsewhere: mujoco.MjData | None = None
         self._actuation = Actuation(self._plant.delay, self.period)
         self.names = [known.joint(i).name for i in range(known.njnt)]
@@ -120,6 +124,28 @@ class Arm:
     def tool_body(self) -> int:
         """Id of the body that carries the tool."""
         return self._body
+
+    @property
+    def chain(self) -> Chain:
+        """
+        The joints between the base and the tool.
+
+        :raises ParameterError: if they are not revolute
+        """
+        return self._chain[0]
+
+    @property
+    def _chain(self) -> tuple[Chain, np.ndarray]:
+        """The chain, and where the body of the tool is in the frame of its last joint."""
+        if self._known_chain is None:
+            self._known_chain = chain_of(self.known.model, self.known.body)
+        return self._known_chain
+
+    @property
+    def end_pose(self) -> np.ndarray:
+        """Pose (x, y, z, qw, qx, qy, qz) of the tool in the frame of the last joint."""
+        model, site = self.known.model, self.known.site
+        return compose(self._chain[1], np.concatenate([model.site_pos[site], model.site_quat[site]]))
 
     @property
     def period(self) -> float:

@@ -1,54 +1,50 @@
-"""Where the tool of an arm is, computed from few numbers: for a loop without a simulation."""
+"""The chain of joints between the base of an arm and its tool, from a MuJoCo model."""
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from gdmp_ros.control.kinematics import chain_pose
+from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import compose
-from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.frames import tool_at, ToolTransform
+
+_STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-class Chain:
-    """The revolute joints between the base of an arm and its tool."""
+def chain_of(model: mujoco.MjModel, body: int) -> tuple[Chain, np.ndarray]:
+    """
+    Return the joints between the base and a body, and where the body is in the frame of the last.
 
-    def __init__(self, arm: Arm):
-        """:raises ParameterError: if other joints are between, or joints are elsewhere"""
-        known = arm.known
-        model, body = known.model, int(known.model.site_bodyid[known.site])
-        end = np.concatenate([model.site_pos[known.site], model.site_quat[known.site]])
-        frames: list[np.ndarray] = []
-        axes: list[np.ndarray] = []
-        while body > 0:
-            frame = np.concatenate([model.body_pos[body], model.body_quat[body]])
-            joint = int(model.body_jntadr[body])
-            if joint < 0:
-                # What is fixed moves with the next joint towards the tool.
-                if frames:
-                    frames[0] = compose(frame, frames[0])
-                else:
-                    end = compose(frame, end)
+    :raises ParameterError: if other joints are between than one revolute joint at a body, or the
+        model has joints elsewhere
+    """
+    end = np.array([0.0, 0.0, 0.0, *_STILL])
+    frames: list[np.ndarray] = []
+    axes: list[np.ndarray] = []
+    at = body
+    while at > 0:
+        frame = np.concatenate([model.body_pos[at], model.body_quat[at]])
+        joint, count = int(model.body_jntadr[at]), int(model.body_jntnum[at])
+        if count > 1 or (count == 1 and int(model.jnt_type[joint])
+                         != int(mujoco.mjtJoint.mjJNT_HINGE)):
+            raise ParameterError(f'body {model.body(at).name!r} of the model has other joints '
+                                 'than one revolute joint')
+        # The joint turns everything of its body about a point of it.
+        place = np.concatenate([model.jnt_pos[joint], _STILL]) if count else None
+        if place is not None:
+            back = np.concatenate([-model.jnt_pos[joint], _STILL])
+            if frames:
+                frames[0] = compose(back, frames[0])
             else:
-                if (model.body_jntnum[body] != 1 or model.jnt_pos[joint].any()
-                        or int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE)):
-                    raise ParameterError(f'body {model.body(body).name!r} of the model has other '
-                                         'joints than one revolute joint at its origin')
-                frames.insert(0, frame)
-                axes.insert(0, model.jnt_axis[joint].copy())
-            body = int(model.body_parentid[body])
-        self._frames, self._axes, self._end = np.array(frames), np.array(axes), end
-
-    def end_of(self, *tools: ToolTransform) -> np.ndarray:
-        """Where a tool is (each in the frame of the one before), for `pose_at`."""
-        end = self._end
-        for tool in tools:
-            end = tool_at(end, tool)
-        return end
-
-    def pose_at(self, position: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Pose (x, y, z, qw, qx, qy, qz) of what `end_of` gave, at joint positions [rad]."""
-        pose = np.empty(7)
-        chain_pose(self._frames, self._axes, position, end, pose)
-        return pose
+                end = compose(back, end)
+            frames.insert(0, compose(frame, place))
+            axes.insert(0, model.jnt_axis[joint].copy())
+        elif frames:
+            frames[0] = compose(frame, frames[0])
+        else:
+            end = compose(frame, end)
+        at = int(model.body_parentid[at])
+    if len(frames) != model.nv:
+        raise ParameterError(f'{len(frames)} of the {model.nv} joints of the model are between '
+                             f'its base and {model.body(body).name!r}, expected all')
+    return Chain(np.array(frames), np.array(axes)), end

@@ -44,12 +44,17 @@ class SimulatedDriver:
     def __init__(self, arm: Arm, gripper: SimulatedGripper | None = None):
         self.arm, self.gripper = arm, gripper
         self.joints, self.friction, self.dt = arm.limits, arm.friction, arm.period
+        self.chain = arm.chain
         self.hand: Hand | None = None
 
     @property
     def others(self) -> np.ndarray:
         """Positions of what is not a joint of the arm: fingers, objects; empty without them."""
         return np.array(self.arm.data.qpos[len(self.joints.torque):])
+
+    @property
+    def end_pose(self) -> np.ndarray:
+        return self.arm.end_pose
 
     def begin(self) -> Measurement:
         """Take its velocity away: as if its brakes had held it."""

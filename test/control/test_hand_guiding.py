@@ -91,7 +91,7 @@ def test_a_hand_is_no_stronger_than_it_is(loop):
 
 def test_joint_limits_push_back_during_hand_guiding(loop):
     position = loop.arm.data.qpos.copy()
-    position[3] = loop.arm.limits.upper[3] - 0.05
+    position[3] = loop.arm.limits.upper[3] - 0.02
     loop.reset(position)
     loop.states.take(Request.GUIDE)
     tick = ticks(loop, 1)

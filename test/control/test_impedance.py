@@ -44,7 +44,8 @@ def torque_of(arm, numbers, velocity=None, gains=None):
                                        singularity=1e-4)
     impedance_torque(measured.position, dq, measured.pose, measured.jacobian, measured.inertia,
                      measured.bias, np.array([arm.friction, np.zeros(7)]), numbers, READY,
-                     numbers_of(settings), 1.6, measured.external, torque, wrench, np.empty(6))
+                     np.zeros(7), numbers_of(settings), 1.6, measured.external, torque, wrench,
+                     np.empty(6))
     return torque - measured.bias
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import limits
-from gdmp_ros.control.joint_constraints import keep_from_singularity, velocity_map
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import (
@@ -85,11 +84,12 @@ def test_a_distant_reference_is_caught_up_with_inside_speed_and_acceleration(pla
     loop = loop_with(plant, catch_up_speed=0.2, acceleration=2.0)
     ticks, followed = run(loop, [reference(loop, (0.15, 0, 0), (0.6, 0, 0))] * 3000)
     speed = np.linalg.norm(np.diff(followed[:, :3], axis=0), axis=1) / DT
-    assert 0.19 < speed.max() < 0.2 + 1e-9
-    assert np.abs(np.diff(speed)).max() < 2.0 * DT + 1e-9
+    assert 0.19 < speed.max() < 0.2 * 1.001
+    assert np.abs(np.diff(speed)).max() < 2.0 * DT * 1.001
     assert followed[:, 0].max() <= 0.15 + home()[0] + 1e-6  # no overshoot
+    # The posture of the null space pulls a little.
     np.testing.assert_allclose(followed[-1, :7], reference(loop, (0.15, 0, 0), (0.6, 0, 0))[:7],
-                               atol=1e-6)
+                               atol=2e-5)
     assert most(ticks, limits.ACCELERATION_LIMIT) > 0.0
 
 
@@ -179,10 +179,10 @@ def test_repulsion_that_was_kept_back_acts_when_a_joint_returns():
     def pushed(first):
         return made.apply(np.array([first, 0.0]), still, still, still, DT,
                           np.zeros(len(limits.LIMITS)))[0]
-    assert pushed(0.5) == 0.0 and pushed(0.6) == pytest.approx(-5.0)  # its motor has no more
-    assert pushed(0.52) == pytest.approx(-1.0)
-    assert pushed(0.4) == 0.0 and pushed(0.42) == pytest.approx(-1.0)
-    assert pushed(0.0) == 0.0 and pushed(0.05) == pytest.approx(-2.5)
+    assert pushed(0.5) == 0.0 and pushed(0.6) == pytest.approx(-0.25)
+    assert pushed(0.52) == pytest.approx(-0.05)
+    assert pushed(0.4) == 0.0 and pushed(0.42) == pytest.approx(-0.05)
+    assert pushed(0.0) == 0.0 and pushed(0.05) == pytest.approx(-0.125)
 
 
 @on_plants('clean', 'real')  # a weight that nobody knows needs the law
@@ -307,62 +307,31 @@ def test_singular_value_and_its_rate(rng):
         assert singular_rate(jacobian, dq, direction) == pytest.approx(rate, abs=1e-6)
 
 
-def test_only_what_leads_to_a_singularity_is_taken_away(rng):
-    arm, taken_away = Arm(), 0
-    q = arm.home.copy()
-    q[3] = arm.limits.upper[3] - 0.02  # nearly stretched
-    arm.reset(q)
-    measured = arm.measure()
-    velocities, unit, value = np.zeros((7, 6)), np.eye(7), np.zeros(6)
-    velocity_map(measured.jacobian, measured.inertia, velocities)
-    singular_value(measured.jacobian, value)
-    gradient = velocities.T @ [singular_rate(measured.jacobian, each, value) for each in unit]
-    for _ in range(50):
-        twist = rng.standard_normal(6)
-        before = twist.copy()
-        taken = keep_from_singularity(velocities, measured.jacobian, 1.0, 0.0, twist)
-        assert (taken > 0.0) == (gradient @ before < 0.0)
-        for part in (slice(3), slice(3, 6)):
-            change, along = twist[part] - before[part], gradient[part]
-            across = change - along * (change @ along) / (along @ along)
-            assert np.linalg.norm(across) < 1e-9
-            taken_away += np.linalg.norm(change) > 1e-3
-    assert taken_away > 20
-
-
 @on_every_plant
-def test_a_motion_into_a_singularity_slows_down_and_out_of_it_does_not(plant):
-    loop = loop_with(plant)
+def test_a_motion_into_a_singularity_stops_before_it_and_the_way_back_is_open(plant):
+    loop, model = loop_with(plant), Arm()
     near = np.array([0.0, 0.3, 0.0, -0.75, 0.0, 1.2, np.pi / 4])
     loop.reset(near)
     start, direction = loop.arm.measure().pose.copy(), np.empty(6)
     outward = np.array([1.0, 0.0, 0.35]) / np.linalg.norm([1.0, 0.0, 0.35])
-
-    def go(way, count):
-        values, ticks, at = [], [], loop.controller.reference[:7].copy()
-        for k in range(count):
-            target = reference(loop)
-            target[:7] = at
-            target[:3] += way * 0.2 * k * DT * outward
-            target[7:10] = way * 0.2 * outward
-            ticks += run(loop, [target])[0]
-            values.append(singular_value(loop.arm.measure().jacobian, direction))
-        return ticks, np.array(values)
-
-    ticks, values = go(1.0, 2500)
-    settings = loop.controller.settings.limits
-    assert most(ticks, limits.SINGULARITY) > 0.5
-    # It began inside the zone, and swings a little before it settles at its edge.
-    assert values[-1000:].min() > 0.9 * settings.singularity_stop
-    # It slides along the border of what can be reached, as the target goes on, and does not turn.
-    moved = loop.controller.reference[:3] - start[:3]
-    assert moved @ outward < 0.1
-    assert rotation_angles(loop.controller.reference[3:7], start[3:7]) < (
-        1e-3 if plant is CLEAN else 0.02)
-    for _ in range(200):
-        loop.tick()
-    ticks, values = go(-1.0, 1500)
-    assert values[-1] > settings.singularity_start
+    stop, ticks, blocked = LimitSettings().singularity_stop, [], set()
+    values, governed = [], []
+    for k in range(2500):
+        target = reference(loop)
+        target[:7] = start
+        target[:3] += 0.2 * k * DT * outward
+        target[7:10] = 0.2 * outward
+        ticks += run(loop, [target])[0]
+        blocked.add(loop.controller.blocked)
+        values.append(singular_value(loop.arm.measure().jacobian, direction))
+        model.reset(loop.controller.memory.governed)
+        governed.append(singular_value(model.measure().jacobian, direction))
+    assert most(ticks, limits.SINGULARITY) > 0.9 and 'a singularity' in blocked
+    assert min(governed) > 0.95 * stop and min(values) > 0.3 * stop
+    target[:7], target[7:10] = start, 0.0
+    _, followed = run(loop, [target] * 4000)
+    assert np.linalg.norm(followed[-1, :3] - start[:3]) < 1e-3
+    assert rotation_angles(followed[-1, 3:7], start[3:7]) < 0.01
 
 
 def limiter(**changes):
@@ -384,9 +353,11 @@ def test_torque_rate_torque_and_joint_position_are_limited():
     for _ in range(10):
         last = limited.apply(middle, still, still, wanted, DT, excess)
     np.testing.assert_allclose(last, wanted * 2.0 / 9.0)
-    pushed = limiter(torque_slew=1e4).apply(np.array([0.85, 0.0]), still, still, still, DT, excess)
-    np.testing.assert_allclose(pushed, [-2.5, 0.0])
-    assert excess[limits.JOINT_POSITION] == pytest.approx(0.15)
+    pushed = limiter(torque_slew=1e4).apply(np.array([0.975, 0.0]), still, still, still, DT,
+                                                 excess)
+    # Half of the way, and half of what the motor can do.
+    np.testing.assert_allclose(pushed, [-1.25, 0.0])
+    assert excess[limits.JOINT_POSITION] == pytest.approx(0.025)
     shared = limiter(torque_slew=1e4, torque_share=0.5)
     np.testing.assert_allclose(shared.apply(middle, still, still, np.array([9.0, 9.0]), DT,
                                             excess), [1.0, 1.0])
@@ -443,14 +414,14 @@ def test_an_arm_beyond_a_joint_limit_is_pushed_back(plant):
     loop = plant.loop(tank=TankSettings(energy=5.0))
     arm = loop.arm
     arm.model.jnt_limited[:] = 0  # the controller has to do it alone
-    at_limit = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 2.85])
+    at_limit = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 2.88])
     loop.reset(at_limit)
     mujoco.mj_forward(arm.model, arm.data)
     tick = loop.tick()
-    assert tick.violation[limits.JOINT_POSITION] == pytest.approx(2.85 - (2.8973 - 0.3), abs=1e-4)
+    assert tick.violation[limits.JOINT_POSITION] == pytest.approx(2.88 - (2.8973 - 0.05), abs=1e-4)
     for _ in range(1500):
         tick = loop.tick()
-    assert tick.measurement.position[6] < 2.84
+    assert tick.measurement.position[6] < 2.87
 
 
 @on_every_plant

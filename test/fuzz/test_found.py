@@ -80,7 +80,7 @@ def test_a_torque_that_cannot_be_computed_is_never_sent():
     loop = ClosedLoop(Arm())
     for _ in range(50):
         loop.tick()
-    loop.controller.memory.reference[:6] = np.nan
+    loop.controller.memory.governed[:] = np.nan
     tick = loop.tick()
     assert np.isfinite(tick.torque).all() and tick.violation[limits.TORQUE] == np.inf
     assert tick.tank == 0.0  # what was drawn is not known

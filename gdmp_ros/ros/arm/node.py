@@ -264,9 +264,9 @@ class ArmNode(ManagedNode):
             self._refusal = states.last_refusal, self.stamp()
         message = ArmStatus(
             mode=states.state.mode, state=states.state.name.lower(), waits_for=states.waits_for,
-            reason=states.reason, refused=states.refused, last_refusal=self._refusal[0],
-            last_refusal_stamp=self._refusal[1], tank_low=controller.tank.is_low,
-            tank_energy=controller.tank.energy)
+            reason=states.reason, blocked=controller.blocked, refused=states.refused,
+            last_refusal=self._refusal[0], last_refusal_stamp=self._refusal[1],
+            tank_low=controller.tank.is_low, tank_energy=controller.tank.energy)
         message.header.stamp = self.stamp()
         message.header.frame_id = self.parameters.frame_id
         self._status_out.publish(message)
@@ -292,6 +292,10 @@ class ArmNode(ManagedNode):
                 f'{text}, energy tank low ({tank.energy:.2g} J): motions slow down and springs '
                 'soften')
             logger.warning(text, throttle_duration_sec=5.0)
+        blocked = control.controller.blocked
+        if blocked:
+            level, text = max(level, DiagnosticStatus.WARN), f'{text}, blocked by {blocked}'
+            logger.warning(f'the reference is blocked by {blocked}', throttle_duration_sec=5.0)
         limited = control.controller.counters.recent()
         if limited:
             level, text = max(level, DiagnosticStatus.WARN), f'{text}, limited: {limited}'

@@ -107,6 +107,11 @@ class ServerAction:
             execution.done.set_result((code, text))
 
 
+def _what_blocks(arm: ArmStatus | None) -> str:
+    """The limit that keeps the arm from its target, if it says one."""
+    return f' by {arm.blocked}' if arm is not None and arm.blocked else ''
+
+
 def _why_not_followed(arm: ArmStatus | None) -> str:
     """
     Why the robot does not move.
@@ -116,7 +121,7 @@ def _why_not_followed(arm: ArmStatus | None) -> str:
     if arm is None or arm.mode == ArmMode.UNKNOWN:
         return 'it is blocked, or does not follow'
     if arm.mode == ArmMode.FOLLOW:
-        return 'it is blocked'
+        return f'it is blocked{_what_blocks(arm)}'
     said = arm.reason or arm.last_refusal
     return f'the arm does not follow{", " if said else ""}{said}'
 
@@ -231,8 +236,10 @@ class ExecuteAction(ServerAction):
         if there:
             self._finish(result.SUCCESSFUL, '')
         elif waited > settings.settling_time:
+            what = _what_blocks(self._report.arm)
             text = (f'the reference is at the goal, the robot {offset} from it after '
-                    f'{settings.settling_time:g} s, expected {execution.goal}')
+                    f'{settings.settling_time:g} s, expected {execution.goal}'
+                    f'{" (blocked" + what + ")" if what else ""}')
             self._finish(result.GOAL_TOLERANCE_VIOLATED, text)
 
     def _give_up(self, code: int, text: str) -> None:
