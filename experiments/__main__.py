@@ -7,6 +7,7 @@ PROGRAM = Program('python -m experiments', 'experiments.cli', 'Measure what the 
         'paper': 'reproduce the experiments of the paper',
         'faults': 'try faults on the nodes',
         'soak': 'operate the nodes for a long time and watch them',
+        'limits': 'try the control of an arm at its limits',
         'edges': 'try learning where data are bad',
         'requests': 'try random sequences of requests to a server and to an arm',
     }})

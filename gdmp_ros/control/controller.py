@@ -21,7 +21,7 @@ from gdmp_ros.control.spring import moved_with_tool, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS
-from gdmp_ros.control.torque_limits import relief_of, SPEED_MARGIN
+from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.util.settings import numbers
@@ -297,6 +297,8 @@ class ImpedanceController:
             self.posture.use(settings.posture)
         self.memory.relief[:] = relief_of(self.memory.position, self._joints, self.settings.limits,
                                           settings.limits, self.memory.relief)
+        self.memory.outside[:] = outside_of(self.memory.pose[:3], self.settings.limits,
+                                            settings.limits, self.memory.outside)
         # The last torque stays: a smaller limit is no step of it.
         self._use(settings)
         self.guard.configure(settings.guard, settings.limits, settings.damping_ratio)

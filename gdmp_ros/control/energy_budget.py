@@ -27,7 +27,7 @@ from gdmp_ros.control.spring import (
 )
 from gdmp_ros.control.stiffness import bound_stiffness, compose_modes, relative_modes
 from gdmp_ros.control.target import ACCELERATION, POSE, STIFFNESS, TWIST
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, noinline
 from gdmp_ros.manifolds.linalg import copy_into, norm
 
 #: Steps of the bisections for the affordable part of a change.
@@ -122,6 +122,7 @@ def _change_stiffness(old, target, error, gain_numbers, largest, budget, spring,
 @kernel
 def _energy_after(numbers, seconds, spring, joints, moved, error):
     """Energy in the spring after the joints of the reference have moved for a time [J]."""
+    noinline()
     arm = arm_view(numbers)
     jacobian = local_matrix(6, joints.size)
     for i in range(joints.size):
@@ -182,6 +183,7 @@ def apply_energy_budget(numbers, largest, budget):
     :param budget: energy that may be drawn [J]
     :returns: energy drawn, and energy in the spring at the end [J]
     """
+    noinline()
     arm = arm_view(numbers)
     pose, reference, violation = arm.pose, arm.reference, arm.violation
     stiffness, desired = (reference[STIFFNESS:STIFFNESS + 36],

@@ -31,7 +31,7 @@ from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.singularity import ROTATION_LENGTH
 from gdmp_ros.control.spring import keep_error
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, noinline, records_at
 from gdmp_ros.manifolds.linalg import copy_into, limit_norm, norm
 from gdmp_ros.manifolds.quaternion import pose_distance, rotation_between
 
@@ -99,6 +99,7 @@ def _move_joints(numbers, jacobian, twist, violation):
     :param twist: replaced by the one that is reached
     :returns: the limit that takes most away, or -1
     """
+    noinline()
     arm = arm_view(numbers)
     n, rates, limits = (arm.position.size, arm.governed_rate,
                         records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0])
@@ -311,6 +312,7 @@ def govern(numbers):
     :param numbers: memory (`gdmp_ros.control.memory`), with the target of the guard, whose
         position is moved into the workspace, and the posture that the null space approaches
     """
+    noinline()
     arm = arm_view(numbers)
     reference, target, violation, dt = arm.reference, arm.target, arm.violation, arm.scalars.dt
     limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.kernels import kernel, local_numbers
+from gdmp_ros.kernels import kernel, local_numbers, noinline
 from gdmp_ros.manifolds.quaternion import multiply, rotate, rotation_between
 
 #: Steps of `Chain.near`, and the damping of each [m, rad].
@@ -70,6 +70,7 @@ def chain_state(frames, axes, end, position, pose, jacobian):
     :param pose: written, in the frame of the base
     :param jacobian: written, linear over angular, shape ``(6, n)``
     """
+    noinline()
     n = position.size
     step, moved, turn = local_numbers(4), local_numbers(3), pose[3:]
     for i in range(7):

@@ -32,7 +32,7 @@ from gdmp_ros.control.target import (
     TWIST,
     WRENCH,
 )
-from gdmp_ros.control.torque_limits import limit_torque
+from gdmp_ros.control.torque_limits import distance_outside, limit_torque, push_from_walls
 from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
@@ -57,6 +57,8 @@ def hold_tool(numbers):
     copy_into(arm.pose, arm.reference[POSE:POSE + 7])
     copy_into(arm.position, arm.governed)
     arm.governed_rate[:], arm.past[:] = 0.0, 0.0
+    for axis in range(3):
+        arm.outside[axis] = distance_outside(arm.pose, arm.limits, axis)[0]
     arm.scalars.blocked, arm.scalars.blocking, arm.scalars.returns = 0.0, -1.0, 0.0
 
 
@@ -193,8 +195,10 @@ def finish(numbers, failed):
 def _limit(numbers):
     """Limit the torque."""
     arm = arm_view(numbers)
-    s = arm.scalars
-    limit_torque(arm.position, arm.velocity, arm.bias, arm.last, arm.joint_limits[0],
+    s, push = arm.scalars, local_zeros(arm.position.size)
+    if s.does == TOOL_SPRING:
+        push_from_walls(arm.pose, arm.twist, arm.jacobian, arm.limits, arm.outside, push)
+    limit_torque(arm.position, arm.velocity, arm.bias, push, arm.last, arm.joint_limits[0],
                  arm.joint_limits[1], arm.largest, arm.fastest, min(s.dt, s.cycle), arm.limits,
                  arm.relief, arm.torque, arm.violation)
 

@@ -11,7 +11,7 @@ import math
 
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.singularity import singular_rate, singular_value
-from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, noinline, records_at
 
 #: Time constant of the last way to a limit [s]: a few ticks.
 LAST_S = 0.005
@@ -55,6 +55,7 @@ def limit_rows(position, pose, jacobian, joint_limits, limit_numbers, rows, boun
     :param ids: written: which limit each is (`row_name`)
     :returns: number of rows, and the smallest singular value, if it is small [m]
     """
+    noinline()
     n, count = position.size, 0
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
     for side in range(2):

@@ -93,6 +93,8 @@ class ArmMemory(NamedTuple):
     :ivar governed: of the governed reference of the tool: it is where these have the tool [rad]
     :ivar governed_rate: their velocities [rad/s]
     :ivar relief: depth in the zone of repulsion of a joint that does not act yet [rad]
+    :ivar outside: distance of the tool beyond a wall of the workspace that does not act yet [m],
+        shape (3,)
     :ivar felt: smoothed external wrench, acting on the tool [N, Nm]
     :ivar correction: of the wrench of a reference
     :ivar twist: measured, of the tool
@@ -141,6 +143,7 @@ class ArmMemory(NamedTuple):
     governed: Any
     governed_rate: Any
     relief: Any
+    outside: Any
     felt: Any
     correction: Any
     twist: Any
@@ -188,8 +191,8 @@ def arm_view(numbers):
     at += MOST_TORQUES * n
     joints = memory[at:at + 17 * n].reshape(17, n)
     at += 17 * n
-    tool = memory[at:at + 30].reshape(5, 6)
-    at += 30
+    tool, outside = memory[at:at + 30].reshape(5, 6), memory[at + 30:at + 33]
+    at += 33
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
@@ -197,7 +200,7 @@ def arm_view(numbers):
         credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
-        joints[15], joints[16], tool[0], tool[1], tool[2], tool[3], tool[4], limited[0],
+        joints[15], joints[16], outside, tool[0], tool[1], tool[2], tool[3], tool[4], limited[0],
         limited[1], limited[2])
 
 
@@ -205,7 +208,7 @@ def blank(joints: int) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
              + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + 2 * (3 * joints + 1)
-             + (7 + MOST_TORQUES + 17) * joints + 30 + 3 * _LIMIT_COUNT)
+             + (7 + MOST_TORQUES + 17) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints,)
     return memory

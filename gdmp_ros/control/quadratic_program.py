@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import kernel, local_numbers, local_zeros
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, noinline
 from gdmp_ros.manifolds.linalg import cholesky, invert_lower
 
 #: Steps after which the search ends: each adds a row to the active ones, or removes one.
@@ -103,6 +103,7 @@ def solve(hessian, gradient, rows, bounds, x, multipliers):
     :param multipliers: written, one for each row, ≥ 0, shape (m,)
     :returns: number of steps, or `TOO_LONG` or `INFEASIBLE`: then x does not satisfy all rows
     """
+    noinline()
     n = gradient.size
     lower, root = local_numbers(n * n), local_numbers(n * n)
     inverse, upper = local_numbers(n * n), local_zeros(n * n)

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import kernel, local_numbers, local_zeros
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, noinline
 from gdmp_ros.manifolds.spectral import symmetric_eigen
 
 #: A rotation counts as the motion of a point at this distance from its axis [m].
@@ -17,6 +17,7 @@ def singular_value(jacobian, direction):
 
     :param direction: result, its left singular vector, shape (6,)
     """
+    noinline()
     n = jacobian.shape[1]
     square, values = local_numbers(36), local_numbers(6)
     vectors, work = local_numbers(36), local_numbers(36)

@@ -14,6 +14,9 @@ from gdmp_ros.util.settings import numbers
 
 #: A joint is braked from this fraction of its speed limit on.
 SPEED_MARGIN = 0.9
+#: Stiffness of a wall of the workspace for a tool that is beyond it [N/m], its largest force [N],
+#: and the damping of the approach [Ns/m].
+WALL_STIFFNESS, WALL_FORCE, WALL_DAMPING = 20_000.0, 60.0, 200.0
 #: Repulsion has at most this share of a motor's torque.
 REPULSION_SHARE = 0.5
 
@@ -51,6 +54,51 @@ def _guard_torque(position, velocity, lower, upper, largest, fastest, limits, re
 
 
 @kernel
+def distance_outside(position, limit_numbers, axis):
+    """How far a tool is beyond one of the two walls across an axis, and the direction back [m]."""
+    limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
+    below = limits.workspace_min[axis] - position[axis]
+    above = position[axis] - limits.workspace_max[axis]
+    return max(below, above, 0.0), 1.0 if below > above else -1.0
+
+
+@kernel
+def push_from_walls(position, twist, jacobian, limit_numbers, outside, torque):
+    """
+    Write the torque that pushes a tool back which is beyond a wall: a potential of the distance.
+
+    :param position: of the tool, measured [m]
+    :param twist: of the tool, measured
+    :param outside: distance beyond each pair of walls that does not act yet [m]; changed
+    """
+    torque[:] = 0.0
+    for axis in range(3):
+        deep, sign = distance_outside(position, limit_numbers, axis)
+        outside[axis] = min(outside[axis], deep)
+        if deep <= outside[axis]:
+            continue
+        force = sign * min(WALL_STIFFNESS * (deep - outside[axis]), WALL_FORCE)
+        if sign * twist[axis] < 0.0:
+            force -= WALL_DAMPING * twist[axis]
+        for i in range(torque.size):
+            torque[i] += jacobian[axis, i] * force
+
+
+def outside_of(position: np.ndarray, before: LimitSettings, after: LimitSettings,
+               outside: np.ndarray) -> np.ndarray:
+    """
+    Distance beyond each pair of walls that does not act at first, so that others move nothing [m].
+
+    :param position: of the tool [m]
+    :param outside: until now
+    """
+    def deep(limits: LimitSettings) -> np.ndarray:
+        return np.maximum(np.maximum(np.subtract(limits.workspace_min, position),
+                                     np.subtract(position, limits.workspace_max)), 0.0)
+    return np.maximum(deep(after) - np.maximum(deep(before) - outside, 0.0), 0.0)
+
+
+@kernel
 def _allowed_share(active, velocity, base, depth, largest, torque_share, fastest, violation):
     """
     The factor of the active torque with which no joint is too fast, or driven into its limit.
@@ -77,7 +125,7 @@ def _allowed_share(active, velocity, base, depth, largest, torque_share, fastest
 
 
 @kernel
-def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest, dt,
+def limit_torque(position, velocity, bias, push, last, lower, upper, largest, fastest, dt,
                  limit_numbers, relief, torque, violation):
     """
     Apply joint-limit repulsion, joint speed, torque limit and torque rate.
@@ -88,6 +136,7 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
     space. The same holds for its change in a tick. Without a finite measurement the last torque
     stays.
 
+    :param push: torque that comes before the active one, as `push_from_walls` [Nm]
     :param last: torque of the last tick [Nm]
     :param largest: torque limits of the motors [Nm]
     :param fastest: speed limits of the joints [rad/s]
@@ -103,7 +152,7 @@ def limit_torque(position, velocity, bias, last, lower, upper, largest, fastest,
                   depth, violation)
     for i in range(n):
         active[i] = torque[i] - bias[i]
-        base[i] = min(max(base[i] + bias[i], -largest[i]), largest[i])
+        base[i] = min(max(base[i] + push[i] + bias[i], -largest[i]), largest[i])
     share = _allowed_share(active, velocity, base, depth, largest, limits.torque_share,
                            fastest, violation)
     change = 0.0
@@ -148,7 +197,7 @@ class TorqueLimiter:
         self._torque = joints.torque
         self._fastest = joints.fastest(settings.joint_speed)
         self._limits = numbers(settings)
-        self._last, self._relief = np.zeros_like(joints.torque), np.zeros_like(joints.torque)
+        self._last, self._relief, self._push = np.zeros((3, len(joints.torque)))
 
     def reset(self, torque: np.ndarray) -> None:
         """Begin at ``torque``: the next one may differ from it by the rate."""
@@ -162,7 +211,7 @@ class TorqueLimiter:
         :param bias: gravity and Coriolis torque [Nm]
         """
         joints, result = self._joints, torque.copy()
-        limit_torque(position, velocity, bias, self._last, joints.lower, joints.upper,
+        limit_torque(position, velocity, bias, self._push, self._last, joints.lower, joints.upper,
                      self._torque, self._fastest, min(dt, joints.cycle), self._limits,
                      self._relief, result, violation)
         self._last = result.copy()

@@ -145,7 +145,8 @@ class Arm:
     def end_pose(self) -> np.ndarray:
         """Pose (x, y, z, qw, qx, qy, qz) of the tool in the frame of the last joint."""
         model, site = self.known.model, self.known.site
-        return compose(self._chain[1], np.concatenate([model.site_pos[site], model.site_quat[site]]))
+        place = np.concatenate([model.site_pos[site], model.site_quat[site]])
+        return compose(self._chain[1], place)
 
     @property
     def period(self) -> float:

@@ -1,0 +1,332 @@
+"""
+Control at its limits: ranges of the joints, walls, targets out of reach, and streams that lie.
+
+Each case is tried on the model itself (``clean``) and on a robot that is not the model (``real``:
+dry friction, other rotors, a delay, noise). The mechanical stops of the joints are taken away:
+what keeps a joint in its range is the controller.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.arm_states import Request
+from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.reference_check import Origin
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    FrictionSettings,
+    GuardSettings,
+    LimitSettings,
+)
+from gdmp_ros.control.target import resting_target
+from gdmp_ros.manifolds.quaternion import pose_distance, rotate_by_vector
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.plant import REAL
+from gdmp_ros.util.profiles import minimum_jerk
+
+DT = 1e-3
+PLANTS = {'clean': None, 'real': REAL}
+#: A guard that follows a stream from anywhere to anywhere.
+ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position=10.0,
+                         arming_rotation=10.0, arming_speed=100.0, arming_angular_speed=100.0)
+#: What friction that is not quite compensated may do at the tool [N].
+SLACK_N = 5.0
+#: A target counts as reached within these distances of the governed reference [m, rad].
+REACHED = (0.002, 0.01)
+
+
+class Found(NamedTuple):
+    """A number that was measured, and what is asked of it: at most, or at least."""
+
+    name: str
+    measured: float
+    asked: float
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is as asked."""
+        return bool(self.measured >= self.asked if self.at_least else self.measured <= self.asked)
+
+
+def make(plant: str, **settings: Any) -> ClosedLoop:
+    """A closed loop without mechanical stops; ``settings`` are those of the controller."""
+    changed, limits = PLANTS[plant], settings.pop('limits', LimitSettings())
+    friction = FrictionSettings(dry=(changed.dry_friction if changed else 0.0,))
+    loop = ClosedLoop(Arm(plant=changed), ControllerSettings(
+        friction=friction, limits=limits, **{'guard': ANYWHERE, **settings}))
+    loop.arm.model.jnt_limited[:] = 0
+    loop.controller.guard.arm()
+    return loop
+
+
+def diagonal(stiffness: float) -> np.ndarray:
+    """Stiffness of the tool [N/m, Nm/rad]."""
+    return np.diag([stiffness] * 3 + [stiffness / 20.0] * 3)
+
+
+class Watch:
+    """Looks at every tick: how far joints and reference are beyond their limits, and how fast."""
+
+    def __init__(self, loop: ClosedLoop, wall: float = 0.0):
+        """:param wall: height of the lowest wall [m]"""
+        self.loop, self._wall = loop, wall
+        self.beyond = self.below = self.sunk = self.fastest = 0.0
+
+    def tick(self, target: np.ndarray | None = None) -> None:
+        """One tick, with a reference."""
+        loop = self.loop
+        if target is not None:
+            loop.must_follow(target)
+        tick = loop.tick()
+        q = tick.measurement.position
+        self.beyond = max(self.beyond, float(np.maximum(loop.joints.lower - q,
+                                                        q - loop.joints.upper).max()))
+        self.below = max(self.below, self._wall - float(loop.controller.reference[2]))
+        self.sunk = max(self.sunk, self._wall - float(tick.measurement.pose[2]))
+        self.fastest = max(self.fastest, float(np.linalg.norm(tick.twist[:3])))
+
+
+#: Height of the lowest wall, above the floor: the controller has to keep it alone [m].
+WALL = 0.05
+#: References that a wall pushes into the limit of joint 4, and that are too close for it.
+WAYS = (((-0.2, 0.0, -0.5), 6.0), ((-0.25, 0.0, -0.45), 3.0), ((0.15, 0.0, 0.05), 2.2),
+        ((0.15, 0.0, 0.05), 0.6))
+
+
+def joints_at_the_wall(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Straight references into the floor, behind the base and too close to it."""
+    beyond, below, sunk = 0.0, 0.0, 0.0
+    for goal, seconds in WAYS:
+        for stiffness in (400.0, 2000.0):
+            loop = make(plant, limits=LimitSettings(workspace_min=(-1.0, -1.0, WALL)))
+            watch, pose = Watch(loop, WALL), loop.arm.measure().pose
+            start, way = pose[:3].copy(), np.array(goal) - pose[:3]
+            target = resting_target(pose, diagonal(stiffness))
+            ends = round(seconds / DT)
+            parts = minimum_jerk(np.minimum(np.arange(ends + 2000) / ends, 1.0))
+            rates = np.gradient(parts, DT)
+            for part, rate in zip(parts, rates):
+                given = target.copy()
+                given[:3], given[7:10] = start + part * way, rate * way
+                watch.tick(given)
+            beyond, below = max(beyond, watch.beyond), max(below, watch.below)
+            sunk = max(sunk, watch.sunk - SLACK_N / stiffness)
+    return [Found('joint beyond its range [rad]', beyond, 0.01),
+            Found('governed reference beyond a wall [m]', below, 0.001),
+            Found(f'tool beyond a wall, less {SLACK_N:g} N / K [m]', sunk, 0.003)]
+
+
+def go(loop: ClosedLoop, pose: np.ndarray, seconds: float) -> tuple[float, float]:
+    """Ask for a pose; when it was reached, and when a limit was named [s], or inf."""
+    target, named = resting_target(pose, diagonal(800.0)), math.inf
+    for k in range(round(4 * seconds)):
+        loop.follow_all(np.tile(target, (250, 1)))
+        away = pose_distance(loop.controller.reference[:7], pose)
+        if away[0] < REACHED[0] and away[1] < REACHED[1]:
+            return 0.25 * (k + 1), named
+        if loop.controller.blocked:
+            named = min(named, 0.25 * (k + 1))
+    return math.inf, named
+
+
+def postures(loop: ClosedLoop, rng: np.random.Generator, count: int, spread: float
+             ) -> list[np.ndarray]:
+    """
+    Postures with the tool in the workspace.
+
+    :param spread: largest distance of a joint from home [rad]; inf: anywhere in its range
+    """
+    arm, found = loop.arm, list[np.ndarray]()
+    margin = 1.2 * LimitSettings().joint_margin
+    low, high = arm.limits.lower + margin, arm.limits.upper - margin
+    while len(found) < count:
+        posture = rng.uniform(np.maximum(low, arm.home - spread),
+                              np.minimum(high, arm.home + spread))
+        place = arm.chain.pose_at(posture, arm.end_pose)[:3]
+        if place[2] > 0.02 and np.abs(place).max() < 0.99:
+            found.append(posture)
+    return found
+
+
+def targets(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Targets at postures near home and far from it, and back: reached, or a limit is named."""
+    loop = make(plant)
+    home, limits = loop.arm.measure().pose.copy(), LimitSettings()
+    reached, silent, late, lost = 0, 0, 0.0, 0
+    near = postures(loop, rng, count, 0.8)
+    for at, posture in enumerate(near + postures(loop, rng, count, math.inf)):
+        loop.reset()
+        loop.controller.guard.arm()
+        pose = loop.arm.chain.pose_at(posture, loop.arm.end_pose)
+        way = pose_distance(home, pose)
+        free = max(way[0] / limits.catch_up_speed, way[1] / limits.catch_up_angular_speed)
+        time, named = go(loop, pose, 20.0)
+        if at < count:
+            reached += math.isfinite(time)
+            late = max(late, min(time, named) / (free + 0.5))
+        elif not math.isfinite(time):
+            silent += not math.isfinite(named)
+        lost += not math.isfinite(go(loop, home, 30.0)[0])
+    return [Found('targets near home that are reached', reached, count, True),
+            Found('time for them, of that of a free arm and 0.5 s', late, 1.2),
+            Found('targets far from home that are not reached, and no limit is named', silent, 0),
+            Found('ways home that are not', lost, max(count // 100, 0))]
+
+
+def half_turns(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """A step of the orientation by half a turn: reached, or the limit is named."""
+    silent = 0
+    for axis in np.eye(3):
+        loop = make(plant)
+        pose = loop.arm.measure().pose.copy()
+        rotate_by_vector(pose[3:].copy(), 3.1 * axis, pose[3:])
+        time, named = go(loop, pose, 15.0)
+        silent += not (math.isfinite(time) or math.isfinite(named))
+    return [Found('half turns that are neither reached nor explained', silent, 0)]
+
+
+def circle(home: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """A place and a velocity on a circle of 0.1 m at 0.5 Hz, which begins within 1 s."""
+    t, rate = k * DT, math.pi
+    ramp = min(t, 1.0)
+    angle = rate * (0.5 * ramp ** 2 + max(t - 1.0, 0.0))
+    place = home.copy()
+    place[:3] += 0.1 * np.array([math.cos(angle) - 1.0, math.sin(angle), 0.0])
+    return place, 0.1 * rate * ramp * np.array([-math.sin(angle), math.cos(angle), 0.0])
+
+
+def _follow_claims(plant: str, moves: bool, claim: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Largest distance of the tool from poses whose stream claims a velocity [m]."""
+    loop = make(plant, guard=GuardSettings())
+    home, away = loop.arm.measure().pose.copy(), 0.0
+    for k in range(2000):
+        place, velocity = circle(home, k) if moves else (home, np.zeros(3))
+        target = resting_target(place)
+        target[7:10] = claim(velocity) if k > 200 else velocity
+        loop.controller.guard.offer(target, Origin('panda_link0', 0.0, k + 1))
+        tick = loop.tick()
+        away = max(away, float(np.linalg.norm(tick.measurement.pose[:3] - place[:3])))
+    return away
+
+
+def wrong_twists(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Twists that are not those of the poses of their stream."""
+    usual = {moves: _follow_claims(plant, moves, np.zeros_like) for moves in (False, True)}
+    worst = max(_follow_claims(plant, moves, claim) - usual[moves] for moves, claim in (
+        (False, lambda v: np.array([1.0, 0.0, 0.0])), (True, lambda v: -v),
+        (True, lambda v: 3.0 * v), (True, lambda v: np.array([-v[1], v[0], v[2]]))))
+    return [Found('further away than without a twist [m]', worst, 0.002)]
+
+
+def settings_at_rest(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Another setting moves no arm that rests; a small share of the torque drops nothing."""
+    moved, slack = 0.0, SLACK_N / 400.0 if PLANTS[plant] else 0.0
+    for changes in ({'workspace_max': (0.2, 1.0, 1.3)}, {'joint_margin': 1.0},
+                    {'joint_margin': 1.0, 'joint_repulsion': 50.0}, {'torque_share': 0.2},
+                    {'torque_share': 0.01}):
+        loop = make(plant)
+        for _ in range(2000):
+            before = loop.tick().measurement.pose.copy()
+        loop.controller.configure(ControllerSettings(
+            guard=ANYWHERE, friction=loop.controller.settings.friction,
+            limits=LimitSettings(**changes)))
+        for _ in range(1500):
+            pose = loop.tick().measurement.pose
+            moved = max(moved, float(np.linalg.norm(pose[:3] - before[:3])))
+    return [Found('motion of the tool [m]', moved, 0.001 + slack)]
+
+
+def speeds(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Speed of the tool: of a motion of the joints, and of a hand of 40 N, at 0.25 m/s."""
+    slow = LimitSettings(tool_speed=0.25)
+    loop = make(plant, limits=slow)
+    watch = Watch(loop)
+    loop.move(PostureMotion(loop.joints, (loop.arm.home + [0.8, -0.5, -0.6, 0.6, 0.3, 0.5, 0.5]
+                                          )[None], 2.0))
+    while loop.moves_joints:
+        watch.tick()
+    guided = make(plant, limits=slow)
+    guided.states.take(Request.GUIDE)
+    pulled = Watch(guided)
+    for k in range(4000):
+        turn = math.pi * k * DT
+        guided.arm.push(np.array([40.0 * math.sin(turn), 40.0 * math.cos(turn), 0, 0, 0, 0]))
+        pulled.tick()
+    return [Found('of a motion of the joints, of the limit', watch.fastest / 0.25, 1.05),
+            Found('of a hand, of the limit', pulled.fastest / 0.25, 1.1)]
+
+
+def streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """
+    Random streams of poses: slow, fast, beyond the reach, behind the base, with gaps and jumps.
+    """
+    beyond, fastest, stuck = 0.0, 0.0, 0
+    loop = make(plant)
+    home = loop.arm.measure().pose.copy()
+    for _ in range(count):
+        loop.reset()
+        loop.controller.guard.arm()
+        watch, target = Watch(loop), resting_target(home, diagonal(float(10.0 ** rng.uniform(
+            1.3, 3.48))))
+        goal, spent, place = home[:3].copy(), 0, home[:3].copy()
+        speed = float(10.0 ** rng.uniform(-1.3, 0.3))
+        silent_from, wrong = (rng.integers(0, 5000) if rng.random() < 0.3 else 10_000,
+                              rng.normal(size=6) * (rng.random() < 0.3))
+        turned = home[3:].copy()
+        for k in range(5000):
+            if spent == 0:
+                goal = rng.uniform([-1.0, -1.0, -0.3], [1.2, 1.0, 1.3])
+                rotate_by_vector(home[3:].copy(), rng.normal(size=3), turned)
+                spent = int(rng.integers(300, 2500))
+                if rng.random() < 0.2:
+                    place = goal.copy()  # a jump
+            spent -= 1
+            step = goal - place
+            left = float(np.linalg.norm(step))
+            velocity = step / max(left, 1e-9) * min(speed, left / DT)
+            place = place + DT * velocity
+            target[:3], target[3:7], target[7:13] = place, turned, wrong
+            target[7:10] += velocity
+            # A gap of 0.2 s: the arm stops, and goes on.
+            if not silent_from <= k < silent_from + 200:
+                loop.controller.guard.offer(target.copy(), Origin('panda_link0', 0.0, k + 1))
+            watch.tick()
+        target[:7], target[7:13] = home, 0.0
+        loop.controller.guard.arm()
+        for k in range(5000, 13_000):
+            loop.controller.guard.offer(target.copy(), Origin('panda_link0', 0.0, k + 1))
+            watch.tick()
+        beyond, fastest = max(beyond, watch.beyond), max(fastest, watch.fastest)
+        away = pose_distance(loop.controller.reference[:7], home)
+        stuck += (away[0] > 0.02 or away[1] > 0.1) and not loop.controller.blocked
+    return [Found('joint beyond its range [rad]', beyond, 0.01),
+            Found('speed of the tool [m/s]', fastest, 1.05 * LimitSettings().tool_speed),
+            Found('references that stay away from home, and no limit is named', stuck, 0)]
+
+
+#: By name: what is tried on a plant, with a generator and the number of draws of random cases.
+CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
+    'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
+    'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
+    'streams': streams}
+
+
+def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:
+    """
+    Try a case on a plant.
+
+    :param task: case, plant, and the number of draws of random cases
+    :returns: for each number ``case``, ``plant``, ``asked``, ``measured``, ``holds``
+    """
+    case, plant, count = task
+    rng = np.random.default_rng(sorted(CASES).index(case))
+    return [{'case': f'{case}: {one.name}', 'plant': plant,
+             'asked': f'{"at least" if one.at_least else "at most"} {one.asked:g}',
+             'measured': one.measured, 'holds': one.holds}
+            for one in CASES[case](plant, rng, count)]
