@@ -50,6 +50,7 @@ paper: setup
 
 faults: setup
 	@$(PY) -m experiments faults --out out/faults
+	@$(PY) -m experiments limits --jobs 2 --json out/faults/limits.json
 
 soak: setup
 	@$(PY) -m experiments soak --minutes 30 --out out/soak

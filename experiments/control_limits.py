@@ -302,8 +302,10 @@ def streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
         for k in range(5000, 13_000):
             loop.controller.guard.offer(target.copy(), Origin('panda_link0', 0.0, k + 1))
             watch.tick()
+            away = pose_distance(loop.controller.reference[:7], home)
+            if away[0] < REACHED[0] and away[1] < REACHED[1]:
+                break
         beyond, fastest = max(beyond, watch.beyond), max(fastest, watch.fastest)
-        away = pose_distance(loop.controller.reference[:7], home)
         stuck += (away[0] > 0.02 or away[1] > 0.1) and not loop.controller.blocked
     return [Found('joint beyond its range [rad]', beyond, 0.01),
             Found('speed of the tool [m/s]', fastest, 1.05 * LimitSettings().tool_speed),

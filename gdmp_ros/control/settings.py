@@ -26,7 +26,7 @@ class ImpedanceGains:
     posture_stiffness: float = setting(
         30.0, 'stiffness of the posture in the null space', 'Nm/rad', 0.0, 100.0)
     posture_damping: float = setting(
-        5.0, 'damping of the posture in the null space', 'Nm s/rad', 0.0, 50.0)
+        2.0, 'damping of the posture in the null space', 'Nm s/rad', 0.0, 50.0)
     feed_forward: bool = setting(
         True, 'add the inertial force and the joint friction of the reference motion')
     friction_smoothing: float = setting(

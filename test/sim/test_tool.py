@@ -78,7 +78,7 @@ def test_an_arm_that_holds_a_load_does_not_notice(plant, tool):
         assert np.abs(tick.torque - last).max() < 1.5 * noise + 0.02
         last = tick.torque
         speeds.append(np.linalg.norm(loop.arm.data.qvel))
-    assert np.linalg.norm(loop.arm.data.body('hand').xpos - flange) < creep + 2e-4
+    assert np.linalg.norm(loop.arm.data.body('hand').xpos - flange) < creep + 4e-4
     assert max(speeds) < 0.01 and tick.tank >= min(before.tank, 9.0)
 
 

@@ -1,0 +1,26 @@
+"""Control at its limits: a few draws of each case; `python -m experiments limits` has hundreds."""
+import json
+
+import pytest
+
+from experiments.__main__ import PROGRAM
+from experiments.control_limits import CASES, rows
+
+
+@pytest.mark.parametrize('plant, draws', [
+    ('clean', 2), pytest.param('clean', 40, marks=pytest.mark.long),
+    pytest.param('real', 40, marks=pytest.mark.long)])
+@pytest.mark.parametrize('case', list(CASES))
+def test_it_holds(case, plant, draws):
+    found = rows((case, plant, draws))
+    assert found and not [row for row in found if not row['holds']]
+
+
+def test_rows_are_written_and_unknown_names_are_refused(tmp_path, capsys):
+    path = tmp_path / 'limits.json'
+    assert PROGRAM.main(['limits', 'speeds', '--plant', 'clean', '--json', str(path)]) == 0
+    for row in json.loads(path.read_text()):
+        assert set(row) == {'case', 'plant', 'asked', 'measured', 'holds'}
+        assert row['plant'] == 'clean' and row['holds']
+    assert PROGRAM.main(['limits', 'nothing']) == 1
+    assert "case 'nothing' is unknown" in capsys.readouterr().err
