@@ -125,7 +125,8 @@ class ReferenceGuard:
         kind, known, age = self._kind_of(target), self._stream, float(origin.age)
         if kind is self._tool and origin.frame == self.settings.frame:
             done = stream.go_on(self.numbers, self._tool.target, self.held, target, age,
-                                float(origin.sequence), float(origin.mode))
+                                float(origin.stamp), float(origin.sequence),
+                                float(origin.mode))
             if done != stream.OTHER:
                 return bool(done == stream.FOLLOWED)
         clocks_agree = known.on_time > 0.0 and _continues(origin, known.on_time)
@@ -142,7 +143,8 @@ class ReferenceGuard:
             return False
         begins = not self.following
         known.of_joints = float(kind is self._joints)
-        shift = stream.use(self.numbers, kind.target, target, age, float(origin.sequence), begins)
+        shift = stream.use(self.numbers, kind.target, target, age, float(origin.stamp),
+                           float(origin.sequence), begins)
         if self.in_joints:
             kind.extrapolate(shift, 0.0)
         self._far = ''

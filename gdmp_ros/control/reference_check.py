@@ -45,12 +45,14 @@ class Origin:
     :ivar age: present time minus its stamp [s]
     :ivar sequence: number in its stream; 0 if it has none
     :ivar mode: a `StreamMode`
+    :ivar stamp: [s]; 0 if it has none
     """
 
     frame: str
     age: float = 0.0
     sequence: int = 0
     mode: int = StreamMode.STREAMING
+    stamp: float = 0.0
 
 
 @kernel

@@ -47,6 +47,7 @@ STREAM = np.dtype([(name, np.float64) for name in (
     'delay',            # usual age of references on arrival [s]
     'resumable',        # flag: its stream may go on after a gap
     'arrived_age',      # its age on arrival [s]
+    'stamp',            # [s]; 0 if it has none
     'way', 'turn',      # how far the next one may be from it, besides what time adds [m, rad]
     # The newest reference that came, followed or not.
     'offered_mode', 'offered_sequence', 'offered_age',
@@ -162,8 +163,12 @@ def _compare(last, target, step):
 
 
 @kernel
-def _arrive(numbers, target, age, begins):
-    """A reference is followed: know it as it came."""
+def _arrive(numbers, target, age, stamp, begins):
+    """
+    A reference is followed: know it as it came.
+
+    Stamps say how much later it is than the last one: an arm that lost ticks does not know it.
+    """
     stream, last = records_at(numbers, 0, 1, STREAM)[0], newest(numbers)
     if begins:
         stream.way, stream.turn = stream.jump_position, stream.jump_rotation
@@ -172,8 +177,10 @@ def _arrive(numbers, target, age, begins):
         distance, angle = pose_distance(last.place, target[POSE:POSE + 7])
         way, turn = allowance(numbers)
         stream.way, stream.turn = way - distance, turn - angle
-        _compare(last, target, stream.age + stream.arrived_age - age)
-    stream.arrived_age = age
+        known = stamp != 0.0 and stream.stamp != 0.0
+        _compare(last, target, stamp - stream.stamp if known
+                 else stream.age + stream.arrived_age - age)
+    stream.arrived_age, stream.stamp = age, stamp
     for i in range(7):
         last.place[i] = target[POSE + i]
     for i in range(6):
@@ -181,7 +188,7 @@ def _arrive(numbers, target, age, begins):
 
 
 @kernel
-def use(numbers, last, target, age, sequence, begins):
+def use(numbers, last, target, age, stamp, sequence, begins):
     """
     Follow a reference; one of the tool that is later, or earlier, than usual is moved in time.
 
@@ -189,13 +196,14 @@ def use(numbers, last, target, age, sequence, begins):
 
     :param last: target that is followed, changed
     :param age: of the reference on arrival [s]
+    :param stamp: [s]; 0 if it has none
     :param begins: whether nothing was followed before
     :returns: by how much it is to be moved in time [s]; one of the joints is not moved here
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     last[:] = target
     if stream.of_joints == 0.0:
-        _arrive(numbers, target, age, begins)
+        _arrive(numbers, target, age, stamp, begins)
         distrusted = newest(numbers).distrusted
         for part in range(2):
             if distrusted[part] > 0.0:
@@ -216,7 +224,7 @@ def use(numbers, last, target, age, sequence, begins):
 
 
 @kernel
-def go_on(numbers, last, held, target, age, sequence, mode):
+def go_on(numbers, last, held, target, age, stamp, sequence, mode):
     """
     Follow a reference of the tool that continues its stream, or remember one that rests.
 
@@ -225,6 +233,7 @@ def go_on(numbers, last, held, target, age, sequence, mode):
     :param held: written: where a reference that rests is (x, y, z, qw, qx, qy, qz)
     :param target: `TARGET_SIZE` numbers in the frame of the arm; its quaternion is normalised
     :param age: present time minus its stamp [s]
+    :param stamp: [s]; 0 if it has none
     :returns: `FOLLOWED`, `REMEMBERED`, or `OTHER`: then nothing was done, and it is to be decided
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
@@ -249,7 +258,7 @@ def go_on(numbers, last, held, target, age, sequence, mode):
         for i in range(7):
             held[i] = target[POSE + i]
     if follows:
-        use(numbers, last, target, age, sequence, False)
+        use(numbers, last, target, age, stamp, sequence, False)
     return FOLLOWED if follows else REMEMBERED
 
 

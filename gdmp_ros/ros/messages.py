@@ -81,7 +81,9 @@ def origin_of(message: Reference, age: float) -> Origin:
 
     :param age: present time minus its stamp [s]
     """
-    return Origin(message.header.frame_id, age, message.sequence, message.mode)
+    stamp = message.header.stamp
+    return Origin(message.header.frame_id, age, message.sequence, message.mode,
+                  stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def fill_reference(message: Reference, numbers: np.ndarray) -> None:

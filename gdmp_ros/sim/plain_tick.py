@@ -135,7 +135,7 @@ def follow_plainly(robot, controller, dt, references, poses):
     arm = arm_view(controller.numbers)
     for k in range(len(references)):
         if go_on(controller.stream, controller.target, controller.held, references[k], 0.0, 0.0,
-                 _MOTION) != FOLLOWED:
+                 0.0, _MOTION) != FOLLOWED:
             return k, OTHER
         result = plain_tick(robot, controller, dt)
         copy_into(arm.pose, poses[k])

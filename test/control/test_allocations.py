@@ -27,7 +27,7 @@ def ticks(numbers, count):
 @kernel
 def references(numbers, last, held, target, count):
     for k in range(count):
-        stream.go_on(numbers, last, held, target, 0.001, k + 2.0, 0.0)
+        stream.go_on(numbers, last, held, target, 0.001, 0.0, k + 2.0, 0.0)
         stream.elapse(numbers, 0.001)
         stream.advance(numbers, last, 0.001)
     return numbers[0]

@@ -160,3 +160,18 @@ def test_late_messages_that_come_together_are_followed():
         assert offer(guard, moved(speed * k * DT), [speed, 0.0, 0.0], k + 1, DT * (190 - k)), (
             guard.last_refusal)
     assert guard.following and guard.refused == 0
+
+
+def test_an_arm_that_lost_ticks_uses_the_twists_it_gets():
+    """The process stood still for 20 ms, 10 times: it gets the newest reference only."""
+    loop = CLEAN.loop()
+    guard, home, k = loop.controller.guard, loop.arm.measure().pose.copy(), 0
+    for tick in range(2500):
+        k += 20 if tick > 1000 and tick % 150 == 0 else 1
+        place, velocity = circle(home, k)
+        target = resting_target(place)
+        target[7:10] = velocity
+        guard.offer(target, Origin('panda_link0', 0.0, k + 1, stamp=1e9 + k * DT))
+        loop.tick()
+    guard.look()
+    assert guard.refused == 0 and np.linalg.norm(guard.tool_target[7:10]) > 0.2

@@ -127,4 +127,4 @@ class ArmCommands:
             self.control.controller.guard.refuse(str(error))
             return None
         return item.target, Origin(item.frame, (now_ns - item.stamp) / NS, item.sequence,
-                                   item.mode)
+                                   item.mode, item.stamp / NS)

@@ -136,7 +136,7 @@ def take_references(loop, links, scratch, controller, now):
         stamp = read_stamp(data, links.reference_parts[0])
         sequence = read_integer(data, links.reference_parts[1], 8)
         done = go_on(controller.stream, controller.target, controller.held, scratch.target,
-                     1e-9 * (now - stamp), float(sequence),
+                     1e-9 * (now - stamp), 1e-9 * stamp, float(sequence),
                      float(data[links.reference_parts[2]]))
         if done == OTHER:
             return False
