@@ -363,6 +363,18 @@ def test_torque_rate_torque_and_joint_position_are_limited():
                                             excess), [1.0, 1.0])
 
 
+def test_what_drives_a_joint_to_its_limit_decreases_to_nothing_there():
+    still, excess = np.zeros(2), np.zeros(len(limits.LIMITS))
+
+    def sent(position, torque):
+        return limiter(torque_slew=1e5).apply(np.array([position, 0.0]), still, still,
+                                              np.array([torque, 0.4]), DT, excess)
+    np.testing.assert_allclose(sent(0.975, 2.0), [-1.25 + 1.0, 0.2])
+    np.testing.assert_allclose(sent(1.0, 2.0), [-2.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(sent(0.975, -2.0), [-1.25 - 2.0, 0.4])  # away from it
+    np.testing.assert_allclose(sent(-0.975, 2.0), [1.25 + 2.0, 0.4])
+
+
 def test_gravity_is_never_scaled():
     still, excess = np.zeros(2), np.zeros(len(limits.LIMITS))
     gravity = np.array([4.0, 1.5])
