@@ -1,5 +1,5 @@
 """
-Control at its limits: ranges of the joints, walls, targets out of reach, and streams that lie.
+Control at its limits: ranges of the joints, walls, targets out of reach, and wrong twists.
 
 Each case is tried on the model itself (``clean``) and on a robot that is not the model (``real``:
 dry friction, other rotors, a delay, noise). The mechanical stops of the joints are taken away:
@@ -176,7 +176,7 @@ def targets(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     return [Found('targets near home that are reached', reached, count, True),
             Found('time for them, of that of a free arm and 0.5 s', late, 1.2),
             Found('targets far from home that are not reached, and no limit is named', silent, 0),
-            Found('ways home that are not', lost, max(count // 100, 0))]
+            Found('ways home that are not', lost, count // 100)]
 
 
 def half_turns(plant: str, rng: np.random.Generator, count: int) -> list[Found]:

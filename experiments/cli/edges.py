@@ -13,32 +13,24 @@ A row has the worst of all draws. Exit code 1 if a row does not hold.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from gdmp_ros.cli.arguments import add_parallel, integer
-from gdmp_ros.errors import DataError
+from experiments.cases import add_case_arguments, chosen
 from gdmp_ros.util.files import write_json
 from gdmp_ros.util.terminal import table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('what', nargs='*', metavar='CASE', help='names; all by default')
-    parser.add_argument('--draws', type=integer(1, 100_000), default=200, metavar='N',
-                        help='motions of each case (default %(default)s)')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the rows')
-    add_parallel(parser)
+    add_case_arguments(parser, 200, 'motions of each case')
 
 
 def run(options: argparse.Namespace) -> int:
     """Try the cases; 0 if all hold."""
     from experiments.edges import CASES, draw, rows
     from gdmp_ros.util.parallel import Journal, map_tasks, scheduler_address
-    for name in options.what:
-        if name not in CASES:
-            raise DataError(f'case {name!r} is unknown, expected one of {", ".join(CASES)}')
+    cases = chosen(options.what, CASES)
     result = []
-    for case in options.what or CASES:
+    for case in cases:
         tasks = {f'{case} {seed}': (case, seed) for seed in range(options.draws)}
         done = map_tasks(case, draw, tasks, options.jobs, scheduler_address(options.backend),
                          Journal(options.resume, 'edges'))

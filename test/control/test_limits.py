@@ -131,7 +131,7 @@ def test_references_outside_the_workspace_are_held_at_its_wall(plant):
                                                           abs=1e-6)
 
 
-@on_plants('clean', 'real')  # a weight that nobody knows still sinks
+@on_plants('clean', 'real')  # an unannounced payload sinks
 def test_a_smaller_workspace_moves_nothing_and_the_next_motion_goes_inwards(plant):
     loop = loop_with(plant)
     home = run(loop, [reference(loop)] * 3000)[0][-1].measurement.pose
@@ -152,7 +152,7 @@ def test_a_smaller_workspace_moves_nothing_and_the_next_motion_goes_inwards(plan
         np.testing.assert_allclose(followed[-1, :2] - home[:2], expected, atol=0.005)
 
 
-@on_plants('clean', 'real')  # a weight that nobody knows still sinks
+@on_plants('clean', 'real')  # an unannounced payload sinks
 def test_another_zone_of_repulsion_moves_nothing(plant):
     """With a margin of 1 rad joints are inside of it where they rest."""
     loop = loop_with(plant)
@@ -185,7 +185,7 @@ def test_repulsion_that_was_kept_back_acts_when_a_joint_returns():
     assert pushed(0.0) == 0.0 and pushed(0.05) == pytest.approx(-0.125)
 
 
-@on_plants('clean', 'real')  # a weight that nobody knows needs the law
+@on_plants('clean', 'real')  # an unannounced payload needs the law
 @pytest.mark.parametrize('share', [0.2, 0.01])
 def test_a_small_share_of_the_torque_drops_nothing(plant, share, rng):
     """Gravity alone needs a quarter of it here, and up to 0.65 in other postures."""

@@ -1,4 +1,4 @@
-"""The solver of the limits, beside one that nobody here wrote."""
+"""The solver of the limits, compared with daqp."""
 import daqp
 import numpy as np
 import pytest

@@ -238,8 +238,9 @@ class ExecuteAction(ServerAction):
         elif waited > settings.settling_time:
             what = _what_blocks(self._report.arm)
             text = (f'the reference is at the goal, the robot {offset} from it after '
-                    f'{settings.settling_time:g} s, expected {execution.goal}'
-                    f'{" (blocked" + what + ")" if what else ""}')
+                    f'{settings.settling_time:g} s, expected {execution.goal}')
+            if what:
+                text += f' (blocked{what})'
             self._finish(result.GOAL_TOLERANCE_VIOLATED, text)
 
     def _give_up(self, code: int, text: str) -> None:
