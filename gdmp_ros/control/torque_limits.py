@@ -93,8 +93,8 @@ def outside_of(position: np.ndarray, before: LimitSettings, after: LimitSettings
     :param outside: until now
     """
     def deep(limits: LimitSettings) -> np.ndarray:
-        return np.maximum(np.maximum(np.subtract(limits.workspace_min, position),
-                                     np.subtract(position, limits.workspace_max)), 0.0)
+        return np.array([distance_outside(position, numbers(limits), axis)[0]
+                         for axis in range(3)])
     return np.maximum(deep(after) - np.maximum(deep(before) - outside, 0.0), 0.0)
 
 
