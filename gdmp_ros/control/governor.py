@@ -133,9 +133,16 @@ def _move_joints(numbers, jacobian, twist, violation):
         if ids[i] == 2 * n + 6 and multipliers[i] > 0.0:
             start, stop = limits.singularity_start, limits.singularity_stop
             violation[SINGULARITY] = min((start - value) / (start - stop), 1.0)
-    share = (_tool_share(jacobian, rates, limits.catch_up_speed, limits.catch_up_angular_speed)
-             if arm.scalars.returns > 0.0 else
-             _tool_share(jacobian, rates, limits.speed, limits.angular_speed))
+    for j in range(6):
+        twist[j] = 0.0
+        for i in range(n):
+            twist[j] += jacobian[j, i] * rates[i]
+    fastest, fastest_turn = limits.speed, limits.angular_speed
+    if arm.scalars.returns > 0.0:
+        fastest, fastest_turn = limits.catch_up_speed, limits.catch_up_angular_speed
+    # At rest the norms are 0.
+    share = min(1.0, fastest / max(norm(3, twist[:3]), 1e-9),
+                fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]
         if excess > 0.0:
@@ -144,9 +151,7 @@ def _move_joints(numbers, jacobian, twist, violation):
     for i in range(n):
         rates[i] *= share
     for j in range(6):
-        twist[j] = 0.0
-        for i in range(n):
-            twist[j] += jacobian[j, i] * rates[i]
+        twist[j] *= share
     return blocking
 
 
@@ -173,22 +178,6 @@ def _approach_posture(s, position, posture, limits, last, rates):
         wanted = speed / max(furthest, 1e-12) * (posture[i] - position[i])
         rates[i] = min(max(wanted, last[i] - change), last[i] + change)
     return RETURN_WEIGHT
-
-
-@kernel
-def _tool_share(jacobian, rates, fastest, fastest_turn):
-    """Factor of joint velocities with which the tool is no faster than allowed."""
-    share = 1.0
-    for part in range(0, 6, 3):
-        largest, square = fastest if part == 0 else fastest_turn, 0.0
-        for j in range(part, part + 3):
-            speed = 0.0
-            for i in range(rates.size):
-                speed += jacobian[j, i] * rates[i]
-            square += speed * speed
-        if square > largest * largest:
-            share = min(share, largest / math.sqrt(square))
-    return share
 
 
 @kernel
