@@ -28,12 +28,20 @@ executor.add_node(node)
 executor.spin_until_future_complete(began)
 if not began.result().success:
     sys.exit(began.result().message)
-# Eight seconds of the stream; a busy machine needs longer.
-end = time.monotonic() + 60.0
-while len(references) < 8000 and time.monotonic() < end:
-    executor.spin_once(timeout_sec=0.1)
 
-times = np.array([r.header.stamp.sec + 1e-9 * r.header.stamp.nanosec for r in references])
+def seconds(reference):
+    """When a reference was made."""
+    return reference.header.stamp.sec + 1e-9 * reference.header.stamp.nanosec
+
+
+# Eight seconds of the stream, by its stamps: a busy machine receives fewer references.
+end = time.monotonic() + 60.0
+while not references or seconds(references[-1]) < seconds(references[0]) + 8.0:
+    executor.spin_once(timeout_sec=0.1)
+    if time.monotonic() > end:
+        sys.exit('the stream ended before eight seconds were received')
+
+times = np.array([seconds(reference) for reference in references])
 lines = np.array([(r.twist.linear.x, r.twist.linear.y, r.twist.linear.z) for r in references])
 stiffness = np.array([r.stiffness for r in references]).reshape(-1, 6, 6)[:, :3, :3]
 lost = int(references[-1].sequence - references[0].sequence) + 1 - len(references)
