@@ -19,9 +19,9 @@ LEAST_SCALE = 0.02
 
 def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Friction that is compensated, and that which is there for certain, shape (2, n) each.
+    Friction that is compensated, shape (2, n), and that which is there for certain, shape (4, n).
 
-    Viscous [Nm s/rad] and dry [Nm].
+    Viscous [Nm s/rad] and dry [Nm]; certain at every motion, and at that of the reference.
 
     :param model: viscous friction of the model's joints [Nm s/rad], shape (n,)
     :raises ParameterError: unless there is one number for all joints, or one for each
@@ -35,8 +35,9 @@ def friction_of(settings: FrictionSettings, model: np.ndarray) -> tuple[np.ndarr
                                  'one for each joint')
         return np.asarray(np.broadcast_to(given, count).copy())
     viscous = model if settings.viscous == (0.0,) else of_joints('viscous')
-    return (np.array([viscous, of_joints('dry')]),
-            np.array([of_joints('credit_viscous'), of_joints('credit_dry')]))
+    compensated = np.array([viscous, of_joints('dry')])
+    certain = np.array([of_joints('credit_viscous'), of_joints('credit_dry')])
+    return compensated, np.vstack([certain, settings.credit * compensated])
 
 
 @kernel

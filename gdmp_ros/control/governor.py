@@ -53,9 +53,9 @@ POSTURE_S, POSTURE_SPEED = 1.0, 0.3
 #: A reference that makes no way for this time [s], and whose target is where the posture of the
 #: null space has the tool, within these distances [m, rad], goes there joint by joint.
 RETURN_S, RETURN_DISTANCE, RETURN_ANGLE = 0.2, 0.01, 0.05
-#: The reference makes no way if it has less than this share of the velocity that is asked, while
-#: it is this far from its target [m].
-NO_WAY, OFF_TARGET = 0.05, 0.002
+#: The reference makes no way if it has less than this share of the velocity that is asked, as a
+#: mean over this time [s], while it is this far from its target [m].
+NO_WAY, WAY_S, OFF_TARGET = 0.05, 0.05, 0.002
 
 
 @kernel
@@ -97,7 +97,7 @@ def _move_joints(numbers, jacobian, twist, violation):
 
     :param jacobian: of the reference
     :param twist: replaced by the one that is reached
-    :returns: the limit that takes most away, or -1
+    :returns: the limit that takes most away, or -1; and the speed, as a share of what is allowed
     """
     noinline()
     arm = arm_view(numbers)
@@ -137,22 +137,25 @@ def _move_joints(numbers, jacobian, twist, violation):
         twist[j] = 0.0
         for i in range(n):
             twist[j] += jacobian[j, i] * rates[i]
-    fastest, fastest_turn = limits.speed, limits.angular_speed
+    fastest, fastest_turn, share = limits.speed, limits.angular_speed, 1.0
     if arm.scalars.returns > 0.0:
         fastest, fastest_turn = limits.catch_up_speed, limits.catch_up_angular_speed
+        share = _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist)
     # At rest the norms are 0.
-    share = min(1.0, fastest / max(norm(3, twist[:3]), 1e-9),
+    share = min(share, fastest / max(norm(3, twist[:3]), 1e-9),
                 fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]
         if excess > 0.0:
             violation[JOINT_SPEED] = max(violation[JOINT_SPEED], excess)
             share = min(share, arm.joint_limits[2, i] / abs(rates[i]))
+    used = 0.0
     for i in range(n):
         rates[i] *= share
+        used = max(used, abs(rates[i]) / arm.joint_limits[2, i])
     for j in range(6):
         twist[j] *= share
-    return blocking
+    return blocking, max(used, norm(3, twist[:3]) / fastest, norm(3, twist[3:]) / fastest_turn)
 
 
 @kernel
@@ -181,11 +184,42 @@ def _approach_posture(s, position, posture, limits, last, rates):
 
 
 @kernel
+def _progress(asked, made):
+    """Return the share of an asked velocity that is made."""
+    size, along = 0.0, 0.0
+    for i in range(asked.size):
+        size += asked[i] ** 2
+        along += asked[i] * made[i]
+    return along / size if size > 0.0 else 1.0
+
+
+@kernel
+def _share_that_keeps_error(pose, reference, gains, twist):
+    """Return the part of a twist that leads a reference no further away from a tool that stays."""
+    removed, share = local_numbers(6), 1.0
+    copy_into(twist, removed)
+    keep_error(pose, reference, gains, removed)
+    for first in (0, 3):
+        size, along = 0.0, 0.0
+        for i in range(first, first + 3):
+            removed[i] = twist[i] - removed[i]
+            size += removed[i] ** 2
+            along += removed[i] * twist[i]
+        if along > 0.0:
+            share = min(share, 1.0 - size / along)
+    return max(share, 0.0)
+
+
+@kernel
 def _decide_return(numbers):
-    """Decide whether the joints go straight to the posture: the target is there, and no way is."""
+    """
+    Decide whether the joints go straight to the posture.
+
+    They do if the target is there, and a limit leaves no other way.
+    """
     arm = arm_view(numbers)
     s, pose = arm.scalars, local_numbers(7)
-    if s.returns == 0.0 and s.blocked < RETURN_S:
+    if s.returns == 0.0 and (s.blocked < RETURN_S or s.blocking < 0.0):
         return
     chain_state(arm.frames, arm.axes, arm.end, arm.posture, pose,
                 local_matrix(6, arm.position.size))
@@ -211,15 +245,20 @@ def _slow_down(last, rows, bounds, rates):
 
 
 @kernel
-def _notice_block(s, asked, twist, lag, blocking):
-    """Count the time for which the reference makes no way although it is off its target."""
-    made, size, away = 0.0, 0.0, 0.0
+def _notice_block(s, way, lag, blocking):
+    """
+    Count the time for which the reference makes no way although it is off its target.
+
+    :param way: share of the velocity that is asked which it has; joint by joint, of that which
+        is allowed
+    """
+    away = 0.0
     for i in range(6):
-        weight = 1.0 if i < 3 else ROTATION_LENGTH ** 2
-        made += weight * asked[i] * twist[i]
-        size += weight * asked[i] ** 2
-        away += weight * lag[i] ** 2
-    if away > OFF_TARGET ** 2 and made < NO_WAY * size and s.returns == 0.0:
+        away += (1.0 if i < 3 else ROTATION_LENGTH ** 2) * lag[i] ** 2
+    s.way += min(s.dt / WAY_S, 1.0) * (way - s.way)
+    if away <= OFF_TARGET ** 2:
+        s.way = 1.0
+    if s.way < NO_WAY:
         s.blocked += s.dt
         if blocking >= 0.0:
             s.blocking = blocking
@@ -311,10 +350,10 @@ def govern(numbers):
     jacobian = local_matrix(6, n)
     chain_state(arm.frames, arm.axes, arm.end, arm.governed, reference[POSE:POSE + 7], jacobian)
     _wanted_velocity(reference, target, limits, dt, velocity, lag, violation)
-    keep_error(arm.pose, reference, arm.gains, velocity)
     violation[SPEED] = limit_norm(3, velocity[:3], limits.speed)
     violation[ANGULAR_SPEED] = limit_norm(3, velocity[3:], limits.angular_speed)
     copy_into(velocity, asked)
+    keep_error(arm.pose, reference, arm.gains, velocity)
     violation[ACCELERATION_LIMIT], violation[JERK] = _accelerate(
         velocity, wish, last, 0, limits.acceleration, limits.jerk, dt, change)
     violation[ANGULAR_ACCELERATION], violation[ANGULAR_JERK] = _accelerate(
@@ -328,8 +367,15 @@ def govern(numbers):
         last[i] += wish[i] / dt
         velocity[i] = wish[i]
     _decide_return(numbers)
-    blocking = _move_joints(numbers, jacobian, velocity, violation)
-    _notice_block(arm.scalars, asked, velocity, lag, blocking)
+    blocking, way = _move_joints(numbers, jacobian, velocity, violation)
+    if arm.scalars.returns == 0.0:
+        # Beside a velocity, an angular velocity counts as that of a point at this distance.
+        for i in range(3, 6):
+            asked[i] *= ROTATION_LENGTH
+            change[i] = ROTATION_LENGTH * velocity[i]
+        copy_into(velocity[:3], change[:3])
+        way = _progress(asked, change)
+    _notice_block(arm.scalars, way, lag, blocking)
     for i in range(6):
         mean[i] += dt / MEAN_S * ((velocity[i] - reference[TWIST + i]) / dt - mean[i])
         reference[TWIST + i] = velocity[i]

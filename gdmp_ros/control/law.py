@@ -18,7 +18,7 @@ from gdmp_ros.control.governor import govern
 from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
 from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
 from gdmp_ros.control.limits import ENERGY, TOOL_SPEED, TORQUE, WRENCH_LIMIT
-from gdmp_ros.control.memory import arm_view, FREE, JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.memory import arm_view, FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.reference_kinds import HOLD_JOINT_STIFFNESS
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, SMALLEST_DAMPING_RATIO
 from gdmp_ros.control.spring import spring_power, stored_energy
@@ -59,7 +59,8 @@ def hold_tool(numbers):
     arm.governed_rate[:], arm.past[:] = 0.0, 0.0
     for axis in range(3):
         arm.outside[axis] = distance_outside(arm.pose, arm.limits, axis)[0]
-    arm.scalars.blocked, arm.scalars.blocking, arm.scalars.returns = 0.0, -1.0, 0.0
+    arm.scalars.blocked, arm.scalars.blocking = 0.0, -1.0
+    arm.scalars.way, arm.scalars.returns = 1.0, 0.0
 
 
 @kernel
@@ -177,6 +178,7 @@ def finish(numbers, failed):
     arm = arm_view(numbers)
     s, wished = arm.scalars, local_numbers(arm.torque.size)
     copy_into(arm.torque, wished)
+    _note_rates(arm)
     _limit(numbers)
     if not failed and (s.does == TOOL_SPRING or s.does == JOINT_SPRINGS):
         _pay(numbers, wished)
@@ -189,6 +191,16 @@ def finish(numbers, failed):
         if arm.violation[i] > 0.0:
             arm.counts[i] += 1.0
             arm.recent[i] = max(arm.recent[i], arm.violation[i])
+
+
+@kernel
+def _note_rates(arm):
+    """Keep the velocities of what the joints follow in this tick."""
+    does, n = arm.scalars.does, arm.rates.size
+    for i in range(n):
+        arm.rates[i] = (arm.governed_rate[i] if does == TOOL_SPRING
+                        else arm.joint_reference[n + i] if does == JOINT_SPRINGS
+                        else arm.wanted_rate[i] if does == JOINT_MOTION else 0.0)
 
 
 @kernel
@@ -212,7 +224,8 @@ def _pay(numbers, wished):
         power = spring_power(arm.pose, arm.twist, arm.reference, arm.gains, s.stored, s.dt)
     else:
         power = _joint_power(arm.position, arm.velocity, arm.joint_reference, s.stored, s.dt)
-    missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.bias, arm.torque, power)
+    missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.rates, arm.bias,
+                             arm.torque, power)
     if not missing > 0.0:
         return
     arm.violation[ENERGY] += missing
@@ -224,8 +237,8 @@ def _pay(numbers, wished):
         for i in range(n):
             arm.torque[i] = arm.bias[i] + left * (wished[i] - arm.bias[i])
         _limit(numbers)
-        missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.bias, arm.torque,
-                                 power)
+        missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.rates, arm.bias,
+                                 arm.torque, power)
     if missing > 0.0:
         if s.law == TOOL_SPRING:
             released = release(arm.pose, arm.reference, arm.gains, arm.bounds, missing)
@@ -255,7 +268,7 @@ def compute(numbers):
         stored = (stored_energy(arm.pose, arm.reference, arm.gains) if s.law == TOOL_SPRING
                   else joint_energy(arm.position, arm.joint_reference))
     measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
-                   arm.bias_before, stored)
+                   arm.rates, arm.bias_before, stored)
     arm.violation[:] = 0.0
     external, twist, exerted = local_numbers(n), local_numbers(6), local_zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,

@@ -44,6 +44,7 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'against',           # what opposes the motion in a collision [N, Nm]
     # What the tick has found.
     'stored',            # energy in the spring at its end [J]
+    'way',               # share of the asked velocity that the governed reference has, a mean
     'blocked',           # time for which the governed reference has made no way [s]
     'blocking',          # the limit that keeps it: index of `gdmp_ros.control.limit_rows`, or -1
     'returns')])         # flag: its joints go straight to the posture, where the target is
@@ -74,7 +75,7 @@ class ArmMemory(NamedTuple):
     :ivar joint_reference: the governed one of the joints
     :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], shape (3, n)
     :ivar friction: that is compensated, viscous [Nm s/rad] and dry [Nm], shape (2, n)
-    :ivar credit: that is there for certain, the same
+    :ivar credit: that is there for certain (`gdmp_ros.control.friction.friction_of`), shape (4, n)
     :ivar sent: torques that may act now, the last one first [Nm], shape (`MOST_TORQUES`, n)
     :ivar position: measured [rad], shape (n,), as all that follow
     :ivar velocity: measured [rad/s]
@@ -92,6 +93,7 @@ class ArmMemory(NamedTuple):
     :ivar torque: of this tick [Nm]
     :ivar governed: of the governed reference of the tool: it is where these have the tool [rad]
     :ivar governed_rate: their velocities [rad/s]
+    :ivar rates: velocities of what the joints follow: of the last tick, and from its end of this
     :ivar relief: depth in the zone of repulsion of a joint that does not act yet [rad]
     :ivar outside: distance of the tool beyond a wall of the workspace that does not act yet [m],
         shape (3,)
@@ -142,6 +144,7 @@ class ArmMemory(NamedTuple):
     torque: Any
     governed: Any
     governed_rate: Any
+    rates: Any
     relief: Any
     outside: Any
     felt: Any
@@ -185,12 +188,12 @@ def arm_view(numbers):
     at += 2 * size
     joint_limits = memory[at:at + 3 * n].reshape(3, n)
     friction = memory[at + 3 * n:at + 5 * n].reshape(2, n)
-    credit = memory[at + 5 * n:at + 7 * n].reshape(2, n)
-    at += 7 * n
+    credit = memory[at + 5 * n:at + 9 * n].reshape(4, n)
+    at += 9 * n
     sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = memory[at:at + 17 * n].reshape(17, n)
-    at += 17 * n
+    joints = memory[at:at + 18 * n].reshape(18, n)
+    at += 18 * n
     tool, outside = memory[at:at + 30].reshape(5, 6), memory[at + 30:at + 33]
     at += 33
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
@@ -200,15 +203,15 @@ def arm_view(numbers):
         credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
-        joints[15], joints[16], outside, tool[0], tool[1], tool[2], tool[3], tool[4], limited[0],
-        limited[1], limited[2])
+        joints[15], joints[16], joints[17], outside, tool[0], tool[1], tool[2], tool[3], tool[4],
+        limited[0], limited[1], limited[2])
 
 
 def blank(joints: int) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
              + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + 2 * (3 * joints + 1)
-             + (7 + MOST_TORQUES + 17) * joints + 33 + 3 * _LIMIT_COUNT)
+             + (9 + MOST_TORQUES + 18) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints,)
     return memory

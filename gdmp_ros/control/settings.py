@@ -181,6 +181,9 @@ class FrictionSettings:
     credit_dry: tuple[float, ...] = setting(
         (0.0,), 'lower bound of the dry friction, which refills the tank', 'Nm', 0.0, 100.0,
         each=True)
+    credit: float = setting(
+        0.8, 'share of the compensated friction that is there for certain: it refills the tank '
+        'while a joint moves with its reference', '', 0.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -47,23 +47,36 @@ def spendable(scalars, tank):
 
 
 @kernel
-def _credited(credit, velocity):
-    """What the friction that is there for certain dissipates [W]."""
+def _credited(credit, velocity, wanted):
+    """
+    What the friction that is there for certain dissipates [W].
+
+    That of which a share is certain counts at the speed that reference and joint have in common:
+    a motion that a hand causes refills nothing with it.
+
+    :param wanted: velocities of the reference
+    """
     power = 0.0
     for i in range(velocity.size):
-        power += credit[0, i] * velocity[i] ** 2 + credit[1, i] * abs(velocity[i])
+        speed, common = abs(velocity[i]), 0.0
+        if velocity[i] * wanted[i] > 0.0:
+            common = min(speed, abs(wanted[i]))
+        power += max((credit[0, i] * speed + credit[1, i]) * speed,
+                     (credit[2, i] * common + credit[3, i]) * common)
     return power
 
 
 @kernel
-def measure_energy(scalars, tank, sent, credit, velocity, velocity_before, bias_before, stored):
+def measure_energy(scalars, tank, sent, credit, velocity, velocity_before, wanted, bias_before,
+                   stored):
     """
     Draw the work of the last torque between the last tick and this one.
 
     :param scalars: those of `gdmp_ros.control.memory`
     :param tank: `TankSettings` as numbers
     :param sent: torques that may act, the last one first [Nm]
-    :param credit: friction that is there for certain, shape (2, n)
+    :param credit: friction that is there for certain, shape (4, n)
+    :param wanted: velocities of the reference of the last tick
     :param stored: energy in the spring now, with the reference of the last tick [J]
     """
     n, dt = velocity.size, scalars.dt
@@ -87,13 +100,14 @@ def measure_energy(scalars, tank, sent, credit, velocity, velocity_before, bias_
         change = dt * free - gain - scalars.coriolis
         if math.isfinite(change):
             scalars.coriolis += min(dt / CORIOLIS_S, 1.0) * change
-        lost = 0.5 * dt * (_credited(credit, velocity_before) + _credited(credit, velocity))
+        lost = 0.5 * dt * (_credited(credit, velocity_before, wanted)
+                           + _credited(credit, velocity, wanted))
         draw(scalars, tank, work - gain + stored - scalars.stored_before - lost)
     scalars.energy = min(scalars.energy + dt * tank.recharge_power, tank.capacity)
 
 
 @kernel
-def missing_energy(scalars, tank, credit, velocity, bias, torque, spring_power):
+def missing_energy(scalars, tank, credit, velocity, wanted, bias, torque, spring_power):
     """
     Energy that a torque would draw in this tick beyond what may be drawn [J].
 
@@ -104,7 +118,8 @@ def missing_energy(scalars, tank, credit, velocity, bias, torque, spring_power):
     power = 0.0
     for i in range(velocity.size):
         power += velocity[i] * (torque[i] - bias[i])
-    drawn = scalars.dt * (power + spring_power - _credited(credit, velocity)) + scalars.coriolis
+    lost = _credited(credit, velocity, wanted)
+    drawn = scalars.dt * (power + spring_power - lost) + scalars.coriolis
     return drawn - spendable(scalars, tank)
 
 

@@ -26,7 +26,8 @@ _GUARD = {'timeout': 'reference_timeout'}
 _TANK = {'energy': 'tank_energy', 'capacity': 'tank_capacity',
          'recharge_power': 'tank_recharge_power'}
 _FRICTION = {'viscous': 'friction_viscous', 'dry': 'friction_dry',
-             'credit_viscous': 'friction_credit_viscous', 'credit_dry': 'friction_credit_dry'}
+             'credit_viscous': 'friction_credit_viscous', 'credit_dry': 'friction_credit_dry',
+             'credit': 'friction_credit'}
 _PLANT = {'dry_friction': 'plant_dry_friction', 'armature': 'plant_armature',
           'delay': 'plant_delay', 'position_noise': 'plant_position_noise',
           'velocity_noise': 'plant_velocity_noise', 'payload': 'plant_payload',
