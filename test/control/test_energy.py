@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.energy_audit import Audit
 from gdmp_ros.control import limits
 from gdmp_ros.control.settings import (
     ControllerSettings,
@@ -18,7 +19,6 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.plant import PlantSettings
 from gdmp_ros.sim.teaching import Hand, HandSettings
-from test.control.energy_audit import Audit
 
 ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position=10.0,
                          arming_rotation=10.0, arming_speed=100.0, arming_angular_speed=100.0)
@@ -34,7 +34,9 @@ def also_long(*values):
 
 
 def loop_with(plant=None, energy=5.0, passive=True, **limit_changes):
+    """A loop whose tank is refilled by nothing that the books do not see, as friction."""
     settings = ControllerSettings(
+        friction=FrictionSettings(credit=0.0),
         guard=ANYWHERE, limits=LimitSettings(**{'stiffness_rate': 500.0, **limit_changes}),
         tank=TankSettings(energy, max(energy, 10.0), 0.0, passive=passive))
     return ClosedLoop(Arm(plant=PLANTS.get(plant)), settings)
@@ -139,7 +141,7 @@ def test_friction_is_compensated_until_the_tank_is_empty(plant, dry, drag):
     """More than there is, what there is, friction that is not there; something drags the tool."""
     loop = loop_with(plant, energy=0.3)
     loop.controller.configure(replace(loop.controller.settings,
-                                      friction=FrictionSettings(dry=(dry,))))
+                                      friction=FrictionSettings(dry=(dry,), credit=0.0)))
     home, audit = loop.arm.measure().pose.copy(), Audit(loop)
     rate = 2.0 * np.pi
     for tick in range(3000):

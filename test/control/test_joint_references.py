@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from experiments.energy_audit import Audit
 from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import ENERGY, JOINT_POSITION
 from gdmp_ros.control.modes import ArmMode, StreamMode
@@ -10,7 +11,6 @@ from gdmp_ros.control.settings import ControllerSettings, LimitSettings, TankSet
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.sim.plant import REAL
-from test.control.energy_audit import Audit
 
 SOFT = np.full(7, 200.0)
 

@@ -4,13 +4,20 @@ import json
 import pytest
 
 from experiments.__main__ import PROGRAM
-from experiments.control_limits import CASES, rows
+from experiments.control_limits import CASES, PLANTS, rows
 
 
 @pytest.mark.parametrize('plant', ['clean', pytest.param('real', marks=pytest.mark.long)])
 @pytest.mark.parametrize('case', list(CASES))
 def test_it_holds(case, plant):
     found = rows((case, plant, 2))
+    assert found and not [row for row in found if not row['holds']]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('plant', PLANTS)
+def test_random_streams_hold(plant):
+    found = rows(('streams', plant, 20))
     assert found and not [row for row in found if not row['holds']]
 
 

@@ -4,13 +4,19 @@ Independent bookkeeping of energy; it shares no code with the controller.
 The motors' work is that of the torque that acted. What of it is neither potential energy of
 gravity nor energy of the spring must have come from the tank.
 """
+from __future__ import annotations
+
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gdmp_ros.control.measurement import Tick
+from gdmp_ros.sim.closed_loop import ClosedLoop
 
-def potential(pose, target, clips=(0.1, 0.5), largest=(60.0, 15.0)):
-    """Energy of the spring: quadratic, and beyond its bound linear in the elastic norm."""
+
+def potential(pose: np.ndarray, target: np.ndarray, clips: tuple[float, float] = (0.1, 0.5),
+              largest: tuple[float, float] = (60.0, 15.0)) -> float:
+    """Energy of the spring [J]: quadratic, and beyond its bound linear in the elastic norm."""
     stiffness = target[19:55].reshape(6, 6)
     turn = (Rotation.from_quat(np.roll(target[3:7], -1))
             * Rotation.from_quat(np.roll(pose[3:7], -1)).inv())
@@ -29,8 +35,12 @@ def potential(pose, target, clips=(0.1, 0.5), largest=(60.0, 15.0)):
     return total
 
 
-def joint_potential(position, target, clip=0.2):
-    """Energy of the springs of the joints: quadratic, and beyond the clip linear in the error."""
+def joint_potential(position: np.ndarray, target: np.ndarray, clip: float = 0.2) -> float:
+    """
+    Energy of the springs of the joints [J].
+
+    Quadratic, and beyond the clip linear in the error.
+    """
     n = len(position)
     error = np.abs(target[:n] - position)
     return float(np.sum(target[2 * n:3 * n] * np.where(
@@ -38,16 +48,21 @@ def joint_potential(position, target, clip=0.2):
 
 
 class Audit:
-    """The content of the tank from what was seen of the robot."""
+    """
+    The content of the tank from what was seen of the robot.
 
-    def __init__(self, loop):
+    :ivar content: in each tick [J]
+    """
+
+    def __init__(self, loop: ClosedLoop):
         self.loop, self.content = loop, [loop.controller.tank.energy]
-        self._first, self._work = None, 0.0
+        self._first: float | None = None
+        self._work = 0.0
 
-    def tick(self):
+    def tick(self) -> Tick:
         """Let the loop tick, and account for the tick before."""
         arm, loop = self.loop.arm, self.loop
-        pose, velocity = self._pose(), arm.data.qvel.copy()
+        pose, velocity = self.pose(), arm.data.qvel.copy()
         position = arm.data.qpos.copy()
         mujoco.mj_energyPos(arm.model, arm.data)
         gravity = float(arm.data.energy[0])
@@ -62,7 +77,8 @@ class Audit:
         self._work += 0.5 * arm.period * float(applied @ (velocity + arm.data.qvel))
         return result
 
-    def _pose(self):
+    def pose(self) -> np.ndarray:
+        """Pose of the tool in the simulation."""
         site, pose = self.loop.arm.data.site('tcp'), np.zeros(7)
         pose[:3] = site.xpos
         mujoco.mju_mat2Quat(pose[3:], site.xmat)
