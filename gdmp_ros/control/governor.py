@@ -58,6 +58,11 @@ RETURN_S, RETURN_DISTANCE, RETURN_ANGLE = 0.2, 0.01, 0.05
 NO_WAY, WAY_S, OFF_TARGET = 0.05, 0.05, 0.002
 
 
+#: While joints go there, they keep this share of their speed even if the reference moves away
+#: from a tool that is held: an arm that leans on something would not leave it otherwise.
+LEAST_SHARE = 0.1
+
+
 @kernel
 def _move_into_workspace(position, velocity, present, limits):
     """
@@ -137,13 +142,14 @@ def _move_joints(numbers, jacobian, twist, violation):
         twist[j] = 0.0
         for i in range(n):
             twist[j] += jacobian[j, i] * rates[i]
-    fastest, fastest_turn, share = limits.speed, limits.angular_speed, 1.0
+    fastest, fastest_turn, held = limits.speed, limits.angular_speed, 1.0
     if arm.scalars.returns > 0.0:
         fastest, fastest_turn = limits.catch_up_speed, limits.catch_up_angular_speed
-        share = _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist)
+        held = max(LEAST_SHARE,
+                   _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist))
     # At rest the norms are 0.
-    share = min(share, fastest / max(norm(3, twist[:3]), 1e-9),
-                fastest_turn / max(norm(3, twist[3:]), 1e-9))
+    share = min(1.0, held * fastest / max(norm(3, twist[:3]), 1e-9),
+                held * fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]
         if excess > 0.0:

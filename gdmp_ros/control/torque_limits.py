@@ -16,7 +16,7 @@ from gdmp_ros.util.settings import numbers
 SPEED_MARGIN = 0.9
 #: Stiffness of a wall of the workspace for a tool that is beyond it [N/m], its largest force [N],
 #: and the damping of the approach [Ns/m].
-WALL_STIFFNESS, WALL_FORCE, WALL_DAMPING = 20_000.0, 60.0, 200.0
+WALL_STIFFNESS, WALL_FORCE, WALL_DAMPING = 20_000.0, 100.0, 200.0
 #: Repulsion has at most this share of a motor's torque.
 REPULSION_SHARE = 0.5
 

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from experiments.control_limits import go, make
+from experiments.control_limits import diagonal, go, make
 from gdmp_ros.control.limit_rows import approach, limit_rows, OTHER_ROWS, row_name
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import ROTATION_LENGTH
@@ -96,3 +96,30 @@ def test_what_blocks_is_named_within_a_second_and_not_on_the_way_back():
         assert seen == {row} and (blocked_from is None or k - blocked_from < 1000)
         time, named = go(loop, home, 8.0)
         assert math.isfinite(time) and named > 0.25
+
+
+def test_what_holds_the_tool_is_named_and_the_reference_waits_for_it():
+    loop = make('clean')
+    home, furthest = loop.arm.measure().pose.copy(), 0.0
+    far = home.copy()
+    far[1] += 0.4
+    for _ in range(4000):
+        loop.must_follow(resting_target(far, diagonal(400.0)))
+        tick = loop.tick()
+        stuck = 5000.0 * (home[:3] - tick.measurement.pose[:3]) - 100.0 * tick.twist[:3]
+        loop.arm.push(np.concatenate([stuck, np.zeros(3)]))
+        furthest = max(furthest, float(np.linalg.norm(loop.controller.reference[:3] - home[:3])))
+        if loop.controller.blocked:
+            break
+    assert loop.controller.blocked == 'what holds the tool'
+    assert furthest < 0.2
+
+
+def test_an_arm_that_leans_on_itself_goes_home():
+    """Its tool moves away from the reference at first."""
+    loop = make('clean')
+    home = loop.arm.measure().pose.copy()
+    posture = np.array([0.317, 1.447, -0.318, -2.354, -1.062, 0.62, -0.854])
+    leaning = loop.arm.chain.pose_at(posture, loop.arm.end_pose)
+    assert not math.isfinite(go(loop, leaning, 10.0)[0])
+    assert math.isfinite(go(loop, home, 15.0)[0])
