@@ -128,7 +128,9 @@ def test_the_closed_loop_follows_in_every_repetition():
     assert document['position_rmse_m'] < 1e-3
     assert document['mj_step_us'] > 0.0
     assert document['ratio'] == pytest.approx(document['tick_us'] / document['mj_step_us'])
-    assert len(tick.rows(document)) == 5
+    assert document['limited_ratio'] == pytest.approx(document['limited_tick_us']
+                                                      / document['tick_us'])
+    assert len(tick.rows(document)) == 7
 
 
 def test_a_missing_peer_is_named_with_its_extra(monkeypatch):
