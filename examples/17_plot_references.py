@@ -29,6 +29,7 @@ executor.spin_until_future_complete(began)
 if not began.result().success:
     sys.exit(began.result().message)
 
+
 def seconds(reference):
     """When a reference was made."""
     return reference.header.stamp.sec + 1e-9 * reference.header.stamp.nanosec
