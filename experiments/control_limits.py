@@ -18,6 +18,7 @@ import numpy as np
 from experiments.energy_audit import Audit, potential
 from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.own_body import clearances, KEEP
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.settings import (
     ControllerSettings,
@@ -27,9 +28,11 @@ from gdmp_ros.control.settings import (
     TankSettings,
 )
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.errors import RefusedError
 from gdmp_ros.manifolds.quaternion import pose_distance, rotate_by_vector
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings, REAL
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -42,6 +45,8 @@ ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position
 SLACK_N = 5.0
 #: A target counts as reached within these distances of the governed reference [m, rad].
 REACHED = (0.002, 0.01)
+#: A tank may be empty, but for what a tick and a delay leave open [J].
+LEAST_ENERGY = -0.01
 
 
 class Found(NamedTuple):
@@ -81,6 +86,7 @@ class Watch:
         """:param wall: height of the lowest wall [m]"""
         self.loop, self._wall = loop, wall
         self.beyond = self.below = self.sunk = self.fastest = 0.0
+        self.least = math.inf
 
     def tick(self, target: np.ndarray | None = None) -> None:
         """One tick, with a reference."""
@@ -91,9 +97,13 @@ class Watch:
         q = tick.measurement.position
         self.beyond = max(self.beyond, float(np.maximum(loop.joints.lower - q,
                                                         q - loop.joints.upper).max()))
-        self.below = max(self.below, self._wall - float(loop.controller.reference[2]))
+        reference = loop.controller.reference
+        height = (loop.arm.chain.pose_at(reference[:len(q)], loop.arm.end_pose) if tick.joints
+                  is not None else reference)[2]
+        self.below = max(self.below, self._wall - float(height))
         self.sunk = max(self.sunk, self._wall - float(tick.measurement.pose[2]))
         self.fastest = max(self.fastest, float(np.linalg.norm(tick.twist[:3])))
+        self.least = min(self.least, tick.tank)
 
 
 #: Height of the lowest wall, above the floor: the controller has to keep it alone [m].
@@ -256,7 +266,7 @@ def speeds(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     while loop.moves_joints:
         watch.tick()
     guided = make(plant, limits=slow)
-    guided.states.take(Request.GUIDE)
+    guided.do(Request.GUIDE)
     pulled = Watch(guided)
     for k in range(4000):
         turn = math.pi * k * DT
@@ -270,7 +280,7 @@ def streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     """
     Random streams of poses: slow, fast, beyond the reach, behind the base, with gaps and jumps.
     """
-    beyond, fastest, silent, lost = 0.0, 0.0, 0.0, 0
+    beyond, fastest, silent, lost, least = 0.0, 0.0, 0.0, 0, math.inf
     loop, limits = make(plant), LimitSettings()
     home = loop.arm.measure().pose.copy()
     for _ in range(count):
@@ -317,10 +327,103 @@ def streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
             silent = max(silent, quiet)
         lost += k == 34_999 and not loop.controller.blocked
         beyond, fastest = max(beyond, watch.beyond), max(fastest, watch.fastest)
+        least = min(least, watch.least)
     return [Found('joint beyond its range [rad]', beyond, 0.01),
             Found('speed of the tool [m/s]', fastest, 1.05 * limits.tool_speed),
+            Found('least energy in the tank [J]', least, LEAST_ENERGY, True),
             Found('reference rests away from home, and no limit is named [s]', silent, 5.0),
             Found('ways home that take more than 30 s, and no limit is named', lost, count // 100)]
+
+
+def joint_streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Random streams of joints: near and far, slow and fast, beyond the range, soft and stiff."""
+    beyond, fastest, least, below, limits = 0.0, 0.0, math.inf, 0.0, LimitSettings()
+    anywhere = replace(ANYWHERE, jump_joints=10.0, arming_joints=10.0)
+    for _ in range(count):
+        # Also with little energy, of which none comes back.
+        loop = make(plant, guard=anywhere, tank=TankSettings(
+            energy=float(10.0 ** rng.uniform(-1.0, 0.7)),
+            recharge_power=float(rng.choice([0.0, 2.5]))))
+        home, low, high = loop.arm.home, loop.joints.lower, loop.joints.upper
+        watch, place = Watch(loop), home.copy()
+        goal, spent, speed = home.copy(), 0, float(10.0 ** rng.uniform(-1.0, 0.5))
+        stiffness = 10.0 ** rng.uniform(0.5, 3.2, len(home))
+        for k in range(8000):
+            if spent == 0:
+                goal = rng.uniform(low - 0.1, high + 0.1) if k < 5000 else home.copy()
+                spent = int(rng.integers(300, 2500)) if k < 5000 else 10_000
+                if rng.random() < 0.3:
+                    stiffness = 10.0 ** rng.uniform(0.5, 3.2, len(home))
+            spent -= 1
+            step = goal - place
+            rate = step / max(float(np.abs(step).max()), 1e-9) * min(
+                speed, float(np.abs(step).max()) / DT)
+            place = place + DT * rate
+            watch.tick(np.concatenate([place, rate, stiffness, [0.7]]))
+            if k == 5000:
+                spent = 0
+        beyond, fastest = max(beyond, watch.beyond), max(fastest, watch.fastest)
+        least, below = min(least, watch.least), max(below, watch.below)
+    return [Found('joint beyond its range [rad]', beyond, 0.01),
+            Found('speed of the tool [m/s]', fastest, 1.05 * limits.tool_speed),
+            Found('reference beyond a wall [m]', below, 0.001),
+            Found('least energy in the tank [J]', least, LEAST_ENERGY, True)]
+
+
+#: Poses of the tool, from home, on whose way the arm would go through itself: in the base,
+#: behind it, and in the shoulder [m].
+INSIDE = ((-0.3, 0.0, -0.45), (-0.45, 0.05, -0.35), (-0.28, 0.0, -0.2))
+
+
+def own_body(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """Targets inside the arm's own body: it stops before, says so, and comes home again."""
+    loop, nearest, kept, unnamed, lost = make(plant), math.inf, math.inf, 0, 0
+    arm, body = loop.arm, loop.arm.shape
+    home = arm.measure().pose.copy()
+    for step in INSIDE:
+        loop.reset()
+        loop.controller.guard.arm()
+        target, named = resting_target(home, diagonal(800.0)), False
+        for k in range(6000):
+            target[:3] = home[:3] + minimum_jerk(np.array([min(k / 2000.0, 1.0)])) * step
+            loop.must_follow(target)
+            here = loop.tick().measurement.position
+            named = named or 'itself' in loop.controller.blocked
+            if k % 10 == 0:
+                nearest = min(nearest, clearances(arm.chain, body, here).min())
+                kept = min(kept, clearances(arm.chain, body,
+                                            loop.controller.memory.governed).min())
+        unnamed += not named
+        lost += not math.isfinite(go(loop, home, 30.0)[0])
+    return [Found('distance of parts of the reference [m]', kept, KEEP - 0.001, True),
+            Found('distance of parts of the arm [m]', nearest, 0.5 * KEEP, True),
+            Found('targets for which the own body is not named', unnamed, 0),
+            Found('ways home that are not', lost, 0)]
+
+
+def hand_guiding(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """A payload that is announced wrongly: refused, or the tool stays near where it was left."""
+    taken, drift = 0, 0.0
+    known = FrictionSettings(dry=(REAL.dry_friction if PLANTS[plant] else 0.0,))
+    for there, announced in ((1.0, 0.0), (0.0, 1.0), (0.2, 0.0)):
+        robot = replace(PLANTS[plant] or PlantSettings(), payload=there)
+        loop = ClosedLoop(Arm(plant=robot), ControllerSettings(guard=ANYWHERE, friction=known))
+        if announced:
+            loop.do(Request.PAYLOAD, Payload(announced))
+        for _ in range(4000):
+            loop.tick()
+        try:
+            loop.do(Request.GUIDE)
+        except RefusedError:
+            taken += there == 0.2
+            continue
+        taken += there != 0.2
+        before = loop.tick().measurement.pose[:3].copy()
+        for _ in range(2500):
+            pose = loop.tick().measurement.pose
+        drift = max(drift, float(np.linalg.norm(pose[:3] - before)))
+    return [Found('wrong payloads that are accepted, right ones that are not', taken, 0),
+            Found('drift within 2.5 s with 0.2 kg unknown [m]', drift, 0.03)]
 
 
 def _circling(home: np.ndarray, k: int, stiffness: float) -> np.ndarray:
@@ -392,7 +495,8 @@ def less_friction(plant: str, rng: np.random.Generator, count: int) -> list[Foun
 CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
     'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
     'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
-    'plain-work': plain_work, 'less-friction': less_friction, 'streams': streams}
+    'plain-work': plain_work, 'less-friction': less_friction, 'own-body': own_body,
+    'hand-guiding': hand_guiding, 'streams': streams, 'joint-streams': joint_streams}
 
 
 def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:

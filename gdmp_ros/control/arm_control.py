@@ -8,6 +8,7 @@ import numpy as np
 from gdmp_ros.control.arm_driver import ArmDriver, ArmStopped
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.controller import ImpedanceController
+from gdmp_ros.control.governor import TOOL_SPEED_SHARE
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.limits import LIMITS
@@ -22,9 +23,6 @@ from gdmp_ros.errors import DataError, RefusedError
 #: In these the joints are moved; in these nothing keeps the posture of the null space.
 _OF_JOINTS = (State.MOVING, State.IDENTIFYING)
 _FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
-#: Part of the tool's speed limit at which a motion of the joints is meant: they overshoot a little
-#: as they begin.
-TOOL_SPEED_SHARE = 0.9
 
 
 class ArmControl:
@@ -47,7 +45,7 @@ class ArmControl:
         self.driver, self.joints = driver, driver.joints
         self.states = ArmStates()
         self.controller = ImpedanceController(driver.joints, driver.friction, driver.chain,
-                                              settings, self.states)
+                                              settings, self.states, driver.body)
         self.states.watchers.append(self._entered)
         self.joint_motion: JointMotion | None = None
         self.joint_motion_problem = ''
@@ -128,6 +126,10 @@ class ArmControl:
                 self.controller.posture.approach(argument)
             case Request.RESET:
                 self.hold(self.driver.reset())
+            case Request.GUIDE:
+                self.states.take(request)
+                if self.states.state is State.HOLDING:
+                    raise RefusedError(self.states.reason)
             case _:
                 self.states.take(request)
 
@@ -291,6 +293,11 @@ class ArmControl:
                 self._braking = Braking(*motion.target(), self.controller.settings.guard.stop_time)
         if state is State.FAULT:
             self.controller.tank.empty()
+        if state is State.GUIDED:
+            problem = self.controller.begin_guiding()
+            if problem:
+                self.states.take(Request.STOP, problem)
+                return
         if state is State.STOPPING:
             return
         if (before in _FREE or self._braking is not None) and state not in _FREE:

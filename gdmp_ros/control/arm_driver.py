@@ -8,6 +8,7 @@ import numpy as np
 from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.own_body import Body
 from gdmp_ros.errors import GdmpError
 
 
@@ -40,6 +41,10 @@ class ArmDriver(Protocol):
     @property
     def chain(self) -> Chain:
         """The joints between the base and the tool."""
+
+    @property
+    def body(self) -> Body:
+        """Shape of the arm."""
 
     @property
     def end_pose(self) -> np.ndarray:

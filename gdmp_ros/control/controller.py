@@ -7,6 +7,8 @@ from gdmp_ros.control import contact, memory
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.friction import friction_of
 from gdmp_ros.control.guard import ReferenceGuard
+from gdmp_ros.control.impedance import external_wrench
+from gdmp_ros.control.joint_spring import joint_springs
 from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.law import compute, finish, hold_tool, NOT_FINITE
 from gdmp_ros.control.limit_rows import row_name
@@ -14,13 +16,14 @@ from gdmp_ros.control.limits import LimitCounters
 from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.modes import ArmMode
+from gdmp_ros.control.own_body import Body, clearances, KEEP, NO_BODY
 from gdmp_ros.control.posture import Posture
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
-from gdmp_ros.control.spring import moved_with_tool, stored_energy
+from gdmp_ros.control.spring import moved_with_tool, spring_wrench, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
-from gdmp_ros.control.target import POSE, STIFFNESS
+from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
@@ -28,6 +31,11 @@ from gdmp_ros.util.settings import numbers
 
 #: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
 FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
+#: A hand may guide an arm whose motors hold no more than this at the tool beyond the model [N].
+UNEXPLAINED_N = 3.0
+#: Friction of a guided arm beside the force that is unexplained.
+FRICTION_SHARE = 1.5
+GRAVITY = 9.81
 #: A reference is blocked that has made no way for this time [s].
 BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)
@@ -49,24 +57,28 @@ class ImpedanceController:
     guard: ReferenceGuard
 
     def __init__(self, joints: JointLimits, friction: np.ndarray, chain: Chain,
-                 settings: ControllerSettings | None = None, states: ArmStates | None = None):
+                 settings: ControllerSettings | None = None, states: ArmStates | None = None,
+                 body: Body = NO_BODY):
         """
         Prepare to control.
 
         :param friction: viscous friction of the model's joints [Nm s/rad], shape (n,)
         :param chain: the joints between base and tool
         :param states: of the arm
+        :param body: shape of the arm
         :raises ParameterError: if the settings do not fit the joints
         """
         settings = settings or ControllerSettings()
         self.states, self.posture = states or ArmStates(), Posture(joints)
         self._joints, self._model_friction, self._chain = joints, friction, chain
+        self._body = body
         self._next: ControllerSettings | None = None
         self._refills = False
-        self.numbers = memory.blank(len(joints.torque))
+        self.numbers = memory.blank(len(joints.torque), len(body.capsules), len(body.pairs))
         self.memory = memory.parts(self.numbers)
         self.memory.scalars.cycle = joints.cycle
         self.memory.frames[:], self.memory.axes[:] = chain
+        self.memory.capsules[:], self.memory.pairs[:] = body.capsules, body.pairs
         self.counters = LimitCounters(self.memory.counts, self.memory.recent)
         self.tank = EnergyTank(self.memory, settings.tank)
         self.check(settings)
@@ -120,6 +132,8 @@ class ImpedanceController:
         self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
         arm.scalars.unknown = 0.0
+        arm.nearness[:] = np.maximum(KEEP - clearances(self._chain, self._body, measured.position),
+                                     0.0)
         self._hold(measured.pose, measured.position)
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
@@ -214,6 +228,41 @@ class ImpedanceController:
             arm.governed[:], pose[:] = arm.position, after
         self.guard.hold(pose.copy())
 
+    def begin_guiding(self) -> str:
+        """
+        Prepare for a hand that guides the arm.
+
+        A force that the model does not explain would move the arm by itself: it is held by
+        friction of this size, up to `UNEXPLAINED_N`.
+
+        :returns: why no hand can guide the arm; empty if one can
+        """
+        force = self._unexplained_force()
+        size = float(np.linalg.norm(force))
+        self.memory.scalars.free_friction = FRICTION_SHARE * size
+        if size <= UNEXPLAINED_N:
+            return ''
+        mass = force[2] / GRAVITY
+        return (f'the motors hold {size:.1f} N at the tool that the model does not explain, '
+                f'expected at most {UNEXPLAINED_N:g}: the payload is wrong by {mass:+.2g} kg '
+                '(~/set_payload), friction is not known, or something touches the arm')
+
+    def _unexplained_force(self) -> np.ndarray:
+        """Force at the tool with which the law holds the arm at rest [N], shape (3,)."""
+        arm, wrench, does = self.memory, np.zeros(6), self.memory.scalars.does
+        if does == TOOL_SPRING:
+            spring_wrench(arm.pose, arm.reference, arm.gains, wrench)
+            return wrench[:3] + arm.reference[WRENCH:WRENCH + 3]
+        torque = np.empty(len(arm.position))
+        if does == JOINT_SPRINGS:
+            joint_springs(arm.position, arm.joint_reference, torque)
+        else:
+            # Friction may hold a part of it.
+            torque = arm.torque - arm.bias
+            torque -= np.clip(torque, -arm.friction[1], arm.friction[1])
+        external_wrench(arm.jacobian, arm.inertia, torque, self.settings.gains.singularity, wrench)
+        return wrench[:3]
+
     @property
     def blocked(self) -> str:
         """The limit that keeps the governed reference from its target; empty if it makes way."""
@@ -221,7 +270,7 @@ class ImpedanceController:
         if scalars.blocked < BLOCKED_S:
             return ''
         return ('what holds the tool' if scalars.blocking < 0.0 else
-                row_name(int(scalars.blocking), len(self._joints.torque)))
+                row_name(int(scalars.blocking), len(self._joints.torque), self._body.names))
 
     @property
     def reference(self) -> np.ndarray:

@@ -26,6 +26,7 @@ from gdmp_ros.control.limits import (
     WORKSPACE,
 )
 from gdmp_ros.control.memory import arm_view
+from gdmp_ros.control.own_body import body_rows
 from gdmp_ros.control.quadratic_program import solve
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.singularity import ROTATION_LENGTH
@@ -54,10 +55,10 @@ POSTURE_S, POSTURE_SPEED = 1.0, 0.3
 #: null space has the tool, within these distances [m, rad], goes there joint by joint.
 RETURN_S, RETURN_DISTANCE, RETURN_ANGLE = 0.2, 0.01, 0.05
 #: The reference makes no way if it has less than this share of the velocity that is asked, as a
-#: mean over this time [s], while it is this far from its target [m].
-NO_WAY, WAY_S, OFF_TARGET = 0.05, 0.05, 0.002
-
-
+#: mean over this time [s], while it is this far from its target [m], or one joint is [rad].
+NO_WAY, WAY_S, OFF_TARGET, OFF_JOINTS = 0.05, 0.05, 0.002, 0.01
+#: Part of the tool's speed limit that joints may ask for: before the limit the tool is braked.
+TOOL_SPEED_SHARE = 0.9
 #: While joints go there, they keep this share of their speed even if the reference moves away
 #: from a tool that is held: an arm that leans on something would not leave it otherwise.
 LEAST_SHARE = 0.1
@@ -108,11 +109,14 @@ def _move_joints(numbers, jacobian, twist, violation):
     arm = arm_view(numbers)
     n, rates, limits = (arm.position.size, arm.governed_rate,
                         records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0])
-    most = 2 * n + OTHER_ROWS
+    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
     rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
     hessian, gradient, last = local_matrix(n, n), local_numbers(n), local_numbers(n)
     count, value = limit_rows(arm.governed, arm.reference[POSE:POSE + 3], jacobian,
                               arm.joint_limits, arm.limits, rows, bounds, ids)
+    count = body_rows(arm.frames, arm.axes, arm.governed, arm.capsules, arm.pairs,
+                      0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
+                      ids, count)
     copy_into(rates, last)
     weight = _approach_posture(arm.scalars, arm.governed, arm.posture, limits, last, rates)
     for i in range(n):
@@ -131,10 +135,8 @@ def _move_joints(numbers, jacobian, twist, violation):
     steps = solve(hessian, gradient, rows[:count], bounds[:count], rates, multipliers[:count])
     if steps < 0:
         _slow_down(last, rows[:count], bounds[:count], rates)
-    strongest, blocking = 0.0, -1.0
+    blocking = _strongest(multipliers[:count], ids)
     for i in range(count):
-        if multipliers[i] > strongest:
-            strongest, blocking = multipliers[i], ids[i]
         if ids[i] == 2 * n + 6 and multipliers[i] > 0.0:
             start, stop = limits.singularity_start, limits.singularity_stop
             violation[SINGULARITY] = min((start - value) / (start - stop), 1.0)
@@ -162,6 +164,66 @@ def _move_joints(numbers, jacobian, twist, violation):
     for j in range(6):
         twist[j] *= share
     return blocking, max(used, norm(3, twist[:3]) / fastest, norm(3, twist[3:]) / fastest_turn)
+
+
+@kernel
+def keep_joints_inside(numbers, asked, rates):
+    """
+    Change velocities of the reference of the joints so that it stays within the limits.
+
+    They slide along joint ranges, walls and the own body; where the tool would be too fast all
+    joints are slower. Singularities are no limit of joints.
+
+    :param asked: velocities towards the target
+    :param rates: those that are possible where the arm is; changed
+    :returns: whether they were changed
+    """
+    noinline()
+    arm = arm_view(numbers)
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    n, s, place = rates.size, arm.scalars, arm.joint_reference[:rates.size]
+    pose, jacobian = local_numbers(7), local_matrix(6, n)
+    chain_state(arm.frames, arm.axes, arm.end, place, pose, jacobian)
+    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
+    rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
+    count, _ = limit_rows(place, pose[:3], jacobian, arm.joint_limits, arm.limits, rows, bounds,
+                          ids)
+    if count > 0 and ids[count - 1] == 2 * n + 6:
+        count -= 1
+    count = body_rows(arm.frames, arm.axes, place, arm.capsules, arm.pairs,
+                      0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
+                      ids, count)
+    hessian, multipliers, kept = local_matrix(n, n), local_zeros(most), local_numbers(n)
+    for i in range(n):
+        for j in range(n):
+            hessian[i, j] = 1.0 if i == j else 0.0
+    if solve(hessian, rates, rows[:count], bounds[:count], kept, multipliers[:count]) < 0:
+        kept[:] = 0.0
+    blocking = _strongest(multipliers[:count], ids)
+    moving = local_numbers(3)
+    for j in range(3):
+        moving[j] = 0.0
+        for i in range(n):
+            moving[j] += jacobian[j, i] * kept[i]
+    fastest = min(limits.speed, TOOL_SPEED_SHARE * limits.tool_speed)
+    share, away, changed = min(1.0, fastest / max(norm(3, moving), 1e-9)), 0.0, False
+    for i in range(n):
+        kept[i] *= share
+        changed = changed or abs(kept[i] - rates[i]) > 1e-12
+        rates[i] = kept[i]
+        away = max(away, abs(arm.joint_target[i] - place[i]))
+    _notice_block(s, _progress(asked, rates), away > OFF_JOINTS, blocking)
+    return changed
+
+
+@kernel
+def _strongest(multipliers, ids):
+    """The limit that takes most away, or -1."""
+    strongest, blocking = 0.0, -1.0
+    for i in range(multipliers.size):
+        if multipliers[i] > strongest:
+            strongest, blocking = multipliers[i], ids[i]
+    return blocking
 
 
 @kernel
@@ -251,18 +313,16 @@ def _slow_down(last, rows, bounds, rates):
 
 
 @kernel
-def _notice_block(s, way, lag, blocking):
+def _notice_block(s, way, away, blocking):
     """
     Count the time for which the reference makes no way although it is off its target.
 
     :param way: share of the velocity that is asked which it has; joint by joint, of that which
         is allowed
+    :param away: whether it is off its target
     """
-    away = 0.0
-    for i in range(6):
-        away += (1.0 if i < 3 else ROTATION_LENGTH ** 2) * lag[i] ** 2
     s.way += min(s.dt / WAY_S, 1.0) * (way - s.way)
-    if away <= OFF_TARGET ** 2:
+    if not away:
         s.way = 1.0
     if s.way < NO_WAY:
         s.blocked += s.dt
@@ -381,7 +441,8 @@ def govern(numbers):
             change[i] = ROTATION_LENGTH * velocity[i]
         copy_into(velocity[:3], change[:3])
         way = _progress(asked, change)
-    _notice_block(arm.scalars, way, lag, blocking)
+    away = math.hypot(norm(3, lag[:3]), ROTATION_LENGTH * norm(3, lag[3:])) > OFF_TARGET
+    _notice_block(arm.scalars, way, away, blocking)
     for i in range(6):
         mean[i] += dt / MEAN_S * ((velocity[i] - reference[TWIST + i]) / dt - mean[i])
         reference[TWIST + i] = velocity[i]

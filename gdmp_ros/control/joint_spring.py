@@ -9,16 +9,15 @@ from __future__ import annotations
 import math
 
 from gdmp_ros.control.friction import friction_torque, rest_scale
-from gdmp_ros.control.governor import CATCH_UP_S
+from gdmp_ros.control.governor import CATCH_UP_S, keep_joints_inside
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
 from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED, STIFFNESS_RATE
-from gdmp_ros.control.settings import GAIN_NUMBERS
-from gdmp_ros.kernels import kernel, local_numbers, records_at
+from gdmp_ros.control.memory import arm_view
+from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS
+from gdmp_ros.kernels import kernel, local_numbers, noinline, records_at
 
 #: Error beyond which the torque of a spring grows no further [rad].
 CLIP = 0.2
-#: The reference keeps this distance from the limits of the joints [rad].
-KEEP = 0.05
 #: Speed with which a reference catches up [rad/s].
 CATCH_UP = 0.5
 #: Time constant of the acceleration of a reference [s].
@@ -54,13 +53,14 @@ def joint_springs(position, reference, torque):
 
 @kernel
 def _govern_joint(i, n, reference, target, limits, acceleration, dt, violation):
-    """Move one joint of the governed reference for one tick; see `move_joint_reference`."""
-    low, high, fastest = limits[0, i] + KEEP, limits[1, i] - KEEP, limits[2, i]
-    goal, desired = target[i], target[n + i]
-    inside = min(max(goal, low), high)
-    if inside != goal:
-        violation[JOINT_POSITION] = max(violation[JOINT_POSITION], abs(goal - inside))
-        goal, desired = inside, 0.0
+    """
+    Where one joint of the governed reference would be next, and its velocity, without its range.
+
+    See `move_joint_reference`.
+    """
+    goal, desired, fastest = target[i], target[n + i], limits[2, i]
+    outside = max(limits[0, i] - goal, goal - limits[1, i])
+    violation[JOINT_POSITION] = max(violation[JOINT_POSITION], outside)
     q, v = reference[i], reference[n + i]
     change = desired - v
     if (abs(goal - q - dt * (v + 0.5 * change)) <= acceleration * dt * dt
@@ -73,41 +73,42 @@ def _govern_joint(i, n, reference, target, limits, acceleration, dt, violation):
     if abs(desired) > fastest:
         violation[JOINT_SPEED] = max(violation[JOINT_SPEED], abs(desired) - fastest)
         desired = math.copysign(fastest, desired)
-    # It must be able to stop before its limit.
-    desired = min(desired, math.sqrt(2.0 * acceleration * max(high - q, 0.0)))
-    desired = max(desired, -math.sqrt(2.0 * acceleration * max(q - low, 0.0)))
     v += min(max(desired - v, -acceleration * dt), acceleration * dt)
-    return min(max(q + dt * v, min(low, q)), max(high, q)), v
+    return q + dt * v, v
 
 
 @kernel
-def move_joint_reference(reference, mean, target, position, limits, acceleration, largest, budget,
-                         dt, violation):
+def move_joint_reference(numbers, largest, budget):
     """
     Move the governed reference, and change its stiffness, for one tick.
 
-    :param reference: ``3 n + 1`` numbers; changed
-    :param mean: its acceleration, smoothed [rad/s²], shape (n,); changed
-    :param target: what the guard gives
-    :param position: measured [rad]
-    :param limits: lower, upper [rad], largest speed [rad/s], shape (3, n)
-    :param acceleration: largest [rad/s²]
+    :param numbers: memory (`gdmp_ros.control.memory`), with the target of the guard
     :param largest: log of the largest ratio of a stiffness in a tick
     :param budget: energy that may be drawn [J]
-    :param violation: written: by how much each limit was exceeded
     :returns: energy drawn, and energy in the springs at the end [J]
     """
-    n = position.size
+    noinline()
+    arm = arm_view(numbers)
+    reference, target, mean, position = (arm.joint_reference, arm.joint_target, arm.joint_mean,
+                                         arm.position)
+    violation, dt, n = arm.violation, arm.scalars.dt, arm.position.size
+    acceleration = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0].joint_acceleration
     before = joint_energy(position, reference)
-    start, displacement = local_numbers(n), local_numbers(n)
+    start, displacement, last = local_numbers(n), local_numbers(n), local_numbers(n)
+    asked, rates = local_numbers(n), local_numbers(n)
     for i in range(n):
-        start[i] = reference[i]
-        last = reference[n + i]
-        q, v = _govern_joint(i, n, reference, target, limits, acceleration, dt, violation)
+        start[i], last[i] = reference[i], reference[n + i]
+        q, v = _govern_joint(i, n, reference, target, arm.joint_limits, acceleration, dt,
+                             violation)
         # It does not wind up in front of an obstacle.
         q = min(max(q, position[i] - CLIP), position[i] + CLIP)
-        displacement[i], reference[n + i] = q - start[i], v
-        mean[i] += min(dt / MEAN_S, 1.0) * ((v - last) / dt - mean[i])
+        displacement[i], asked[i], rates[i] = q - start[i], v, (q - start[i]) / dt
+        reference[n + i] = v
+    if keep_joints_inside(numbers, asked, rates):
+        for i in range(n):
+            displacement[i], reference[n + i] = dt * rates[i], rates[i]
+    for i in range(n):
+        mean[i] += min(dt / MEAN_S, 1.0) * ((reference[n + i] - last[i]) / dt - mean[i])
     share = 1.0
     for i in range(n):
         reference[i] = start[i] + displacement[i]

@@ -17,8 +17,10 @@ from gdmp_ros.control.friction import without_friction
 from gdmp_ros.control.governor import govern
 from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
 from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
+from gdmp_ros.control.joint_target import LEAST_STIFFNESS
 from gdmp_ros.control.limits import ENERGY, TOOL_SPEED, TORQUE, WRENCH_LIMIT
 from gdmp_ros.control.memory import arm_view, FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.own_body import push_apart
 from gdmp_ros.control.reference_kinds import HOLD_JOINT_STIFFNESS
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, SMALLEST_DAMPING_RATIO
 from gdmp_ros.control.spring import spring_power, stored_energy
@@ -40,6 +42,8 @@ from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 TOOL_SPEED_BAND = 0.15
 #: Braking of a tool that a hand moves too fast: 40 N move it 10 % too fast at most [Ns/m].
 GUIDED_BRAKE = 300.0
+#: Speed of a guided tool at which three quarters of its friction act [m/s].
+FREE_SMOOTHING = 0.005
 #: Bandwidth with which joints follow a motion of their own [1/s].
 BANDWIDTH = 20.0
 #: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
@@ -88,10 +92,17 @@ def _multiply(matrix, vector, result):
 
 
 @kernel
-def _free(velocity, bias, damping, torque, twist):
-    """Compensate gravity, and damp the joints."""
+def _free(velocity, bias, jacobian, damping, friction, torque, twist):
+    """Compensate gravity, damp the joints, and let friction act at the tool."""
+    moving = local_numbers(3)
+    _multiply(jacobian[:3], velocity, moving)
+    speed = norm(3, moving)
+    # At rest there is none.
+    hold = friction * math.tanh(speed / FREE_SMOOTHING) / max(speed, 1e-9)
     for i in range(velocity.size):
         torque[i] = bias[i] - damping * velocity[i]
+        for j in range(3):
+            torque[i] -= jacobian[j, i] * hold * moving[j]
     twist[:] = 0.0
 
 
@@ -154,8 +165,10 @@ def _soften_joints(position, reference, energy):
     n, before = position.size, joint_energy(position, reference)
     if before <= 0.0:
         return 0.0
+    factor = max(1.0 - energy / before, LEAST_SOFTENING)
     for i in range(2 * n, 3 * n):
-        reference[i] *= max(1.0 - energy / before, LEAST_SOFTENING)
+        # The lower bound has priority: a spring below it would not come back.
+        reference[i] = max(factor * reference[i], min(LEAST_STIFFNESS, reference[i]))
     return before - joint_energy(position, reference)
 
 
@@ -176,12 +189,12 @@ def finish(numbers, failed):
     :param failed: whether none could be computed
     """
     arm = arm_view(numbers)
-    s, wished = arm.scalars, local_numbers(arm.torque.size)
-    copy_into(arm.torque, wished)
+    s = arm.scalars
     _note_rates(arm)
+    _push(arm)
     _limit(numbers)
     if not failed and (s.does == TOOL_SPRING or s.does == JOINT_SPRINGS):
-        _pay(numbers, wished)
+        _pay(numbers)
     if failed:
         arm.violation[TORQUE] = math.inf
     remember(s, arm.tank, arm.sent, arm.velocity, arm.bias, arm.velocity_before, arm.bias_before,
@@ -204,19 +217,34 @@ def _note_rates(arm):
 
 
 @kernel
-def _limit(numbers):
-    """Limit the torque."""
-    arm = arm_view(numbers)
-    s, push = arm.scalars, local_zeros(arm.position.size)
-    if s.does == TOOL_SPRING:
-        push_from_walls(arm.pose, arm.twist, arm.jacobian, arm.limits, arm.outside, push)
-    limit_torque(arm.position, arm.velocity, arm.bias, push, arm.last, arm.joint_limits[0],
-                 arm.joint_limits[1], arm.largest, arm.fastest, min(s.dt, s.cycle), arm.limits,
-                 arm.relief, arm.torque, arm.violation)
+def _push(arm):
+    """Write the torque that comes before that of the law."""
+    arm.push[:] = 0.0
+    if arm.scalars.does == TOOL_SPRING:
+        push_from_walls(arm.pose, arm.twist, arm.jacobian, arm.limits, arm.outside, arm.push)
+    push_apart(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules, arm.pairs,
+               arm.nearness, arm.push)
 
 
 @kernel
-def _pay(numbers, wished):
+def _limit(numbers):
+    """Limit the torque."""
+    arm = arm_view(numbers)
+    s = arm.scalars
+    limit_torque(arm.position, arm.velocity, arm.inertia, arm.bias, arm.push, arm.last,
+                 arm.joint_limits[0], arm.joint_limits[1], arm.largest, arm.fastest,
+                 min(s.dt, s.cycle), arm.limits, arm.relief, arm.torque, arm.violation)
+
+
+@kernel
+def _missing(arm, power):
+    """Energy that the torque would draw beyond what may be drawn [J]; see `missing_energy`."""
+    return missing_energy(arm.scalars, arm.tank, arm.credit, arm.velocity, arm.rates, arm.bias,
+                          arm.torque, power)
+
+
+@kernel
+def _pay(numbers):
     """With too little energy for a torque, shed wrench, then stiffness."""
     arm = arm_view(numbers)
     s, n = arm.scalars, arm.position.size
@@ -224,21 +252,24 @@ def _pay(numbers, wished):
         power = spring_power(arm.pose, arm.twist, arm.reference, arm.gains, s.stored, s.dt)
     else:
         power = _joint_power(arm.position, arm.velocity, arm.joint_reference, s.stored, s.dt)
-    missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.rates, arm.bias,
-                             arm.torque, power)
+    missing = _missing(arm, power)
     if not missing > 0.0:
         return
     arm.violation[ENERGY] += missing
+    # Both torques may be sent, and so may what is between them: the limits are convex.
+    whole, known = local_numbers(n), local_numbers(arm.violation.size)
+    copy_into(arm.torque, whole)
+    copy_into(arm.violation, known)
+    copy_into(arm.bias, arm.torque)
+    _limit(numbers)
+    copy_into(known, arm.violation)
     driving = 0.0
     for i in range(n):
-        driving += s.dt * arm.velocity[i] * (arm.torque[i] - arm.bias[i])
-    if driving > 0.0:
-        left = max(1.0 - missing / driving, 0.0)
-        for i in range(n):
-            arm.torque[i] = arm.bias[i] + left * (wished[i] - arm.bias[i])
-        _limit(numbers)
-        missing = missing_energy(s, arm.tank, arm.credit, arm.velocity, arm.rates, arm.bias,
-                                 arm.torque, power)
+        driving += s.dt * arm.velocity[i] * (whole[i] - arm.torque[i])
+    left = max(1.0 - missing / driving, 0.0) if driving > 0.0 else 1.0
+    for i in range(n):
+        arm.torque[i] += left * (whole[i] - arm.torque[i])
+    missing = _missing(arm, power)
     if missing > 0.0:
         if s.law == TOOL_SPRING:
             released = release(arm.pose, arm.reference, arm.gains, arm.bounds, missing)
@@ -278,7 +309,8 @@ def compute(numbers):
         hold_tool(numbers)
         arm.commanded[:] = 0.0
         if s.does == FREE:
-            _free(arm.velocity, arm.bias, s.free_damping, arm.torque, twist)
+            _free(arm.velocity, arm.bias, arm.jacobian, s.free_damping, s.free_friction,
+                  arm.torque, twist)
             arm.violation[TOOL_SPEED] = _slow_tool(arm.jacobian, arm.velocity, arm.bias,
                                                    limits.tool_speed, GUIDED_BRAKE, arm.torque)
         else:
@@ -340,10 +372,8 @@ def _springs_at_joints(numbers, external, limits):
     gains = records_at(arm.gains, 0, 1, GAIN_NUMBERS)[0]
     last = reference.size - 1
     reference[last] = _ratio(arm.joint_target[last], s.damping_ratio)
-    drawn, s.stored = move_joint_reference(
-        reference, arm.joint_mean, arm.joint_target, arm.position, arm.joint_limits,
-        limits.joint_acceleration, s.dt * limits.stiffness_rate, spendable(s, arm.tank), s.dt,
-        arm.violation)
+    drawn, s.stored = move_joint_reference(numbers, s.dt * limits.stiffness_rate,
+                                           spendable(s, arm.tank))
     draw(s, arm.tank, drawn)
     joint_law(arm.position, arm.velocity, arm.inertia, arm.bias, arm.friction, arm.gains,
               reference, arm.joint_mean, arm.torque)

@@ -7,6 +7,7 @@ every way back. What is beyond a limit is not led back, but may only go inwards.
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 
 from gdmp_ros.control.settings import LIMIT_NUMBERS
@@ -21,15 +22,21 @@ SINGULAR_S = 0.25
 OTHER_ROWS = 7
 
 
-def row_name(index: int, joints: int) -> str:
-    """Name of a limit, as `ids` of `limit_rows` numbers them."""
+def row_name(index: int, joints: int, parts: Sequence[str]) -> str:
+    """
+    Name of a limit, as `ids` of `limit_rows` numbers them, and those of the own body behind.
+
+    :param parts: names of the pairs of the own body
+    """
     if index < 2 * joints:
         return (f'joint {index % joints + 1} at its '
                 f'{"lower" if index < joints else "upper"} limit')
     if index < 2 * joints + 6:
         axis, side = divmod(index - 2 * joints, 2)
         return f'the {("lower", "upper")[side]} wall of the workspace in {"xyz"[axis]}'
-    return 'a singularity'
+    if index < 2 * joints + OTHER_ROWS:
+        return 'a singularity'
+    return f'the body of the arm itself ({parts[index - 2 * joints - OTHER_ROWS]})'
 
 
 @kernel

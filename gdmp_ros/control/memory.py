@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.own_body import CAPSULE_SIZE
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import inlined, records_at, without_refcount
@@ -21,7 +22,7 @@ TOOL_SPRING, JOINT_SPRINGS, FREE, JOINT_MOTION = range(4)
 #: Torques that may still be on their way to the motors.
 MOST_TORQUES = 24
 
-SIZES = np.dtype([('joints', np.int64)])
+SIZES = np.dtype([(name, np.int64) for name in ('joints', 'capsules', 'pairs')])
 
 #: The scalars of a controller; flags are 0 or 1.
 SCALARS = np.dtype([(name, np.float64) for name in (
@@ -31,6 +32,7 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'law',               # the spring that holds energy: `TOOL_SPRING` or `JOINT_SPRINGS`
     'potential',         # measured, of gravity [J]
     'free_damping',      # of joints that a hand moves [Nm s/rad]
+    'free_friction',     # at the tool of an arm that a hand moves [N]
     'damping_ratio',     # setting, of references that have none
     'torques',           # how many torques of the past are known
     # Energy tank.
@@ -71,6 +73,9 @@ class ArmMemory(NamedTuple):
     :ivar frames: of the joints of the arm (`gdmp_ros.control.kinematics.Chain`)
     :ivar axes: the same
     :ivar end: pose of the tool in the frame of the last joint
+    :ivar capsules: of its body (`gdmp_ros.control.own_body.Body`)
+    :ivar pairs: the same
+    :ivar nearness: of pairs inside the distance that they keep which does not act yet [m]
     :ivar joint_target: of the guard, 3 n + 1 numbers
     :ivar joint_reference: the governed one of the joints
     :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], shape (3, n)
@@ -85,6 +90,7 @@ class ArmMemory(NamedTuple):
     :ivar wanted: positions of a joint motion [rad]
     :ivar wanted_rate: their velocities [rad/s]
     :ivar joint_mean: acceleration of the reference of the joints, smoothed [rad/s²]
+    :ivar push: torque that comes before that of the law: walls, own body [Nm]
     :ivar largest: torque limits [Nm]
     :ivar fastest: speed limits [rad/s]
     :ivar velocity_before: at the last torque
@@ -122,6 +128,9 @@ class ArmMemory(NamedTuple):
     frames: Any
     axes: Any
     end: Any
+    capsules: Any
+    pairs: Any
+    nearness: Any
     joint_target: Any
     joint_reference: Any
     joint_limits: Any
@@ -136,6 +145,7 @@ class ArmMemory(NamedTuple):
     wanted: Any
     wanted_rate: Any
     joint_mean: Any
+    push: Any
     largest: Any
     fastest: Any
     velocity_before: Any
@@ -161,7 +171,8 @@ class ArmMemory(NamedTuple):
 def arm_view(numbers):
     """Cut a memory into its parts."""
     memory = without_refcount(numbers)
-    n = records_at(memory, 0, 1, SIZES)[0].joints
+    sizes = records_at(memory, 0, 1, SIZES)[0]
+    n, capsule_count, pair_count = sizes.joints, sizes.capsules, sizes.pairs
     scalars = records_at(memory, _SIZES, 1, SCALARS)[0]
     at = _SIZES + _SCALARS
     tank = records_at(memory, at, 1, TANK_NUMBERS)[0]
@@ -183,6 +194,11 @@ def arm_view(numbers):
     axes = memory[at + 7 * n:at + 10 * n].reshape(n, 3)
     end = memory[at + 10 * n:at + 10 * n + 7]
     at += 10 * n + 7
+    capsules = memory[at:at + CAPSULE_SIZE * capsule_count].reshape(capsule_count, CAPSULE_SIZE)
+    at += CAPSULE_SIZE * capsule_count
+    pairs = memory[at:at + 2 * pair_count].reshape(pair_count, 2)
+    nearness = memory[at + 2 * pair_count:at + 3 * pair_count]
+    at += 3 * pair_count
     size = 3 * n + 1
     joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
     at += 2 * size
@@ -192,28 +208,28 @@ def arm_view(numbers):
     at += 9 * n
     sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = memory[at:at + 18 * n].reshape(18, n)
-    at += 18 * n
+    joints = memory[at:at + 19 * n].reshape(19, n)
+    at += 19 * n
     tool, outside = memory[at:at + 30].reshape(5, 6), memory[at + 30:at + 33]
     at += 33
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
-        reference, past, frames, axes, end, joint_target, joint_reference, joint_limits, friction,
-        credit, sent,
+        reference, past, frames, axes, end, capsules, pairs, nearness, joint_target,
+        joint_reference, joint_limits, friction, credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
-        joints[15], joints[16], joints[17], outside, tool[0], tool[1], tool[2], tool[3], tool[4],
-        limited[0], limited[1], limited[2])
+        joints[15], joints[16], joints[17], joints[18], outside,
+        tool[0], tool[1], tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
 
 
-def blank(joints: int) -> np.ndarray:
+def blank(joints: int, capsules: int = 0, pairs: int = 0) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
-             + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + 2 * (3 * joints + 1)
-             + (9 + MOST_TORQUES + 18) * joints + 33 + 3 * _LIMIT_COUNT)
+             + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
+             + 2 * (3 * joints + 1) + (9 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
-    memory[:_SIZES].view(SIZES)[0] = (joints,)
+    memory[:_SIZES].view(SIZES)[0] = (joints, capsules, pairs)
     return memory
 
 

@@ -22,6 +22,9 @@ from gdmp_ros.util.settings import numbers
 
 #: A tick may draw at most the share dt / SPENDING_S of the content: the tank empties smoothly [s].
 SPENDING_S = 0.05
+#: What a tick and a delay leave open is kept back [J]; what is missing of it has to come back
+#: within this time [s].
+RESERVE, DEBT_S = 0.01, 0.005
 #: Time constant with which the power of the Coriolis forces is smoothed [s].
 CORIOLIS_S = 0.02
 #: Below this share of the energy at the start the tank is low.
@@ -40,10 +43,11 @@ def draw(scalars, tank, energy):
 
 @kernel
 def spendable(scalars, tank):
-    """Energy that may be drawn in a tick [J]."""
+    """Energy that may be drawn in a tick; negative if some has to come back [J]."""
     if tank.passive == 0.0:
         return math.inf
-    return max(scalars.energy, 0.0) * min(1.0, scalars.dt / SPENDING_S)
+    left = scalars.energy - RESERVE
+    return left * min(1.0, scalars.dt / (SPENDING_S if left > 0.0 else DEBT_S))
 
 
 @kernel

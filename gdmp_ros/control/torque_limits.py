@@ -19,18 +19,40 @@ SPEED_MARGIN = 0.9
 WALL_STIFFNESS, WALL_FORCE, WALL_DAMPING = 20_000.0, 100.0, 200.0
 #: Repulsion has at most this share of a motor's torque.
 REPULSION_SHARE = 0.5
+#: A joint that is closer to its limit than this is braked as if it were this far from it [rad].
+LEAST_WAY = 0.01
 
 
 @kernel
-def _guard_torque(position, velocity, lower, upper, largest, fastest, limits, relief, torque,
-                  depth, violation):
+def _stop_at_limit(position, velocity, lower, upper, acceleration, inertia):
     """
-    Write the repulsion from joint limits and the damping of joints that are too fast.
+    What stops a joint at its limit, and how fully it has to act.
 
-    The repulsion is a potential of the distance from the limit; only the approach is damped.
+    A reference stops with half of the acceleration that is allowed. A joint that needs more than
+    the whole is braked, fully from twice that on.
+
+    :param acceleration: that is allowed [rad/s²]
+    :param inertia: of the joint, while the others stand [kg m²]
+    :returns: torque [Nm], and the share of it that acts; both have the sign of the way back
+    """
+    way = position - lower if velocity < 0.0 else upper - position
+    needed = 0.5 * velocity ** 2 / max(way, LEAST_WAY)
+    share = min(max(needed / acceleration - 1.0, 0.0), 1.0)
+    return math.copysign(share * inertia * needed, -velocity), math.copysign(share, -velocity)
+
+
+@kernel
+def _guard_torque(position, velocity, inertia, lower, upper, largest, fastest, limits, relief,
+                  torque, depth, violation):
+    """
+    Write the repulsion from joint limits and what brakes joints that are too fast.
+
+    The repulsion is a potential of the distance from the limit; only the approach is damped, and
+    braked as hard as is needed to stop at the limit.
 
     :param relief: depth in the zone of repulsion that does not act yet [rad]; changed
-    :param depth: written: how deep a joint is in the zone, 1 at its limit; negative near the upper
+    :param depth: written: share of what drives a joint to its limit that is taken away: how deep
+        it is in the zone, 1 at its limit, or how fully it is braked; negative near the upper
     """
     margin = limits.joint_margin
     for i in range(torque.size):
@@ -47,6 +69,11 @@ def _guard_torque(position, velocity, lower, upper, largest, fastest, limits, re
                 torque[i] -= abs(depth[i]) * limits.joint_brake * velocity[i]
         else:
             relief[i] = 0.0
+        brake, share = _stop_at_limit(position[i], velocity[i], lower[i], upper[i],
+                                      limits.joint_acceleration, inertia[i, i])
+        torque[i] += brake
+        if abs(share) > abs(depth[i]):
+            depth[i] = share
         too_fast = abs(velocity[i]) - SPEED_MARGIN * fastest[i]
         if too_fast > 0.0:
             violation[JOINT_SPEED] = max(violation[JOINT_SPEED], too_fast)
@@ -104,7 +131,7 @@ def _allowed_share(active, velocity, base, depth, largest, torque_share, fastest
     The factor of the active torque with which no joint is too fast, or driven into its limit.
 
     :param base: what comes first: gravity, repulsion and brake [Nm]
-    :param depth: of each joint in its zone of repulsion
+    :param depth: of each joint, see `_guard_torque`
     :param torque_share: part of a motor's torque that the active torque may have
     """
     share = 1.0
@@ -125,10 +152,10 @@ def _allowed_share(active, velocity, base, depth, largest, torque_share, fastest
 
 
 @kernel
-def limit_torque(position, velocity, bias, push, last, lower, upper, largest, fastest, dt,
+def limit_torque(position, velocity, inertia, bias, push, last, lower, upper, largest, fastest, dt,
                  limit_numbers, relief, torque, violation):
     """
-    Apply joint-limit repulsion, joint speed, torque limit and torque rate.
+    Apply repulsion and brake at joint limits, joint speed, torque limit and torque rate.
 
     The torque of a motor goes first to gravity and Coriolis, then to repulsion and brake, then to
     the active torque, which may have `torque_share` of it. The active torque is scaled as a whole:
@@ -136,6 +163,7 @@ def limit_torque(position, velocity, bias, push, last, lower, upper, largest, fa
     space. The same holds for its change in a tick. Without a finite measurement the last torque
     stays.
 
+    :param inertia: of the joints [kg m²], shape (n, n)
     :param push: torque that comes before the active one, as `push_from_walls` [Nm]
     :param last: torque of the last tick [Nm]
     :param largest: torque limits of the motors [Nm]
@@ -148,8 +176,8 @@ def limit_torque(position, velocity, bias, push, last, lower, upper, largest, fa
     limits = records_at(limit_numbers, 0, 1, LIMIT_NUMBERS)[0]
     n = torque.size
     base, active, depth = local_numbers(n), local_numbers(n), local_numbers(n)
-    _guard_torque(position, velocity, lower, upper, largest, fastest, limits, relief, base,
-                  depth, violation)
+    _guard_torque(position, velocity, inertia, lower, upper, largest, fastest, limits, relief,
+                  base, depth, violation)
     for i in range(n):
         active[i] = torque[i] - bias[i]
         base[i] = min(max(base[i] + push[i] + bias[i], -largest[i]), largest[i])
@@ -203,16 +231,18 @@ class TorqueLimiter:
         """Begin at ``torque``: the next one may differ from it by the rate."""
         self._last = np.clip(torque, -self._torque, self._torque)
 
-    def apply(self, position: np.ndarray, velocity: np.ndarray, bias: np.ndarray,
-              torque: np.ndarray, dt: float, violation: np.ndarray) -> np.ndarray:
+    def apply(self, position: np.ndarray, velocity: np.ndarray, inertia: np.ndarray,
+              bias: np.ndarray, torque: np.ndarray, dt: float, violation: np.ndarray
+              ) -> np.ndarray:
         """
         Return what may be sent of a torque [Nm], and remember it; see `limit_torque`.
 
+        :param inertia: of the joints [kg m²], shape (n, n)
         :param bias: gravity and Coriolis torque [Nm]
         """
         joints, result = self._joints, torque.copy()
-        limit_torque(position, velocity, bias, self._push, self._last, joints.lower, joints.upper,
-                     self._torque, self._fastest, min(dt, joints.cycle), self._limits,
-                     self._relief, result, violation)
+        limit_torque(position, velocity, inertia, bias, self._push, self._last,
+                     joints.lower, joints.upper, self._torque, self._fastest,
+                     min(dt, joints.cycle), self._limits, self._relief, result, violation)
         self._last = result.copy()
         return result

@@ -48,7 +48,7 @@ class FrankaDriver:
         """
         self.robot, self._wall_time, self._arrived = robot, wall_time, 0
         flange = Arm('fr3', 'flange', hand=False)
-        self.chain = flange.chain
+        self.chain, self.body = flange.chain, flange.shape
         self.joints = replace(flange.limits, cycle=CYCLE_S)
         self.friction = np.zeros(len(self.joints.torque))
         self.dt, self.lost = CYCLE_S, 0

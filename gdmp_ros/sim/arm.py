@@ -11,9 +11,10 @@ import numpy as np
 from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.manipulability import jacobian_derivative, PositionState
 from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.own_body import Body
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import compose
-from gdmp_ros.sim.chain import chain_of
+from gdmp_ros.sim.chain import body_of, chain_of
 from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
@@ -140,6 +141,11 @@ class Arm:
         if self._known_chain is None:
             self._known_chain = chain_of(self.known.model, self.known.body)
         return self._known_chain
+
+    @property
+    def shape(self) -> Body:
+        """Capsules around the arm, and which of them must not touch."""
+        return body_of(self.known.model, self.known.body, self.home)
 
     @property
     def end_pose(self) -> np.ndarray:

@@ -44,7 +44,7 @@ class SimulatedDriver:
     def __init__(self, arm: Arm, gripper: SimulatedGripper | None = None):
         self.arm, self.gripper = arm, gripper
         self.joints, self.friction, self.dt = arm.limits, arm.friction, arm.period
-        self.chain = arm.chain
+        self.chain, self.body = arm.chain, arm.shape
         self.hand: Hand | None = None
 
     @property
@@ -180,8 +180,8 @@ class PositionLoop:
         """Measure, compute and limit the torque, advance; returns the state before."""
         state = self.arm.linear_state(len(target.position))
         torque = position_torque(state, target, self.gains)
-        self.arm.step(self.limiter.apply(self.arm.data.qpos, state.velocity, state.bias, torque,
-                                         self.arm.period, self._violation))
+        self.arm.step(self.limiter.apply(self.arm.data.qpos, state.velocity, state.inertia,
+                                         state.bias, torque, self.arm.period, self._violation))
         return state
 
     def settle(self, target: PositionTarget, seconds: float) -> None:

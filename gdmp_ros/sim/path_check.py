@@ -17,6 +17,7 @@ from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.chain import joints_before, NEIGHBOURS
 
 #: A pose is reached if the tool comes this close [m, rad].
 REACHED_M, REACHED_RAD = 3e-3, 0.02
@@ -34,8 +35,6 @@ TOUCHING_M = 0.005
 _FAR_M = 0.2
 #: Postures from which the first one is searched.
 _STARTS = 15
-#: Bodies that are at most this many joints apart may touch.
-_NEIGHBOURS = 2
 #: A motion is checked, and shown, for this many of its durations: a changed goal is reached after
 #: the first one.
 DURATIONS = 1.2
@@ -329,23 +328,15 @@ def _derivatives(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, 
 
 def _pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """Geoms whose distance matters: of bodies that are no neighbours, and of the floor."""
-    order = _joints_before(model)
+    order = joints_before(model)
     arm = [i for i in range(model.ngeom) if model.geom_bodyid[i] != 0]
     world = [i for i in range(model.ngeom)
              if model.geom_bodyid[i] == 0 and model.geom_contype[i] != 0]
     pairs = [(a, b) for k, a in enumerate(arm) for b in arm[k + 1:]
-             if abs(order[model.geom_bodyid[a]] - order[model.geom_bodyid[b]]) > _NEIGHBOURS]
+             if abs(order[model.geom_bodyid[a]] - order[model.geom_bodyid[b]]) > NEIGHBOURS]
     # The first links stand on the floor.
     return pairs + [(a, b) for a in arm for b in world
-                    if order[model.geom_bodyid[a]] > _NEIGHBOURS]
-
-
-def _joints_before(model: mujoco.MjModel) -> list[int]:
-    """Number of joints between the base and each body."""
-    result = [0] * model.nbody
-    for body in range(1, model.nbody):
-        result[body] = result[model.body_parentid[body]] + int(model.body_jntnum[body])
-    return result
+                    if order[model.geom_bodyid[a]] > NEIGHBOURS]
 
 
 def check_skill(skill: Skill, checker: PathChecker, poses: int = POSES

@@ -299,10 +299,9 @@ class SimulatedRobot:
             (sequence.step, sequence.steps, sequence.step_name))
 
     def _guide(self, guided: bool) -> None:
-        states = self._loop.states
-        if guided is (states.state is State.GUIDED):
+        if guided is (self._loop.states.state is State.GUIDED):
             return
-        states.take(Request.GUIDE if guided else Request.RELEASE)
+        self._loop.do(Request.GUIDE if guided else Request.RELEASE)
         self._pull(None)
         if not guided:
             self._hold()

@@ -1,9 +1,15 @@
 """An arm that is led by hand: weightless, inside its limits, held where it is left."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gdmp_ros.control.arm_states import Request
+from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.settings import LimitSettings
+from gdmp_ros.errors import RefusedError
+from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.plant import PlantSettings
 from gdmp_ros.sim.teaching import Hand, HandSettings
 from test.control.plants import on_every_plant, PLANTS
 
@@ -98,3 +104,43 @@ def test_joint_limits_push_back_during_hand_guiding(loop):
     pushed = tick.torque - tick.measurement.bias
     assert pushed[3] == pytest.approx(-0.95, abs=1e-3)  # as fast as torques may change
     assert ticks(loop, 1500).measurement.position[3] < position[3] - 0.01
+
+
+@pytest.mark.parametrize('plant', ['clean', pytest.param('real', marks=pytest.mark.long)])
+@pytest.mark.parametrize('announced, there, asked', [(0.0, 1.0, True), (1.0, 0.0, True),
+                                                     (0.0, 1.0, False)])
+def test_with_a_wrong_payload_no_hand_guides_it(plant, announced, there, asked):
+    """Asked for while the arm holds, or behind a motion."""
+    settings = replace(PLANTS[plant].settings or PlantSettings(), payload=there)
+    loop = PLANTS[plant]._replace(settings=settings).loop()
+    loop.do(Request.PAYLOAD, Payload(announced))
+    ticks(loop, 3000)
+    wrong = f'{there - announced:+.1g}'[0]
+    if asked:
+        with pytest.raises(RefusedError, match=f'payload is wrong by \\{wrong}'):
+            loop.do(Request.GUIDE)
+    else:
+        loop.move(PostureMotion(loop.joints, (loop.arm.home + 0.1)[None], 0.5))
+        ticks(loop, 200)
+        loop.do(Request.GUIDE)
+        assert loop.states.state is State.STOPPING
+        ticks(loop, 100)
+        while loop.states.state is State.STOPPING:
+            loop.tick()
+    assert loop.states.state is not State.GUIDED
+    left = loop.tick().measurement.pose.copy()
+    tick = ticks(loop, 2000)
+    assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.03
+
+
+def test_a_small_error_of_the_payload_is_held_by_friction():
+    loop = PLANTS['clean']._replace(settings=PlantSettings(payload=0.2)).loop()
+    ticks(loop, 3000)
+    loop.do(Request.GUIDE)
+    assert loop.controller.memory.scalars.free_friction == pytest.approx(1.5 * 0.2 * 9.81, rel=0.2)
+    left = loop.tick().measurement.pose.copy()
+    tick = ticks(loop, 2500)
+    assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) < 0.03
+    loop.controller.memory.scalars.free_friction = 0.0
+    tick = ticks(loop, 2500)
+    assert np.linalg.norm(tick.measurement.pose[:3] - left[:3]) > 0.1

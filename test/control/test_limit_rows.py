@@ -9,6 +9,7 @@ from gdmp_ros.control.limit_rows import approach, limit_rows, OTHER_ROWS, row_na
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import ROTATION_LENGTH
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.settings import numbers
 
@@ -25,7 +26,7 @@ def rows_at(arm, position, settings=SETTINGS):
     joints = np.array([arm.limits.lower, arm.limits.upper, arm.limits.speed])
     count, _ = limit_rows(position, measured.pose[:3], measured.jacobian, joints,
                           numbers(settings), rows, bounds, ids)
-    return rows[:count], bounds[:count], [row_name(int(each), n) for each in ids[:count]]
+    return rows[:count], bounds[:count], [row_name(int(each), n, ()) for each in ids[:count]]
 
 
 def test_far_from_all_limits_there_are_no_rows():
@@ -80,7 +81,7 @@ def test_what_blocks_is_named_within_a_second_and_not_on_the_way_back():
     loop = make('clean')
     home = loop.arm.measure().pose.copy()
     near, far = home.copy(), home.copy()
-    near[[0, 2]] -= 0.3  # too close for joint 4
+    rotate_by_vector(home[3:].copy(), np.array([0.0, -1.6, 0.0]), near[3:])  # by joint 4
     far[:2] += 0.5
     for pose, row in ((near, 'joint 4 at its lower limit'), (far, 'a singularity')):
         target, seen, blocked_from = resting_target(pose), set(), None

@@ -177,7 +177,7 @@ def test_repulsion_that_was_kept_back_acts_when_a_joint_returns():
     made._relief[:] = relief
 
     def pushed(first):
-        return made.apply(np.array([first, 0.0]), still, still, still, DT,
+        return made.apply(np.array([first, 0.0]), still, LIGHT, still, still, DT,
                           np.zeros(len(limits.LIMITS)))[0]
     assert pushed(0.5) == 0.0 and pushed(0.6) == pytest.approx(-0.25)
     assert pushed(0.52) == pytest.approx(-0.05)
@@ -334,6 +334,10 @@ def test_a_motion_into_a_singularity_stops_before_it_and_the_way_back_is_open(pl
     assert rotation_angles(followed[-1, 3:7], start[3:7]) < 0.01
 
 
+#: Inertia of two joints.
+LIGHT = np.diag([0.5, 0.1])
+
+
 def limiter(**changes):
     made = TorqueLimiter(JointLimits(np.full(2, -1.0), np.full(2, 1.0), np.array([5.0, 2.0])),
                          LimitSettings(**changes))
@@ -345,29 +349,29 @@ def test_torque_rate_torque_and_joint_position_are_limited():
     middle, still, excess = np.zeros(2), np.zeros(2), np.zeros(len(limits.LIMITS))
     limited = limiter(torque_slew=1000.0)
     wanted = np.array([3.0, -9.0])
-    sent = limited.apply(middle, still, still, wanted, DT, excess)
+    sent = limited.apply(middle, still, LIGHT, still, wanted, DT, excess)
     # As a whole: the second motor may give 2 of 9 Nm, and 1 Nm more in a tick.
     np.testing.assert_allclose(sent, wanted / 9.0)
     assert excess[limits.TORQUE] == 7.0
     assert excess[limits.TORQUE_RATE] == pytest.approx(2000.0 - 1000.0)
     for _ in range(10):
-        last = limited.apply(middle, still, still, wanted, DT, excess)
+        last = limited.apply(middle, still, LIGHT, still, wanted, DT, excess)
     np.testing.assert_allclose(last, wanted * 2.0 / 9.0)
-    pushed = limiter(torque_slew=1e4).apply(np.array([0.975, 0.0]), still, still, still, DT,
-                                                 excess)
+    pushed = limiter(torque_slew=1e4).apply(np.array([0.975, 0.0]), still, LIGHT, still,
+                                             still, DT, excess)
     # Half of the way, and half of what the motor can do.
     np.testing.assert_allclose(pushed, [-1.25, 0.0])
     assert excess[limits.JOINT_POSITION] == pytest.approx(0.025)
     shared = limiter(torque_slew=1e4, torque_share=0.5)
-    np.testing.assert_allclose(shared.apply(middle, still, still, np.array([9.0, 9.0]), DT,
-                                            excess), [1.0, 1.0])
+    np.testing.assert_allclose(shared.apply(middle, still, LIGHT, still, np.array([9.0, 9.0]),
+                                            DT, excess), [1.0, 1.0])
 
 
 def test_what_drives_a_joint_to_its_limit_decreases_to_nothing_there():
     still, excess = np.zeros(2), np.zeros(len(limits.LIMITS))
 
     def sent(position, torque):
-        return limiter(torque_slew=1e5).apply(np.array([position, 0.0]), still, still,
+        return limiter(torque_slew=1e5).apply(np.array([position, 0.0]), still, LIGHT, still,
                                               np.array([torque, 0.4]), DT, excess)
     np.testing.assert_allclose(sent(0.975, 2.0), [-1.25 + 1.0, 0.2])
     np.testing.assert_allclose(sent(1.0, 2.0), [-2.5, 0.0], atol=1e-12)
@@ -375,18 +379,35 @@ def test_what_drives_a_joint_to_its_limit_decreases_to_nothing_there():
     np.testing.assert_allclose(sent(-0.975, 2.0), [1.25 + 2.0, 0.4])
 
 
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_joint_that_could_not_stop_at_its_limit_is_braked_before(side):
+    """As hard as its way and its inertia want it, from the acceleration that is allowed on."""
+    still, excess = np.zeros(2), np.zeros(len(limits.LIMITS))
+    settings = {'torque_slew': 1e6, 'joint_speed': 10.0, 'joint_acceleration': 5.0}
+
+    def sent(way, speed, torque=0.0):
+        return side * limiter(**settings).apply(
+            side * np.array([1.0 - way, 0.0]), side * np.array([speed, 0.0]), LIGHT, still,
+            side * np.array([torque, 0.0]), DT, excess)[0]
+    assert sent(0.5, 2.0) == 0.0  # 4 rad/s² suffice
+    assert sent(0.5, 3.0, 1.0) == pytest.approx(0.2 * 1.0 - 0.8 * 0.5 * 9.0)
+    assert sent(0.5, 4.0) == -5.0  # all that the motor has; 8 Nm are wanted
+    assert sent(0.5, -3.0, 1.0) == 1.0  # away from it
+
+
 def test_gravity_is_never_scaled():
     still, excess = np.zeros(2), np.zeros(len(limits.LIMITS))
     gravity = np.array([4.0, 1.5])
-    sent = limiter(torque_slew=1e5).apply(still, still, gravity, gravity + [0.5, 1.0], DT, excess)
+    sent = limiter(torque_slew=1e5).apply(still, still, LIGHT, gravity, gravity + [0.5, 1.0], DT,
+                                          excess)
     np.testing.assert_allclose(sent, gravity + [0.25, 0.5])
 
 
 def test_gravity_is_never_taken_from_a_fast_joint():
     gravity, excess = np.array([4.0, 0.0]), np.zeros(len(limits.LIMITS))
     braking = limiter(torque_slew=1e5, joint_speed=1.0, joint_brake=2.0)
-    sent = braking.apply(np.zeros(2), np.array([1.0, 0.0]), gravity, gravity + [0.9, 0.0], DT,
-                         excess)
+    sent = braking.apply(np.zeros(2), np.array([1.0, 0.0]), LIGHT, gravity, gravity + [0.9, 0.0],
+                         DT, excess)
     np.testing.assert_allclose(sent, [4.0 - 2.0 * 0.1, 0.0])
 
 

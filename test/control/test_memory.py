@@ -8,7 +8,7 @@ from gdmp_ros.kernels.intrinsics import Record
 
 @pytest.mark.parametrize('joints', [1, 6, 7])
 def test_the_parts_fill_the_memory_and_do_not_overlap(joints):
-    numbers = memory.blank(joints)
+    numbers = memory.blank(joints, 5, 3)
     arm = memory.parts(numbers)
     parts = [part.numbers if isinstance(part, Record) else part for part in arm]
     for k, part in enumerate(parts, 1):
