@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from experiments.energy_audit import Audit, potential
-from gdmp_ros.control.arm_states import Request
+from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.own_body import clearances, KEEP
 from gdmp_ros.control.reference_check import Origin
@@ -312,6 +312,8 @@ def streams(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
                 loop.controller.guard.offer(target.copy(), Origin('panda_link0', 0.0, k + 1))
             watch.tick()
         target[:7], target[7:13] = home, 0.0
+        while loop.states.state is State.STOPPING:
+            watch.tick()
         loop.controller.guard.arm()
         stood, quiet = loop.controller.reference[:7], 0.0
         for k in range(5000, 35_000):

@@ -22,6 +22,8 @@ CLIP = 0.2
 CATCH_UP = 0.5
 #: Time constant of the acceleration of a reference [s].
 MEAN_S = 0.005
+#: Part of the rate of a torque with which a decreasing stiffness may change it.
+FALL_SHARE = 0.5
 #: Steps of the bisection for the affordable part of a motion.
 _HALVINGS = 20
 
@@ -92,7 +94,8 @@ def move_joint_reference(numbers, largest, budget):
     reference, target, mean, position = (arm.joint_reference, arm.joint_target, arm.joint_mean,
                                          arm.position)
     violation, dt, n = arm.violation, arm.scalars.dt, arm.position.size
-    acceleration = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0].joint_acceleration
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    acceleration, slew = limits.joint_acceleration, limits.torque_slew
     before = joint_energy(position, reference)
     start, displacement, last = local_numbers(n), local_numbers(n), local_numbers(n)
     asked, rates = local_numbers(n), local_numbers(n)
@@ -132,14 +135,21 @@ def move_joint_reference(numbers, largest, budget):
     left = budget - moving
     for i in range(n):
         _change_stiffness(2 * n + i, abs(reference[i] - position[i]), reference, target, largest,
-                          left / n, dt, violation)
+                          slew, left / n, dt, violation)
     stored = joint_energy(position, reference)
     return stored - before, stored
 
 
 @kernel
-def _change_stiffness(k, error, reference, target, largest, budget, dt, violation):
-    """Let one stiffness approach that of the target: a decrease always, growth as affordable."""
+def _change_stiffness(k, error, reference, target, largest, slew, budget, dt, violation):
+    """
+    Let one stiffness approach that of the target: growth as far as it is affordable.
+
+    It decreases so slowly that the torque of the spring keeps a part of the rate of the motor. A
+    torque that stays behind would do work for which no energy is drawn.
+
+    :param slew: largest rate of the torque [Nm/s]
+    """
     old = reference[k]
     change = math.log(max(target[k], LEAST_STIFFNESS) / old)
     if abs(change) > largest:
@@ -147,7 +157,7 @@ def _change_stiffness(k, error, reference, target, largest, budget, dt, violatio
         change = math.copysign(largest, change)
     bent = min(error, CLIP)
     form = bent * (error - 0.5 * bent)
-    new = old * math.exp(change)
+    new = max(old * math.exp(change), old - FALL_SHARE * slew * dt / max(bent, 1e-9))
     if (new - old) * form > max(budget, 0.0):
         violation[ENERGY] = max(violation[ENERGY], (new - old) * form - max(budget, 0.0))
         new = old + max(budget, 0.0) / form

@@ -181,3 +181,25 @@ def test_a_tool_that_is_let_go_is_slower_with_a_speed_limit():
             speeds.append(np.linalg.norm(tick.twist[:3]))
         fastest[limit] = max(speeds[2000:])
     assert fastest[0.3] < 0.6 and fastest[1.6] > 1.2
+
+
+def test_a_stiffness_decreases_no_faster_than_half_of_the_rate_of_the_torque():
+    loop = loop_of(tank=TankSettings(passive=False))
+    stiff, error = np.full(7, 1500.0), np.zeros(7)
+    error[3] = 0.1
+    begin = posture(loop)
+    for _ in range(1500):
+        loop.must_follow(target_of(begin, stiffness=stiff))
+        loop.arm.data.qvel[:] = 0.0
+        loop.tick()
+    soft, pulls, stiffnesses = np.full(7, 20.0), [], []
+    for _ in range(400):
+        loop.arm.data.qpos[:], loop.arm.data.qvel[:] = begin - error, 0.0
+        loop.must_follow(target_of(begin, stiffness=soft))
+        loop.tick()
+        stiffnesses.append(loop.controller.reference[14:21].copy())
+        pulls.append(0.1 * stiffnesses[-1][3])
+    rate = np.diff(pulls) / 1e-3
+    assert -0.51 * 950.0 < rate.min() < -0.4 * 950.0
+    # One that pulls at nothing is as soft at once as the rate of a stiffness allows.
+    assert stiffnesses[-1][0] == pytest.approx(20.0) and stiffnesses[100][0] < stiffnesses[100][3]
