@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.kinematics import Chain
-from gdmp_ros.control.limit_rows import approach
+from gdmp_ros.control.limit_rows import approach, LAST_S
 from gdmp_ros.control.torque_limits import WALL_DAMPING, WALL_FORCE, WALL_STIFFNESS
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.linalg import norm
@@ -119,6 +119,19 @@ def _place_capsules(frames, axes, position, capsules, links, turns, ends):
 
 
 @kernel
+def _is_far(capsules, ends, a, b, distance):
+    """Whether two capsules are certainly further apart than a distance: spheres around them."""
+    between = first = second = 0.0
+    for i in range(3):
+        between += (ends[2 * a, i] + ends[2 * a + 1, i] - ends[2 * b, i] - ends[2 * b + 1, i]) ** 2
+        first += (ends[2 * a, i] - ends[2 * a + 1, i]) ** 2
+        second += (ends[2 * b, i] - ends[2 * b + 1, i]) ** 2
+    least = (2.0 * (distance + capsules[a, 7] + capsules[b, 7]) + math.sqrt(first)
+             + math.sqrt(second))
+    return between > least * least
+
+
+@kernel
 def _distance(capsules, ends, a, b, way, far):
     """Write from where to where two capsules are nearest; the distance of their axes [m]."""
     near = local_numbers(3)
@@ -167,8 +180,12 @@ def body_rows(frames, axes, position, capsules, pairs, deceleration, fastest, fi
                           local_matrix(2 * capsules.shape[0], 3))
     way, far = local_numbers(3), local_numbers(3)
     _place_capsules(frames, axes, position, capsules, links, turns, ends)
+    # Beyond this distance no row binds (`approach`).
+    furthest = KEEP + max(0.5 * fastest ** 2 / deceleration, fastest * LAST_S)
     for p in range(pairs.shape[0]):
         a, b = int(pairs[p, 0]), int(pairs[p, 1])
+        if _is_far(capsules, ends, a, b, furthest):
+            continue
         length = _distance(capsules, ends, a, b, way, far)
         bound = approach(length - capsules[a, 7] - capsules[b, 7] - KEEP, deceleration)
         if bound < fastest and length > 1e-9:
@@ -198,6 +215,9 @@ def push_apart(frames, axes, position, velocity, capsules, pairs, relief, torque
     _place_capsules(frames, axes, position, capsules, links, turns, ends)
     for p in range(pairs.shape[0]):
         a, b = int(pairs[p, 0]), int(pairs[p, 1])
+        if _is_far(capsules, ends, a, b, KEEP):
+            relief[p] = 0.0
+            continue
         length = _distance(capsules, ends, a, b, way, far)
         deep = max(KEEP - length + capsules[a, 7] + capsules[b, 7], 0.0)
         relief[p] = min(relief[p], deep)
