@@ -16,6 +16,7 @@ from gdmp_ros.control.settings import (
     TankSettings,
 )
 from gdmp_ros.control.stiffness import compose_modes, relative_modes
+from gdmp_ros.control.tank import RESERVE
 from gdmp_ros.control.target import HOLD_STIFFNESS, STIFFNESS, TARGET_SIZE
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
 from gdmp_ros.sim.arm import Arm, PANDA
@@ -133,7 +134,7 @@ def on_table(energy):
 
 def test_growth_waits_for_energy_and_a_decrease_is_always_allowed():
     loop, home = on_table(0.8)
-    loop.controller.tank.energy = 0.0
+    loop.controller.tank.energy = RESERVE  # nothing can be spent
     stiff = target_at(home, 4.0 * HOLD_STIFFNESS)
     stiff[2] -= 0.05
     loop.follow(stiff)
