@@ -253,13 +253,11 @@ class ImpedanceController:
         if does == TOOL_SPRING:
             spring_wrench(arm.pose, arm.reference, arm.gains, wrench)
             return wrench[:3] + arm.reference[WRENCH:WRENCH + 3]
-        torque = np.empty(len(arm.position))
+        torque = arm.torque - arm.bias
+        # Friction may hold a part of it.
+        torque -= np.clip(torque, -arm.friction[1], arm.friction[1])
         if does == JOINT_SPRINGS:
             joint_springs(arm.position, arm.joint_reference, torque)
-        else:
-            # Friction may hold a part of it.
-            torque = arm.torque - arm.bias
-            torque -= np.clip(torque, -arm.friction[1], arm.friction[1])
         external_wrench(arm.jacobian, arm.inertia, torque, self.settings.gains.singularity, wrench)
         return wrench[:3]
 

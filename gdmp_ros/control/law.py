@@ -18,7 +18,6 @@ from gdmp_ros.control.governor import govern
 from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
 from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
-from gdmp_ros.control.kinematics import chain_state
 from gdmp_ros.control.limits import ENERGY, TOOL_SPEED, TORQUE, WRENCH_LIMIT
 from gdmp_ros.control.memory import arm_view, FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.own_body import push_apart
@@ -36,7 +35,7 @@ from gdmp_ros.control.target import (
     WRENCH,
 )
 from gdmp_ros.control.torque_limits import distance_outside, limit_torque, push_from_walls
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
 #: Band below the speed limit of the tool in which what drives it decreases [m/s].
@@ -161,12 +160,8 @@ def _slow_tool(jacobian, velocity, bias, largest, damping, torque):
 
 
 @kernel
-def _release_joints(position, reference, energy):
-    """
-    Let the springs of the joints release an energy; what they did [J].
-
-    They become softer, down to a bound; then their reference approaches the joints.
-    """
+def _soften_joints(position, reference, energy):
+    """Soften the springs of the joints until they have released an energy; what they did [J]."""
     n, before = position.size, joint_energy(position, reference)
     if before <= 0.0:
         return 0.0
@@ -174,35 +169,7 @@ def _release_joints(position, reference, energy):
     for i in range(2 * n, 3 * n):
         # The lower bound has priority: a spring below it would not come back.
         reference[i] = max(factor * reference[i], min(LEAST_STIFFNESS, reference[i]))
-    left = joint_energy(position, reference)
-    near = _approach(energy - before + left, left)
-    for i in range(n):
-        reference[i] += near * (position[i] - reference[i])
     return before - joint_energy(position, reference)
-
-
-@kernel
-def _approach(energy, stored):
-    """Part of the way to the arm on which a spring releases an energy, at most that of a tick."""
-    if energy <= 0.0 or stored <= 0.0:
-        return 0.0
-    return 1.0 - math.sqrt(max(1.0 - energy / stored, LEAST_SOFTENING))
-
-
-@kernel
-def _release_tool(numbers, energy):
-    """The same for the spring at the tool: its reference is a posture."""
-    arm = arm_view(numbers)
-    released = release(arm.pose, arm.reference, arm.gains, arm.bounds, energy)
-    stored, n = stored_energy(arm.pose, arm.reference, arm.gains), arm.position.size
-    near = _approach(energy - released, stored)
-    if near > 0.0:
-        for i in range(n):
-            arm.governed[i] += near * (arm.position[i] - arm.governed[i])
-        chain_state(arm.frames, arm.axes, arm.end, arm.governed, arm.reference[POSE:POSE + 7],
-                    local_matrix(6, n))
-        released += stored - stored_energy(arm.pose, arm.reference, arm.gains)
-    return released
 
 
 @kernel
@@ -278,7 +245,7 @@ def _missing(arm, power):
 
 @kernel
 def _pay(numbers):
-    """With too little energy for a torque, shed wrench, then stiffness, then the error."""
+    """With too little energy for a torque, shed wrench, brake, then shed stiffness."""
     arm = arm_view(numbers)
     s, n = arm.scalars, arm.position.size
     if s.law == TOOL_SPRING:
@@ -313,9 +280,9 @@ def _pay(numbers):
     missing = _missing(arm, power)
     if missing > 0.0:
         if s.law == TOOL_SPRING:
-            released = _release_tool(numbers, missing)
+            released = release(arm.pose, arm.reference, arm.gains, arm.bounds, missing)
         else:
-            released = _release_joints(arm.position, arm.joint_reference, missing)
+            released = _soften_joints(arm.position, arm.joint_reference, missing)
         draw(s, arm.tank, -released)
         s.stored -= released
 

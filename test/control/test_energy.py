@@ -6,6 +6,7 @@ import pytest
 
 from experiments.energy_audit import Audit
 from gdmp_ros.control import limits
+from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.settings import (
     ControllerSettings,
     FrictionSettings,
@@ -13,6 +14,7 @@ from gdmp_ros.control.settings import (
     LimitSettings,
     TankSettings,
 )
+from gdmp_ros.control.tank import RESERVE
 from gdmp_ros.control.target import HOLD_STIFFNESS, resting_target, WRENCH
 from gdmp_ros.manifolds import SymmetricPositiveDefinite, UnitQuaternion
 from gdmp_ros.sim.arm import Arm
@@ -273,3 +275,27 @@ def test_the_commanded_wrench_is_bounded():
         wrench = np.linalg.lstsq(m.jacobian.T, active, rcond=None)[0]
         largest = max(largest, np.linalg.norm(wrench[:3]))
     assert 40.0 < largest < 62.0
+
+
+@pytest.mark.parametrize('seed', [6, 22])
+@pytest.mark.parametrize('law', ['tool', 'joints'])
+def test_a_moving_arm_with_an_empty_tank_is_braked_and_gains_nothing(law, seed):
+    """Coriolis forces are compensated, and the motion stretches the spring: both want energy."""
+    loop, draw = loop_with(energy=0.02), np.random.default_rng(seed)
+    loop.arm.reset(draw.uniform(loop.joints.lower + 0.3, loop.joints.upper - 0.3))
+    measured = loop.arm.measure()
+    loop.hold(measured)
+    target = (resting_target(measured.pose, np.diag([2.0] * 3 + [0.2] * 3)) if law == 'tool'
+              else resting_joints(measured.position, np.full(7, 2.0)))
+    loop.controller.guard.arm()
+    for _ in range(200):
+        loop.follow(target)
+        loop.tick()
+    loop.controller.tank.energy, least = RESERVE, np.inf
+    # What gives it the velocity is not in the books.
+    loop.arm.data.qvel[:7] = draw.uniform(-1.5, 1.5, 7)
+    loop.controller.memory.scalars.known = 0.0
+    for _ in range(800):
+        loop.follow(target)
+        least = min(least, loop.tick().tank)
+    assert least > DEBT

@@ -11,7 +11,7 @@ from gdmp_ros.errors import RefusedError
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings
 from gdmp_ros.sim.teaching import Hand, HandSettings
-from test.control.plants import on_every_plant, PLANTS
+from test.control.plants import on_plants, PLANTS
 
 #: How far friction holds the arm from the hand, which has 800 N/m [m].
 SLACK = PLANTS['real'].slack(800.0)
@@ -65,7 +65,7 @@ def test_it_follows_a_hand_and_is_held_where_it_is_left(loop):
     assert tick.stiffness.reshape(6, 6)[0, 0] == pytest.approx(400.0)
 
 
-@on_every_plant
+@on_plants('clean', 'real')
 @pytest.mark.parametrize('largest', [0.25, 1.0])
 def test_a_strong_hand_does_not_move_it_faster_than_the_tool_may_be(plant, largest):
     loop = plant.loop(limits=LimitSettings(tool_speed=largest))
