@@ -23,7 +23,7 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.settings import ContactSettings, ControllerSettings, LimitSettings
 from gdmp_ros.control.target import resting_target, TWIST
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import ParameterError, RefusedError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.frames import ToolTransform
@@ -85,7 +85,7 @@ class ArmRequests(RuleBasedStateMachine):
         self.place, self.speed, self.sequence = np.empty(7), 0.0, 1_000_000
         # Ticks that the arm is still armed; whether the present motion may be followed.
         self.armed, self.may_follow = 0, False
-        self.disturbed = 0
+        self.disturbed, self.loaded = 0, False
         self.torque: np.ndarray | None = None
         self.since, self.rested_at = 0, self.loop.arm.measure().pose.copy()
 
@@ -159,6 +159,13 @@ class ArmRequests(RuleBasedStateMachine):
             assert not accepted and str(error), (before, request, error)
             assert self.state == before
             return
+        except RefusedError as error:
+            # No hand guides an arm that does not rest yet, or whose payload is not what was said.
+            assert request is Request.GUIDE and 'does not explain' in str(error)
+            assert self.since < SETTLED or self.loaded, error
+            assert self.state == 'holding'
+            self.armed, self.may_follow = 0, False
+            return
         assert accepted, (before, request)
         assert self.state == NEXT[request].get(before, before), (before, request, self.state)
         if request is Request.ARM:
@@ -204,7 +211,7 @@ class ArmRequests(RuleBasedStateMachine):
     def set_payload(self, mass: float) -> None:
         """Something else is said to be carried: it sags, or rises, a little."""
         self.ask(Request.PAYLOAD, Payload(mass))
-        self.since = -DISTURBED
+        self.since, self.loaded = -DISTURBED, mass > 0.0
         self.pass_ticks(1)
 
     @rule(away=st.sampled_from([0.0, 0.01, 0.15]), speed=st.sampled_from([-0.03, 0.03]),

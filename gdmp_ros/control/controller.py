@@ -242,10 +242,11 @@ class ImpedanceController:
         self.memory.scalars.free_friction = FRICTION_SHARE * size
         if size <= UNEXPLAINED_N:
             return ''
-        mass = force[2] / GRAVITY
+        # A weight acts downwards.
+        why = (f'the payload is wrong by {force[2] / GRAVITY:+.2g} kg (~/set_payload)'
+               if abs(force[2]) > 0.8 * size else 'something pushes the arm, or it still moves')
         return (f'the motors hold {size:.1f} N at the tool that the model does not explain, '
-                f'expected at most {UNEXPLAINED_N:g}: the payload is wrong by {mass:+.2g} kg '
-                '(~/set_payload), friction is not known, or something touches the arm')
+                f'expected at most {UNEXPLAINED_N:g}: {why}, or friction is not known')
 
     def _unexplained_force(self) -> np.ndarray:
         """Force at the tool with which the law holds the arm at rest [N], shape (3,)."""
