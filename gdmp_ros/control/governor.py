@@ -97,6 +97,24 @@ def catch_up(lag, deceleration, fastest, velocity):
 
 
 @kernel
+def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
+    """
+    Write the rows of all limits that may bind; see `gdmp_ros.control.limit_rows.limit_rows`.
+
+    :param singular: whether singular directions are among them
+    """
+    n, limits = position.size, records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    count, value = limit_rows(position, pose, jacobian, arm.joint_limits, arm.limits, rows,
+                              bounds, ids)
+    if not singular and count > 0 and ids[count - 1] == 2 * n + 6:
+        count -= 1
+    count = body_rows(arm.frames, arm.axes, position, arm.capsules, arm.pairs,
+                      0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
+                      ids, count)
+    return count, value
+
+
+@kernel
 def _move_joints(numbers, jacobian, twist, violation):
     """
     Write the joint velocities that bring a twist about, as far as the limits allow it.
@@ -112,11 +130,8 @@ def _move_joints(numbers, jacobian, twist, violation):
     most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
     rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
     hessian, gradient, last = local_matrix(n, n), local_numbers(n), local_numbers(n)
-    count, value = limit_rows(arm.governed, arm.reference[POSE:POSE + 3], jacobian,
-                              arm.joint_limits, arm.limits, rows, bounds, ids)
-    count = body_rows(arm.frames, arm.axes, arm.governed, arm.capsules, arm.pairs,
-                      0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
-                      ids, count)
+    count, value = _collect_rows(arm, arm.governed, arm.reference[POSE:POSE + 3], jacobian, True,
+                                 rows, bounds, ids)
     copy_into(rates, last)
     weight = _approach_posture(arm.scalars, arm.governed, arm.posture, limits, last, rates)
     for i in range(n):
@@ -186,13 +201,7 @@ def keep_joints_inside(numbers, asked, rates):
     chain_state(arm.frames, arm.axes, arm.end, place, pose, jacobian)
     most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
     rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
-    count, _ = limit_rows(place, pose[:3], jacobian, arm.joint_limits, arm.limits, rows, bounds,
-                          ids)
-    if count > 0 and ids[count - 1] == 2 * n + 6:
-        count -= 1
-    count = body_rows(arm.frames, arm.axes, place, arm.capsules, arm.pairs,
-                      0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
-                      ids, count)
+    count, _ = _collect_rows(arm, place, pose[:3], jacobian, False, rows, bounds, ids)
     hessian, multipliers, kept = local_matrix(n, n), local_zeros(most), local_numbers(n)
     for i in range(n):
         for j in range(n):

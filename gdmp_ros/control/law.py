@@ -97,7 +97,7 @@ def _free(velocity, bias, jacobian, damping, friction, torque, twist):
     moving = local_numbers(3)
     _multiply(jacobian[:3], velocity, moving)
     speed = norm(3, moving)
-    # At rest there is none.
+    # Against the motion: a tool at rest feels no friction.
     hold = friction * math.tanh(speed / FREE_SMOOTHING) / max(speed, 1e-9)
     for i in range(velocity.size):
         torque[i] = bias[i] - damping * velocity[i]

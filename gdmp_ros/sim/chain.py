@@ -98,9 +98,10 @@ def body_of(model: mujoco.MjModel, body: int, posture: np.ndarray) -> Body:
     pairs, found = [], []
     for a in range(len(capsules)):
         for b in range(len(capsules)):
+            if capsules[b][0] - capsules[a][0] <= NEIGHBOURS:
+                continue
             nearest_points(*places[a][:2], *places[b][:2], near, far)
-            distance = np.linalg.norm(far - near) - places[a][2] - places[b][2]
-            if capsules[b][0] - capsules[a][0] > NEIGHBOURS and distance > KEEP:
+            if np.linalg.norm(far - near) - places[a][2] - places[b][2] > KEEP:
                 pairs.append((a, b))
                 found.append(f'{names[b]} and {names[a]}')
     return Body(np.array(capsules).reshape(-1, CAPSULE_SIZE),

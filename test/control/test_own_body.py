@@ -22,6 +22,14 @@ def postures(arm, rng, count):
     return rng.uniform(arm.limits.lower, arm.limits.upper, (count, len(arm.home)))
 
 
+def too_near(arm):
+    """A posture in which the hand is half of the distance from the arm that it keeps."""
+    body, folded = arm.shape, np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
+    while clearances(arm.chain, body, folded).min() > 0.5 * KEEP:
+        folded[5] -= 0.005
+    return folded
+
+
 @pytest.mark.parametrize('kind', ['any', 'parallel', 'crossing', 'point'])
 def test_the_nearest_points_of_segments(kind, rng):
     near, far, along = np.empty(3), np.empty(3), np.linspace(0.0, 1.0, 201)[:, None]
@@ -94,9 +102,7 @@ def test_only_what_is_too_near_is_pushed_apart_and_not_at_once():
     arm = Arm()
     body, n = arm.shape, len(arm.home)
     torque, none = np.zeros(n), np.zeros(len(body.pairs))
-    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
-    while clearances(arm.chain, body, folded).min() > 0.5 * KEEP:
-        folded[5] -= 0.005
+    folded = too_near(arm)
     push_apart(*arm.chain, arm.home, np.zeros(n), body.capsules, body.pairs, none.copy(), torque)
     assert not torque.any()
     deep = np.maximum(KEEP - clearances(arm.chain, body, folded), 0.0)
@@ -142,10 +148,7 @@ def test_joints_whose_reference_leads_the_arm_into_itself_stop_before(plant):
 
 def test_an_arm_that_is_too_near_itself_is_not_moved_by_that():
     loop = make('clean')
-    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
-    while clearances(loop.arm.chain, loop.arm.shape, folded).min() > 0.5 * KEEP:
-        folded[5] -= 0.005
-    loop.arm.reset(folded)
+    loop.arm.reset(too_near(loop.arm))
     loop.hold(loop.arm.measure())
     begin = loop.arm.measure().pose.copy()
     for _ in range(1000):
