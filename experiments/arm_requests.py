@@ -197,7 +197,8 @@ class ArmRequests(RuleBasedStateMachine):
     @rule()
     def identify(self) -> None:
         """The friction is to be identified."""
-        self.ask(Request.IDENTIFY, FrictionIdentification(self.loop.joints, (0.4,), 0.1))
+        self.ask(Request.IDENTIFY, FrictionIdentification(
+            self.loop.joints, self.loop.arm.chain, (0.4,), 0.1))
         self.pass_ticks(1)
 
     @rule(length=st.sampled_from([0.0, 0.1]))

@@ -17,6 +17,7 @@ import numpy as np
 
 from experiments.energy_audit import Audit, potential
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.own_body import clearances, KEEP
 from gdmp_ros.control.reference_check import Origin
@@ -27,9 +28,14 @@ from gdmp_ros.control.settings import (
     LimitSettings,
     TankSettings,
 )
-from gdmp_ros.control.target import resting_target
+from gdmp_ros.control.target import resting_target, STIFFNESS
+from gdmp_ros.data import lasa
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import RefusedError
 from gdmp_ros.manifolds.quaternion import pose_distance, rotate_by_vector
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.settings import PlayerSettings
+from gdmp_ros.playback.states import Status
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload
@@ -461,6 +467,46 @@ def plain_work(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
             Found('off, 1 s after a large move [m]', off, 0.004)]
 
 
+#: The masses of another arm, of which the controller knows nothing.
+FOREIGN = {'clean': PlantSettings(model='fr3', armature=0.1),
+           'real': PlantSettings(model='fr3', armature=0.1, dry_friction=1.1, delay=0.002)}
+
+
+def _off_letter(loop: ClosedLoop, skill: Skill, stiffness: float) -> float:
+    """Root mean square distance of the tool from the references of a letter [m]."""
+    player, squares = Player(skill, PlayerSettings()), []
+    player.start(loop.arm.measure().pose.copy())
+    while player.status is not Status.HOLDING:
+        target = np.array(player.tick(DT))
+        target[STIFFNESS:STIFFNESS + 36] = diagonal(stiffness).ravel()
+        loop.must_follow(target)
+        away = loop.tick().measurement.pose[:3] - target[:3]
+        squares.append(float(away @ away))
+    return math.sqrt(float(np.mean(squares)))
+
+
+def foreign_masses(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """A letter on a robot with other masses: with the weight that was identified, and without."""
+    def controlled(**settings: Any) -> ClosedLoop:
+        loop = ClosedLoop(Arm(plant=FOREIGN[plant]), ControllerSettings(
+            guard=ANYWHERE, tank=TankSettings(delay=0.003), **settings))
+        loop.controller.guard.arm()
+        return loop
+    loop = controlled()
+    motion = FrictionIdentification(loop.joints, loop.arm.chain)
+    loop.move(motion)
+    while loop.moves_joints:
+        loop.tick()
+    found, skill = motion.result(), Skill.learn(lasa.robot_demonstrations('GShape')[0])
+    friction = FrictionSettings(viscous=tuple(found.viscous), dry=tuple(found.dry))
+    weight = tuple(found.moments.ravel())
+    return [Found(f'letter at {stiffness:g} N/m with the weight, of that without',
+                  _off_letter(controlled(friction=friction, weight_moments=weight), skill,
+                              stiffness)
+                  / _off_letter(controlled(friction=friction), skill, stiffness), 0.5)
+            for stiffness in (200.0, 400.0, 800.0)]
+
+
 def less_friction(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     """
     A robot with 20 % less dry friction than was identified, on the circle, and pushed by a hand.
@@ -497,8 +543,9 @@ def less_friction(plant: str, rng: np.random.Generator, count: int) -> list[Foun
 CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
     'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
     'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
-    'plain-work': plain_work, 'less-friction': less_friction, 'own-body': own_body,
-    'hand-guiding': hand_guiding, 'streams': streams, 'joint-streams': joint_streams}
+    'plain-work': plain_work, 'foreign-masses': foreign_masses, 'less-friction': less_friction,
+    'own-body': own_body, 'hand-guiding': hand_guiding, 'streams': streams,
+    'joint-streams': joint_streams}
 
 
 def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:

@@ -1,8 +1,9 @@
-"""Measure the friction of an arm's joints, and write it as parameters.
+"""Measure the friction of an arm's joints and weight that its model lacks, as parameters.
 
 Each joint of the running arm moves slowly by 0.15 rad to both sides, at three speeds. There must
 be room for it, and nothing may stream references. It takes about two and a half minutes. Ctrl-C
-ends it; the arm then holds.
+ends it; the arm then holds. What the hand carries and nobody announced (~/set_payload) counts as
+weight of the arm: begin with an empty hand.
 
 With --arm sim, or --arm franka and --host, it starts the node itself, and moves to the home
 posture first.
@@ -17,6 +18,8 @@ from __future__ import annotations
 
 import argparse
 import os
+
+import numpy as np
 
 from gdmp_ros.choices import ARMS
 from gdmp_ros.cli.arguments import add_arm_node, add_franka, add_output, arm_choice
@@ -51,8 +54,11 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.util.dds_network import default_environment
         os.environ.update(default_environment())
         result = identify(options.node, options.output, options.set)
-    table('friction', ['joint', 'viscous [Nm s/rad]', 'dry [Nm]'],
-          [[number, f'{viscous:.3f}', f'{dry:.3f}']
-           for number, (viscous, dry) in enumerate(zip(result['viscous'], result['dry']), 1)])
+    moments = np.array(result['weight_moments']).reshape(-1, 3)
+    rows = zip(result['friction_viscous'], result['friction_dry'], moments)
+    table('friction, and weight that the model lacks',
+          ['joint', 'viscous [Nm s/rad]', 'dry [Nm]', 'moment of weight [Nm]'],
+          [[number, f'{viscous:.3f}', f'{dry:.3f}', f'{np.linalg.norm(moment):.3f}']
+           for number, (viscous, dry, moment) in enumerate(rows, 1)])
     print(f'wrote {options.output}: --ros-args --params-file {options.output}'
           + ('; the node uses it now' if options.set else ''))

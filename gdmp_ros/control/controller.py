@@ -25,6 +25,7 @@ from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
+from gdmp_ros.control.weight import moments_of
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.util.settings import numbers
@@ -101,6 +102,7 @@ class ImpedanceController:
             raise ParameterError(f'friction, dry: {dry[at]:g} Nm at joint {at + 1}, expected at '
                                  f'most {self._joints.torque[at]:g}, what its motor can do')
         self.posture.check(settings.posture)
+        moments_of(settings.weight_moments, len(self._joints.torque))
 
     def take_posture(self) -> None:
         """Approach the posture of the settings again, if there is one."""
@@ -131,6 +133,7 @@ class ImpedanceController:
         self.tank.reset()
         self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
+        arm.moments[:] = arm.wanted_moments
         arm.scalars.unknown = 0.0
         arm.nearness[:] = np.maximum(KEEP - clearances(self._chain, self._body, measured.position),
                                      0.0)
@@ -323,6 +326,7 @@ class ImpedanceController:
         self.settings = settings
         arm, joints, limits, felt = (self.memory, self._joints, settings.limits, settings.contact)
         arm.friction[:], arm.credit[:] = friction_of(settings.friction, self._model_friction)
+        arm.wanted_moments[:] = moments_of(settings.weight_moments, len(arm.position))
         arm.gains[:], arm.limits[:] = numbers(settings.gains), numbers(limits)
         arm.bounds[:] = diagonal_bounds(limits.stiffness_min, limits.stiffness_max)
         arm.largest[:], arm.fastest[:] = (joints.torque,

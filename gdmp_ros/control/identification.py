@@ -1,11 +1,13 @@
 """
-Friction of the joints, from slow motions of one joint after another in both directions.
+Friction of the joints, and weight that the model lacks, from slow motions of single joints.
 
 At a constant speed the torque beyond gravity is friction. At the same positions in both directions
-an error of the gravity model is the same, and cancels in half the difference.
+an error of the gravity model is the same, and cancels in half the difference; friction cancels in
+half the sum. At rest the two cannot be told apart.
 """
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 import math
 from typing import NamedTuple
@@ -14,7 +16,9 @@ import numpy as np
 
 from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.joint_motion import check_follows
+from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.weight import weight_rows
 from gdmp_ros.errors import DataError
 
 #: Speeds at which each joint moves [rad/s], and how far to each side [rad].
@@ -27,16 +31,35 @@ ACCELERATION = 3.0
 SETTLE_S, REST_S = 0.2, 0.5
 
 
-class JointFriction(NamedTuple):
-    """
-    Friction of each joint.
+#: Time between two samples for the weight [s].
+SAMPLE_S = 0.02
+#: Error of the torque of a motion in one direction that no moment of weight explains, and size of
+#: the moments to be expected [Nm].
+UNEXPLAINED_NM, USUAL_NM = 0.1, 1.0
+#: Share of a motor's torque that the model may lack.
+LARGEST_SHARE = 0.2
 
-    :ivar viscous: [Nm s/rad], shape ``(n,)``
-    :ivar dry: [Nm]
+
+class Identified(NamedTuple):
+    """
+    What slow motions show.
+
+    :ivar viscous: friction of each joint [Nm s/rad], shape ``(n,)``
+    :ivar dry: the same, at any speed [Nm]
+    :ivar moments: that the model lacks (`gdmp_ros.control.weight`) [Nm], shape ``(n, 3)``
     """
 
     viscous: np.ndarray
     dry: np.ndarray
+    moments: np.ndarray
+
+
+class _Sample(NamedTuple):
+    """Torque of a moving joint beyond the model [Nm], at joint positions [rad]."""
+
+    position: np.ndarray
+    leg: _Leg
+    torque: float
 
 
 class _Leg(NamedTuple):
@@ -77,10 +100,11 @@ class FrictionIdentification:
 
     request = Request.IDENTIFY
 
-    def __init__(self, joints: JointLimits, speeds: Sequence[float] = SPEEDS,
+    def __init__(self, joints: JointLimits, chain: Chain, speeds: Sequence[float] = SPEEDS,
                  reach: float = REACH):
         """Plan motions at speeds [rad/s], each so far to both sides [rad]."""
-        self._joints, self._speeds, self._reach = joints, tuple(speeds), reach
+        self._joints, self._chain = joints, chain
+        self._speeds, self._reach = tuple(speeds), reach
         self.time, self.seconds = 0.0, math.inf
 
     def begin(self, position: np.ndarray) -> None:
@@ -104,6 +128,8 @@ class FrictionIdentification:
         count = len(self._start)
         # Sum of torques and number of them, by joint, speed and direction.
         self._sums = np.zeros((2, count, len(self._speeds), 2))
+        self._samples: list[_Sample] = []
+        self._next = 0.0
 
     @property
     def done(self) -> bool:
@@ -144,15 +170,19 @@ class FrictionIdentification:
         passed, skipped = self.time - leg.begin, leg.speed / ACCELERATION + SETTLE_S
         if leg.counts and skipped <= passed < leg.seconds - skipped:
             which = (leg.joint, self._speeds.index(leg.speed), int(leg.last > leg.first))
-            self._sums[0][which] += torque[leg.joint] - measured.bias[leg.joint]
+            more = float(torque[leg.joint] - measured.bias[leg.joint])
+            self._sums[0][which] += more
             self._sums[1][which] += 1.0
+            if self.time >= self._next:
+                self._samples.append(_Sample(measured.position.copy(), leg, more))
+                self._next = self.time + SAMPLE_S
         self.time += dt
 
-    def result(self) -> JointFriction:
+    def result(self) -> Identified:
         """
-        Friction of all joints.
+        Friction of all joints, and weight that the model lacks.
 
-        :raises DataError: if a joint has no room to move
+        :raises DataError: if a joint has no room to move, or the model lacks too much
         """
         totals, counts = self._sums
         if not (counts > 0.0).all():
@@ -160,8 +190,37 @@ class FrictionIdentification:
             raise DataError(f'joint {at + 1} has no room to move: begin further from its limits')
         mean = totals / counts
         friction = 0.5 * (mean[:, :, 1] - mean[:, :, 0])
+        lacking, most = 0.5 * np.abs(mean.sum(axis=2)).max(axis=1), LARGEST_SHARE
+        if (lacking > most * self._joints.torque).any():
+            at = int(np.argmax(lacking / self._joints.torque))
+            raise DataError(f'the model lacks {lacking[at]:.1f} Nm of weight at joint {at + 1}, '
+                            f'expected at most {most * self._joints.torque[at]:.1f}: is what the '
+                            'arm carries announced, and the model that of the arm?')
         speeds = np.array(self._speeds)
         from scipy.optimize import nnls  # slow to import
         coefficients = np.array([nnls(np.column_stack([speeds, np.ones_like(speeds)]), row)[0]
                                  for row in friction])
-        return JointFriction(coefficients[:, 0], coefficients[:, 1])
+        return Identified(coefficients[:, 0], coefficients[:, 1], self._moments())
+
+    def _moments(self) -> np.ndarray:
+        """
+        Moments of weight that explain the torque, with the friction of each joint and speed.
+
+        Ridge regression. All samples of a motion in one direction count as one: their error is
+        the same.
+        """
+        n, count = len(self._start), len(self._speeds)
+        rows = np.zeros((len(self._samples), 3 * n + n * count))
+        sizes = Counter(id(sample.leg) for sample in self._samples)
+        weights = np.array([1.0 / (UNEXPLAINED_NM * math.sqrt(sizes[id(sample.leg)]))
+                            for sample in self._samples])
+        for row, (position, leg, _) in zip(rows, self._samples):
+            row[:3 * n] = weight_rows(self._chain, position)[leg.joint]
+            row[3 * n + leg.joint * count + self._speeds.index(leg.speed)] = math.copysign(
+                1.0, leg.last - leg.first)
+        torques = np.array([sample.torque for sample in self._samples])
+        prior = np.concatenate([np.full(3 * n, USUAL_NM ** -2), np.zeros(n * count)])
+        weighted = weights[:, None] * rows
+        found = np.linalg.solve(weighted.T @ weighted + np.diag(prior),
+                                weighted.T @ (weights * torques))
+        return np.asarray(found[:3 * n].reshape(n, 3))

@@ -100,6 +100,33 @@ def chain_state(frames, axes, end, position, pose, jacobian):
         jacobian[2, k] = x * moved[1] - y * moved[0]
 
 
+@kernel
+def place_links(frames, axes, position, links, turns):
+    """
+    Write the pose of each link, the base first, and the axis of the joint that moves it.
+
+    :param frames: see `chain_state`, as ``axes``
+    :param position: of the joints [rad], shape ``(n,)``
+    :param links: written, at the joint and turned with it, shape ``(n + 1, 7)``
+    :param turns: written, shape ``(n, 3)``
+    """
+    step, moved = local_numbers(4), local_numbers(3)
+    for i in range(7):
+        links[0, i] = 1.0 if i == 3 else 0.0
+    for k in range(position.size):
+        link, last = links[k + 1], links[k]
+        rotate(last[3:], frames[k, :3], moved)
+        for i in range(3):
+            link[i] = last[i] + moved[i]
+        multiply(last[3:], frames[k, 3:], link[3:])
+        rotate(link[3:], axes[k], turns[k])
+        half = 0.5 * position[k]
+        step[0] = math.cos(half)
+        for i in range(3):
+            step[1 + i] = math.sin(half) * axes[k, i]
+        multiply(link[3:], step, link[3:])
+
+
 class Chain(NamedTuple):
     """
     The revolute joints between the base of an arm and its tool.

@@ -35,6 +35,7 @@ from gdmp_ros.control.target import (
     WRENCH,
 )
 from gdmp_ros.control.torque_limits import distance_outside, limit_torque, push_from_walls
+from gdmp_ros.control.weight import add_weight, change_weight, is_weightless
 from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
 
@@ -306,8 +307,17 @@ def compute(numbers):
     if springs:
         stored = (stored_energy(arm.pose, arm.reference, arm.gains) if s.law == TOOL_SPRING
                   else joint_energy(arm.position, arm.joint_reference))
+    weighs = not (is_weightless(arm.moments) and is_weightless(arm.wanted_moments))
+    potential = s.potential
+    if weighs:
+        s.potential += add_weight(arm.frames, arm.axes, arm.position, arm.moments,
+                                  local_numbers(n))
     measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
                    arm.rates, arm.bias_before, stored)
+    if weighs:
+        change_weight(arm.moments, arm.wanted_moments, s.dt)
+        s.potential = potential + add_weight(arm.frames, arm.axes, arm.position, arm.moments,
+                                             arm.bias)
     arm.violation[:] = 0.0
     external, twist, exerted = local_numbers(n), local_numbers(6), local_zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,

@@ -73,6 +73,8 @@ class ArmMemory(NamedTuple):
     :ivar frames: of the joints of the arm (`gdmp_ros.control.kinematics.Chain`)
     :ivar axes: the same
     :ivar end: pose of the tool in the frame of the last joint
+    :ivar moments: of weight that the model lacks (`gdmp_ros.control.weight`) [Nm], shape (n, 3)
+    :ivar wanted_moments: what they approach
     :ivar capsules: of its body (`gdmp_ros.control.own_body.Body`)
     :ivar pairs: the same
     :ivar nearness: of pairs inside the distance that they keep which does not act yet [m]
@@ -128,6 +130,8 @@ class ArmMemory(NamedTuple):
     frames: Any
     axes: Any
     end: Any
+    moments: Any
+    wanted_moments: Any
     capsules: Any
     pairs: Any
     nearness: Any
@@ -194,6 +198,9 @@ def arm_view(numbers):
     axes = memory[at + 7 * n:at + 10 * n].reshape(n, 3)
     end = memory[at + 10 * n:at + 10 * n + 7]
     at += 10 * n + 7
+    moments, wanted_moments = (memory[at:at + 3 * n].reshape(n, 3),
+                               memory[at + 3 * n:at + 6 * n].reshape(n, 3))
+    at += 6 * n
     capsules = memory[at:at + CAPSULE_SIZE * capsule_count].reshape(capsule_count, CAPSULE_SIZE)
     at += CAPSULE_SIZE * capsule_count
     pairs = memory[at:at + 2 * pair_count].reshape(pair_count, 2)
@@ -215,8 +222,8 @@ def arm_view(numbers):
     limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
-        reference, past, frames, axes, end, capsules, pairs, nearness, joint_target,
-        joint_reference, joint_limits, friction, credit, sent,
+        reference, past, frames, axes, end, moments, wanted_moments, capsules, pairs, nearness,
+        joint_target, joint_reference, joint_limits, friction, credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
         joints[15], joints[16], joints[17], joints[18], outside,
@@ -226,7 +233,7 @@ def arm_view(numbers):
 def blank(joints: int, capsules: int = 0, pairs: int = 0) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
-             + 2 * TARGET_SIZE + 18 + 10 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
+             + 2 * TARGET_SIZE + 18 + 16 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
              + 2 * (3 * joints + 1) + (9 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints, capsules, pairs)

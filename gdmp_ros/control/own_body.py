@@ -2,7 +2,7 @@
 The arm's own body: capsules on its links, and what keeps pairs of them apart.
 
 A row limits the speed at which two capsules of the reference approach each other, as `limit_rows`
-does for other limits. Those of the measured arm are pushed apart as by a wall. Pairs that touch by
+does for other limits. Those of the measured arm are pushed apart. Pairs that touch by
 design are not among them (`gdmp_ros.sim.chain.body_of`).
 """
 from __future__ import annotations
@@ -12,17 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.kinematics import Chain
+from gdmp_ros.control.kinematics import Chain, place_links
 from gdmp_ros.control.limit_rows import approach, LAST_S
-from gdmp_ros.control.torque_limits import WALL_DAMPING, WALL_FORCE, WALL_STIFFNESS
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.linalg import norm
-from gdmp_ros.manifolds.quaternion import multiply, rotate
+from gdmp_ros.manifolds.quaternion import rotate
 
 #: Numbers of a capsule.
 CAPSULE_SIZE = 8
 #: Distance that the parts of an arm keep from each other [m].
 KEEP = 0.02
+#: Force between parts that touch [N], and the speed of an approach at which it is doubled [m/s].
+PUSH, DOUBLED = 100.0, 0.2
 
 
 class Body(NamedTuple):
@@ -77,26 +78,6 @@ def nearest_points(a, b, c, d, first, second):
         s = _between((uv * t - uw) / uu, 0.0, 1.0) if uu > 0.0 else 0.0
     for i in range(3):
         first[i], second[i] = a[i] + s * u[i], c[i] + t * v[i]
-
-
-@kernel
-def place_links(frames, axes, position, links, turns):
-    """Write the pose of each link, the base first, and the axis of the joint that moves it."""
-    step, moved = local_numbers(4), local_numbers(3)
-    for i in range(7):
-        links[0, i] = 1.0 if i == 3 else 0.0
-    for k in range(position.size):
-        link, last = links[k + 1], links[k]
-        rotate(last[3:], frames[k, :3], moved)
-        for i in range(3):
-            link[i] = last[i] + moved[i]
-        multiply(last[3:], frames[k, 3:], link[3:])
-        rotate(link[3:], axes[k], turns[k])
-        half = 0.5 * position[k]
-        step[0] = math.cos(half)
-        for i in range(3):
-            step[1 + i] = math.sin(half) * axes[k, i]
-        multiply(link[3:], step, link[3:])
 
 
 @kernel
@@ -227,8 +208,8 @@ def push_apart(frames, axes, position, velocity, capsules, pairs, relief, torque
         closing = 0.0
         for i in range(n):
             closing += row[i] * velocity[i]
-        force = min(WALL_STIFFNESS * (deep - relief[p]), WALL_FORCE)
-        force += WALL_DAMPING * max(closing, 0.0)
+        # It begins at zero, and grows so slowly that the motors keep up with it.
+        force = PUSH / KEEP * (deep - relief[p]) * (1.0 + max(closing, 0.0) / DOUBLED)
         for i in range(n):
             torque[i] -= force * row[i]
 

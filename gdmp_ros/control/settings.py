@@ -214,6 +214,10 @@ class ControllerSettings:
     posture: tuple[float, ...] = setting(
         (0.0,), 'posture of the null space, a number for each joint; a single 0: as at the start',
         'rad', -10.0, 10.0, each=True)
+    weight_moments: tuple[float, ...] = setting(
+        (0.0,), 'moments of weight that the model lacks, three numbers for each joint in its '
+        'frame, as `gdmp arm friction` finds them; a single 0: none', 'Nm', -100.0, 100.0,
+        each=True)
     damping_ratio: float = setting(
         0.7, 'damping ratio while holding without a reference, and of references with 0; 1 is '
         'critical', '', SMALLEST_DAMPING_RATIO, 2.0)

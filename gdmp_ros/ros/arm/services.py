@@ -119,13 +119,14 @@ class ArmServices:
         return result
 
     async def identify(self, handle: Any) -> IdentifyFriction.Result:
-        """Measure the friction of the joints."""
-        result, motion = IdentifyFriction.Result(), FrictionIdentification(self._control.joints)
+        """Measure the friction of the joints, and weight that the model lacks."""
+        control, result = self._control, IdentifyFriction.Result()
+        motion = FrictionIdentification(control.joints, control.driver.chain)
 
         def complete() -> None:
-            friction = motion.result()
             result.joint_names = list(self._node.joint_names)
-            result.viscous, result.dry = (values.round(4).tolist() for values in friction)
+            result.viscous, result.dry, result.weight_moments = (
+                values.ravel().round(4).tolist() for values in motion.result())
         await self._make(handle, result, lambda: motion, lambda _: IdentifyFriction.Feedback(
             activity=motion.what, remaining=motion.remaining), complete)
         return result

@@ -83,11 +83,11 @@ def _described(feedback: list[Any]) -> str:
 
 def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
     """
-    Let an arm measure its friction, and write parameters.
+    Let an arm measure friction and weight, and write parameters.
 
     :param arm: name of its node
     :param use: set them in the node too
-    :returns: numbers of each joint, by name
+    :returns: parameters, by name
     :raises GdmpError: if the arm refuses, or the motions are ended
     """
     client = Client('friction_client')
@@ -103,9 +103,9 @@ def identify(arm: str, output: Path, use: bool) -> dict[str, list[float]]:
 
 def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
     """
-    Start an arm, move it to its home posture, and let it measure its friction.
+    Start an arm, move it to its home posture, and let it measure friction and weight.
 
-    :returns: numbers of each joint, by name
+    :returns: parameters, by name
     :raises GdmpError: if the arm refuses, or the motions are ended
     """
     with (TemporaryDirectory() as name, Domain() as domain, arm.robot(Path(name)),
@@ -118,21 +118,20 @@ def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
 
 
 def _write(output: Path, arm: str, result: dict[str, list[float]]) -> None:
-    name = arm.rpartition('/')[2]
-    lines = '\n'.join(f'    friction_{key}: {values}' for key, values in result.items())
-    write_text(output, f'/**/{name}:\n  ros__parameters:\n{lines}\n')
+    lines = '\n'.join(f'    {name}: {values}' for name, values in result.items())
+    write_text(output, f'/**/{arm.rpartition("/")[2]}:\n  ros__parameters:\n{lines}\n')
 
 
 def _measure(client: Client, arm: str) -> dict[str, list[float]]:
-    """Friction of each joint by kind of friction."""
+    """Parameters of an arm that it measures."""
     result = _make(client, IdentifyFriction, f'{arm}/identify_friction', IdentifyFriction.Goal())
-    return {'viscous': list(result.viscous), 'dry': list(result.dry)}
+    return {'friction_viscous': list(result.viscous), 'friction_dry': list(result.dry),
+            'weight_moments': list(result.weight_moments)}
 
 
 def _set(client: Client, arm: str, result: dict[str, list[float]]) -> None:
     changes: list[ParameterMessage] = [
-        Parameter(f'friction_{key}', value=values).to_parameter_msg()
-        for key, values in result.items()]
+        Parameter(name, value=values).to_parameter_msg() for name, values in result.items()]
     reply: Any = client.call(SetParametersAtomically, f'{arm}/set_parameters_atomically',
                              parameters=changes)
     if not reply.result.successful:
