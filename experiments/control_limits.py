@@ -539,13 +539,58 @@ def less_friction(plant: str, rng: np.random.Generator, count: int) -> list[Foun
     return [Found('energy that came from nowhere [J]', worst, 0.01)]
 
 
+#: A hard table below the tool: distance [m], stiffness [N/m], damping [Ns/m], friction, and the
+#: speed of the tool at which half of the friction acts [m/s].
+TABLE, TABLE_STIFFNESS, TABLE_DAMPING, TABLE_FRICTION, CREEP = 0.03, 30_000.0, 20.0, 0.2, 0.005
+
+
+def _touch(arm: Arm, top: float) -> float:
+    """Let a table push the tool that is in it; the force upwards [N]."""
+    jacobian = np.zeros((3, arm.model.nv))
+    site = arm.data.site('tcp')
+    mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, site.id)
+    velocity, deep, force = jacobian @ arm.data.qvel, top - site.xpos[2], np.zeros(6)
+    if deep > 0.0:
+        force[2] = max(TABLE_STIFFNESS * deep - TABLE_DAMPING * velocity[2], 0.0)
+        along = velocity[:2]
+        force[:2] = -TABLE_FRICTION * force[2] * along / (np.linalg.norm(along) + CREEP)
+    arm.push(force)
+    return float(force[2])
+
+
+def hard_contact(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """A table of 30 kN/m that dissipates hardly anything: touched at 50 mm/s, then slid along."""
+    real = replace(REAL, delay=0.002)
+    lost, spread = 0, 0.0
+    for stiffness in (200.0, 400.0, 800.0):
+        loop = make(plant, tank=TankSettings(delay=0.003))
+        if PLANTS[plant]:
+            loop = ClosedLoop(Arm(plant=real), loop.controller.settings)
+            loop.controller.guard.arm()
+        home, forces = loop.arm.measure().pose.copy(), list[float]()
+        target, top = resting_target(home, diagonal(stiffness)), home[2] - TABLE
+        for k in range(5000):
+            down, aside = k * DT < 0.8, k * DT > 3.0
+            target[9], target[8] = -0.05 * down, 0.1 * aside
+            target[:3] += DT * target[7:10]
+            forces.append(_touch(loop.arm, top))
+            loop.must_follow(target)
+            loop.tick()
+        touched = np.array(forces) > 0.0
+        later = touched[int(np.argmax(touched)) + 500:]
+        lost += int((~later[1:] & later[:-1]).sum())
+        spread = max(spread, float(np.std(forces[3300:])))
+    return [Found('contact lost later than 0.5 s after the first touch', lost, 0),
+            Found('standard deviation of the force while sliding at 0.1 m/s [N]', spread, 4.0)]
+
+
 #: By name: what is tried on a plant, with a generator and the number of draws of random cases.
 CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
     'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
     'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
     'plain-work': plain_work, 'foreign-masses': foreign_masses, 'less-friction': less_friction,
-    'own-body': own_body, 'hand-guiding': hand_guiding, 'streams': streams,
-    'joint-streams': joint_streams}
+    'hard-contact': hard_contact, 'own-body': own_body, 'hand-guiding': hand_guiding,
+    'streams': streams, 'joint-streams': joint_streams}
 
 
 def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:
