@@ -11,6 +11,7 @@ from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.governor import TOOL_SPEED_SHARE
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
+from gdmp_ros.control.law import compare_with
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import Measurement, Tick
 from gdmp_ros.control.modes import StreamMode
@@ -70,6 +71,8 @@ class ArmControl:
             # Otherwise a stream that begins soon would be taken for the one of this tick.
             guard.offer(target, Origin(guard.settings.frame, mode=StreamMode.ENDED))
             self.compute(measured, dt)
+        compare_with(self.controller.numbers, np.tile(self.controller.memory.last, (2, 1)),
+                     self.joints.cycle)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.hold(measured)
@@ -156,6 +159,8 @@ class ArmControl:
             if self.states.state not in (State.FAULT, State.INACTIVE):
                 self.fail('the robot has ended the control')
             return self.stand(measured, driver.dt)
+        if driver.taken is not None:
+            compare_with(self.controller.numbers, driver.taken, self.joints.cycle)
         tick = self.compute(measured, driver.dt)
         try:
             driver.command(tick.torque)

@@ -55,6 +55,14 @@ class ArmDriver(Protocol):
         """Time for which the next torque acts [s]."""
 
     @property
+    def taken(self) -> np.ndarray | None:
+        """
+        Lowest and highest torque with which the arm may compare the next [Nm], shape ``(2, n)``.
+
+        None if it takes every command, so that this is the last one.
+        """
+
+    @property
     def controlled(self) -> bool:
         """Whether torques act; otherwise something else holds the arm."""
 

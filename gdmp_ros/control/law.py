@@ -208,6 +208,22 @@ def finish(numbers, failed):
 
 
 @kernel
+def compare_with(numbers, taken, cycle):
+    """
+    Let the next torque be near all with which the arm may compare it.
+
+    :param taken: lowest and highest of these torques [Nm], shape (2, n)
+    :param cycle: time for which the rate of the torque counts [s]
+    """
+    arm, apart = arm_view(numbers), 0.0
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    for i in range(arm.last.size):
+        apart = max(apart, taken[1, i] - taken[0, i])
+        arm.last[i] = 0.5 * (taken[0, i] + taken[1, i])
+    arm.scalars.cycle = max(cycle - 0.5 * apart / limits.torque_slew, 0.0)
+
+
+@kernel
 def _note_rates(arm):
     """Keep the velocities of what the joints follow in this tick."""
     does, n = arm.scalars.does, arm.rates.size

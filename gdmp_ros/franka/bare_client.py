@@ -1,14 +1,31 @@
-"""A client of a Franka that only reads states and answers with zero torque, to compare with."""
+"""A compiled client of a Franka that only reads states and answers with zero torque."""
 from __future__ import annotations
-
-import time
 
 import numpy as np
 
-from gdmp_ros.util.optional_imports import extra, optional_import
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.franka.channel import ARRIVED, CAME, in_time, passed, receive, send
+from gdmp_ros.franka.robot import FrankaRobot, PATIENCE_S
+from gdmp_ros.franka.settings import FrankaSettings
+from gdmp_ros.kernels import kernel, local_zeros
+from gdmp_ros.realtime.native import steady_ns, thread_cpu_ns
 
-with optional_import(extra('franka')):
-    import pylibfranka as libfranka
+
+@kernel
+def _exchange(wire, patience_ms, figures):
+    """See `exchange`; -1 if the robot is silent."""
+    zero, lost = local_zeros(7), 0
+    worked = thread_cpu_ns(wire.clocks, wire.time)
+    for k in range(figures.shape[0]):
+        if receive(wire, patience_ms) != CAME:
+            return -1
+        send(wire, zero)
+        figures[k, 1] = steady_ns(wire.clocks, wire.time) - wire.integers[ARRIVED]
+        last, worked = worked, thread_cpu_ns(wire.clocks, wire.time)
+        figures[k, 0], figures[k, 2] = worked - last, in_time(wire)
+        if k > 0:
+            lost += passed(wire) - 1
+    return lost
 
 
 def exchange(host: str, cycles: int) -> tuple[np.ndarray, int]:
@@ -17,19 +34,16 @@ def exchange(host: str, cycles: int) -> tuple[np.ndarray, int]:
 
     :returns: CPU time of each cycle, time from the state to the answer, share of the commands that
         arrived in time [ns, ns, 1], shape ``(cycles, 3)``; number of states that were lost
+    :raises GdmpError: if the robot does not answer
     """
-    robot = libfranka.Robot(host, libfranka.RealtimeConfig.kIgnore)
-    control, zero = robot.start_torque_control(), libfranka.Torques([0.0] * 7)
-    figures, lost = np.empty((cycles, 3)), 0
-    worked = time.thread_time_ns()
-    for i in range(cycles):
-        state, duration = control.readOnce()
-        arrived = time.monotonic_ns()
-        control.writeOnce(zero)
-        answered, last, worked = time.monotonic_ns() - arrived, worked, time.thread_time_ns()
-        figures[i] = worked - last, answered, state.control_command_success_rate
-        lost += max(round(1e3 * duration.to_sec()) - 1, 0)
-    control.readOnce()
-    zero.motion_finished = True
-    control.writeOnce(zero)
+    robot = FrankaRobot(FrankaSettings(host=host))
+    wire, figures = robot.wire, np.empty((cycles, 3))
+    _exchange(wire, 1, figures[:0])  # compiled before it is needed
+    robot.begin()
+    lost = _exchange(wire, round(1e3 * PATIENCE_S), figures)
+    if lost < 0:
+        raise GdmpError(f'{host}: the robot does not answer')
+    robot.read()
+    robot.write(np.zeros(7), last=True)
+    robot.close()
     return figures, lost

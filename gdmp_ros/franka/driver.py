@@ -3,22 +3,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.arm_states import State
-from gdmp_ros.control.kinematics import add_lever, constant_velocity_acceleration
 from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.franka.robot import FrankaRobot, Reading
+from gdmp_ros.franka.channel import CYCLE_S
+from gdmp_ros.franka.robot import FrankaRobot
+from gdmp_ros.franka.settings import JOINTS
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import tool_at, ToolTransform
-from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.known_model import KnownModel
+from gdmp_ros.sim.payload import Load, Payload
 
-#: Time between two commands; the robot compares each with the one before, lost cycles or not [s].
-CYCLE_S = 0.001
-#: Longest cycle that counts, on wall time [s].
-LONGEST_S = 0.02
+#: Largest difference of the inertia from that of the robot, relative, and of the Jacobian [m].
+LARGEST_INERTIA, LARGEST_JACOBIAN = 0.2, 0.02
 #: Cycles in which the torque decreases to zero at the end.
 END_CYCLES = 50
 
@@ -27,11 +28,12 @@ class FrankaDriver:
     """
     A Franka; see `gdmp_ros.control.arm_driver.ArmDriver`.
 
-    Jacobian and dynamics are those of the robot's own model, with the end effector and the load
-    that the robot knows. Gravity is not in it: the robot compensates that itself. Poses are
-    computed from the joints: a server of the protocol reports those of the last link.
+    Kinematics and dynamics are those of the model of this package, with the end effector that the
+    robot knows and the load that it was told; they are compared with the robot's own at the begin
+    of each control. Gravity is not in them: the robot compensates that itself.
 
     :ivar robot: access to the robot
+    :ivar known: its model
     :ivar measured: the last measurement
     :ivar dt: time for which the next torque acts [s]
     :ivar lost: cycles without a state of the robot, since the start
@@ -46,31 +48,39 @@ class FrankaDriver:
         :param wall_time: whether a cycle lasts until the next state arrives, instead of as long as
             the robot says: for a server of the protocol
         """
-        self.robot, self._wall_time, self._arrived = robot, wall_time, 0
+        self.robot, self.wall_time = robot, wall_time
         flange = Arm('fr3', 'flange', hand=False)
         self.chain, self.body = flange.chain, flange.shape
         self.joints = replace(flange.limits, cycle=CYCLE_S)
         self.friction = np.zeros(len(self.joints.torque))
         self.dt, self.lost = CYCLE_S, 0
-        self._rotors = rotor_inertia * np.eye(len(self.joints.torque))
+        model = flange.known.model
+        model.opt.gravity[:], model.dof_armature[:] = 0.0, rotor_inertia
+        self.known = KnownModel(model, mujoco.MjData(model), flange.known.site, False)
+        self._load = Load(model, self.known.body, self.known.mount)
+        self._flange = flange.end_pose
         self._sent = np.zeros_like(self.joints.torque)
+        self._tool, self._payload = ToolTransform(), Payload()
         self._reading = robot.read()
-        self._end_effector = tool_at(flange.end_pose, robot.end_effector)
-        self.end_pose = self._end_effector
-        self.measured = self._measurement()
-        add_lever(self.measured.jacobian, np.zeros(3))  # compiled before it is needed
+        self._end_effector = robot.end_effector
+        self._put()
 
     @property
     def controlled(self) -> bool:
         return self.robot.controlled
 
     @property
+    def taken(self) -> np.ndarray | None:
+        return self._reading.taken if self.robot.controlled else None
+
+    @property
     def misplaced(self) -> float:
         """Distance between the tool that the robot reports and that of the model [m]."""
-        own = self.chain.pose_at(self._reading.position, self._end_effector)
+        own = self.chain.pose_at(self._reading.position, tool_at(self._flange, self._end_effector))
         return float(np.linalg.norm(own[:3] - self.robot.position))
 
     def begin(self) -> Measurement:
+        self._check_model()
         self.robot.begin()
         measured = self.measure()
         if measured is None:
@@ -78,20 +88,41 @@ class FrankaDriver:
         self.command(np.zeros_like(self._sent))
         return measured
 
+    def _check_model(self) -> None:
+        """:raises ArmStopped: if the model of this package is not that of the robot"""
+        own = self.robot.own_model()
+        self._put()  # the end effector may be another one
+        used = self._model_at(own.position)
+        rotors = np.diag(self.known.model.dof_armature)
+        inertia = float(np.linalg.norm(used.inertia - rotors - own.inertia)
+                        / np.linalg.norm(own.inertia))
+        away = float(np.abs(used.jacobian[:, 6] - own.jacobian[:, 6]).max())
+        away = max(away, float(np.linalg.norm(used.jacobian - own.jacobian) / JOINTS ** 0.5))
+        self.differences = inertia, away
+        if inertia > LARGEST_INERTIA or away > LARGEST_JACOBIAN:
+            raise ArmStopped(
+                f'the model is not that of the robot: its inertia differs by {100 * inertia:.0f} '
+                f'%, expected at most {100 * LARGEST_INERTIA:g}, and its Jacobian by {away:.3f} '
+                f'm, expected at most {LARGEST_JACOBIAN:g}: is it a Franka Research 3?', True)
+
     def measure(self) -> Measurement | None:
         if not self.robot.connected:
             return None
         self._reading = self.robot.read()
         elapsed = self._reading.elapsed if self._reading.elapsed > 0.0 else CYCLE_S
         self.lost += max(round(elapsed / CYCLE_S) - 1, 0)
-        self.dt = self._between_arrivals() if self._wall_time else elapsed
+        self.dt = self.robot.between_arrivals if self.wall_time else elapsed
         self.measured = self._measurement()
         return self.measured
 
-    def _between_arrivals(self) -> float:
-        """Time since the last state arrived [s]."""
-        last, self._arrived = self._arrived, self.robot.arrived
-        return min(1e-9 * (self._arrived - last), LONGEST_S) if last else CYCLE_S
+    def catch_up(self, torque: np.ndarray) -> None:
+        """
+        Know the last state, after kernels have answered some.
+
+        :param torque: that was sent last [Nm]
+        """
+        self._reading, self._sent = self.robot.last(), torque.copy()
+        self.measured = self._measurement()
 
     def command(self, torque: np.ndarray) -> None:
         self.robot.write(torque)
@@ -112,10 +143,21 @@ class FrankaDriver:
         raise ParameterError('a robot cannot be reset')
 
     def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
-        before = self.measured.pose
-        self.end_pose = tool_at(self._end_effector, tool)
-        self.measured = self._measurement()
+        before, self._tool = self.measured.pose, tool
+        self._put()
         return before, self.measured.pose
+
+    def _put(self) -> None:
+        """Put end effector, tool and load to the model, and look at it."""
+        self._end_effector = self.robot.end_effector
+        x, y, z, w, i, j, k = tool_at(np.array(
+            [*self._end_effector.position, *self._end_effector.rotation]), self._tool).tolist()
+        tool = ToolTransform((x, y, z), (w, i, j, k))
+        self.end_pose = tool_at(self._flange, tool)
+        self.known.put_tool(tool)
+        self._load.put(self.robot.tool.moments()
+                       + self._payload.seen_from(self._end_effector).moments())
+        self.measured = self._measurement()
 
     def check_payload(self, state: State) -> None:
         if state.moves or state is State.GUIDED:
@@ -126,17 +168,20 @@ class FrankaDriver:
         controlled = self.controlled
         self.end()
         self.robot.carry(payload)
+        self._payload = payload
+        self._put()
         return self.begin() if controlled else None
 
     def _measurement(self) -> Measurement:
-        reading: Reading = self._reading
-        jacobian = np.ascontiguousarray(reading.jacobian)
-        pose = self.chain.pose_at(reading.position, self.end_pose)
-        acceleration = np.empty(6)
-        if self.end_pose is not self._end_effector:
-            at = self.chain.pose_at(reading.position, self._end_effector)
-            add_lever(jacobian, pose[:3] - at[:3])
-        constant_velocity_acceleration(jacobian, reading.velocity, acceleration)
-        return Measurement(reading.position, reading.velocity, pose, jacobian,
-                           reading.inertia + self._rotors, reading.coriolis, reading.external,
-                           acceleration, 0.0)
+        position, velocity, external = self._reading[:3]
+        self.known.look(position, velocity, 0.0)
+        return self.known.measurement(position, velocity, external)
+
+    def _model_at(self, position: np.ndarray) -> Measurement:
+        """The model at rest, with the end effector as tool."""
+        effector = self._end_effector
+        self.known.put_tool(effector)
+        self.known.look(position, np.zeros_like(position), 0.0)
+        result = self.known.measurement(position, np.zeros_like(position), np.zeros_like(position))
+        self._put()
+        return result

@@ -12,8 +12,15 @@ import numpy as np
 
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.franka.channel import (
+    Channel,
+    channel_since,
+    CYCLE_S,
+    datagram_sockets,
+    MOVES,
+    Wire,
+)
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
-from gdmp_ros.realtime.loop import Clock, SystemClock
 from gdmp_ros.sim.frames import pose_of, ToolTransform
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -23,17 +30,20 @@ with optional_import(extra('franka')):
 
 #: Time to answer a connection [s].
 ANSWER_S = 1.0
+#: Time without a state after which a robot does not answer [s].
+PATIENCE_S = 1.0
 #: What the binding raises; it knows no common base of these.
 FAILURES = (libfranka.ControlException, libfranka.CommandException, libfranka.NetworkException,
             libfranka.InvalidOperationException, libfranka.RealtimeException,
             libfranka.FrankaException)
 
 
-def opened(host: str, config: Any) -> Any:
+def opened(host: str, config: Any) -> tuple[Any, Channel]:
     """
     Connect to a robot; libfranka alone would wait for minutes, and keep the interpreter.
 
     :param config: whether real-time priority is required
+    :returns: the connection, and its real-time channel
     :raises ArmStopped: if nobody answers
     """
     try:
@@ -42,7 +52,9 @@ def opened(host: str, config: Any) -> Any:
         raise ArmStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
                            ) from None
     time.sleep(BETWEEN_CLIENTS_S)
-    return libfranka.Robot(host, config)
+    before = datagram_sockets()
+    robot = libfranka.Robot(host, config)
+    return robot, channel_since(before)
 
 
 @contextmanager
@@ -63,24 +75,34 @@ def own_priority() -> Iterator[None]:
 
 class Reading(NamedTuple):
     """
-    State of the robot at one cycle, and its own model in that state.
+    State of the robot at one cycle.
 
     :ivar position: of the joints [rad]
     :ivar velocity: [rad/s]
     :ivar external: torque that the robot attributes to the environment [Nm]
-    :ivar jacobian: of the end effector, linear over angular, shape ``(6, 7)``
-    :ivar inertia: in joint space, with end effector and load, without rotors [kg m²]
-    :ivar coriolis: Coriolis torque [Nm]
+    :ivar taken: lowest and highest torque with which it may compare the next [Nm]
     :ivar elapsed: time since the last cycle of this control, 0 at its first [s]
     """
 
     position: np.ndarray
     velocity: np.ndarray
     external: np.ndarray
+    taken: np.ndarray
+    elapsed: float
+
+
+class OwnModel(NamedTuple):
+    """
+    The robot's own model in a state.
+
+    :ivar position: of the joints [rad]
+    :ivar jacobian: of the end effector, linear over angular, shape ``(6, 7)``
+    :ivar inertia: in joint space, with end effector and load, without rotors [kg m²]
+    """
+
+    position: np.ndarray
     jacobian: np.ndarray
     inertia: np.ndarray
-    coriolis: np.ndarray
-    elapsed: float
 
 
 class FrankaRobot:
@@ -89,25 +111,27 @@ class FrankaRobot:
 
     Torques are without gravity and the friction that the robot compensates itself.
 
-    :ivar arrived: when the last state arrived, steady time [ns]
+    States and commands go through its real-time channel.
+
+    :ivar channel: None while the robot does not answer
     """
 
-    def __init__(self, settings: FrankaSettings, clock: Clock | None = None,
-                 opened: Callable[[str, Any], Any] = opened):
+    def __init__(self, settings: FrankaSettings,
+                 opened: Callable[[str, Any], tuple[Any, Channel]] = opened):
         """
         Connect, and tell the robot its thresholds.
 
-        :param clock: of `arrived`; by default that of the system
         :param opened: connects to a robot
         :raises ArmStopped: if the robot does not answer
         """
         self._settings, self._explained = settings, _Explained(settings.host, self._end)
-        self._clock, self._opened = clock or SystemClock(), opened
-        self.arrived = 0
+        self._opened = opened
+        self.channel: Channel | None = None
+        self._last = Channel()
         self._robot: Any = None
         self._control: Any = None
-        self._state: Any = None
         self._model: Any = None
+        self._begun = False
         self.connect()
 
     @property
@@ -121,26 +145,56 @@ class FrankaRobot:
         return self._control is not None
 
     @property
+    def arrived(self) -> int:
+        """When the last state arrived, steady time [ns]."""
+        return self._last.arrived
+
+    @property
+    def wire(self) -> Wire:
+        """The real-time channel, for kernels."""
+        return self._last.wire
+
+    @property
+    def between_arrivals(self) -> float:
+        """Time between the last two states on this machine [s]."""
+        return self._last.between_arrivals
+
+    @property
+    def number(self) -> int:
+        """Number of the last state."""
+        return self._last.number
+
+    @property
     def seconds(self) -> float:
         """Time of the robot at the last state [s]."""
-        return float(self._state.time.to_sec())
+        return CYCLE_S * self._last.number
 
     @property
     def position(self) -> np.ndarray:
         """Position of the end effector, as the robot says [m]."""
-        return np.array(self._state.O_T_EE[12:15])
+        return self._last.part('O_T_EE')[12:15]
 
     @property
     def end_effector(self) -> ToolTransform:
         """Where the end effector is, in the frame of the flange."""
-        x, y, z, *turn = pose_of(np.array(self._state.F_T_EE).reshape(4, 4).T).tolist()
+        # libfranka stores matrices column by column.
+        x, y, z, *turn = pose_of(self._last.part('F_T_EE').reshape(4, 4).T).tolist()
         w, i, j, k = turn
         return ToolTransform((x, y, z), (w, i, j, k))
 
     @property
+    def tool(self) -> Payload:
+        """Mass of the end effector, in the frame of the flange."""
+        mass, = self._last.part('m_ee').tolist()
+        inertia = self._last.part('I_ee').reshape(3, 3)
+        x, y, z = self._last.part('F_x_Cee').tolist()
+        xx, yy, zz, xy, xz, yz = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+        return Payload(mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
+
+    @property
     def success_rate(self) -> float:
         """Share of the last hundred cycles whose command arrived in time."""
-        return float(self._state.control_command_success_rate)
+        return self._last.success_rate
 
     def connect(self) -> None:
         """
@@ -153,13 +207,26 @@ class FrankaRobot:
             raise ParameterError('host is empty, expected the address of the robot')
         realtime = libfranka.RealtimeConfig
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
-        self._robot = self._control = None
+        self._robot = self._control = self.channel = None
         with self._explained, own_priority():
-            self._robot = self._opened(settings.host, config)
+            self._robot, self.channel = self._opened(settings.host, config)
+            self._last = self.channel
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
             self._robot.set_collision_behavior(torques, torques, wrench, wrench)
             self._model = self._robot.load_model()
-            self._state = self._robot.read_once()
+        self.read()
+
+    def own_model(self) -> OwnModel:
+        """
+        Ask the robot's own model; only while it is not controlled.
+
+        :raises ArmStopped: if the robot does not answer
+        """
+        with self._explained:
+            state, model = self._robot.read_once(), self._model
+            return OwnModel(np.array(state.q),
+                            np.array(model.zero_jacobian(state)).reshape(JOINTS, 6).T,
+                            np.array(model.mass(state)).reshape(JOINTS, JOINTS))
 
     def carry(self, payload: Payload) -> None:
         """
@@ -183,28 +250,41 @@ class FrankaRobot:
         """
         with self._explained, own_priority():
             self._control = self._robot.start_torque_control()
+        if self.channel is not None:
+            self.channel.begin()
+        self._begun = True
 
     def read(self) -> Reading:
         """
         Wait for the next state.
 
-        :raises ArmStopped: if the robot has ended the control
+        :raises ArmStopped: if the robot has ended the control, or does not answer
         """
-        elapsed = 0.0
+        channel = self.channel
+        if channel is None or not channel.receive(PATIENCE_S):
+            self._end(False)
+            raise ArmStopped(f'{self._settings.host}: the robot does not answer: no state within '
+                             f'{PATIENCE_S:g} s', False)
+        if self._control is not None and channel.mode != MOVES:
+            self._ask_why()
+        first, self._begun = self._begun or self._control is None, False
+        return self._reading(0.0 if first else CYCLE_S * channel.passed)
+
+    def last(self) -> Reading:
+        """The last state again, after kernels have taken some."""
+        return self._reading(CYCLE_S)
+
+    def _reading(self, elapsed: float) -> Reading:
+        channel = self._last
+        return Reading(channel.part('q'), channel.part('dq'), channel.part('tau_ext_hat_filtered'),
+                       channel.taken(), elapsed)
+
+    def _ask_why(self) -> None:
+        """:raises ArmStopped: with why the robot has ended the control"""
         with self._explained:
-            if self._control is None:
-                self._state = self._robot.read_once()
-            else:
-                self._state, duration = self._control.readOnce()
-                elapsed = duration.to_sec()
-        self.arrived = self._clock.now()
-        state, model = self._state, self._model
-        # libfranka stores matrices column by column.
-        return Reading(
-            np.array(state.q), np.array(state.dq), np.array(state.tau_ext_hat_filtered),
-            np.array(model.zero_jacobian(state)).reshape(JOINTS, 6).T,
-            np.array(model.mass(state)).reshape(JOINTS, JOINTS), np.array(model.coriolis(state)),
-            elapsed)
+            self._control.readOnce()
+        self._control = None
+        raise ArmStopped(f'{self._settings.host}: the robot has ended the control', True)
 
     def write(self, torque: np.ndarray, last: bool = False) -> None:
         """
@@ -214,13 +294,15 @@ class FrankaRobot:
         :param last: end the control; the robot then holds its position by itself
         :raises ArmStopped: if the robot has ended the control
         """
-        if self._control is None:
+        if self._control is None or self.channel is None:
             raise ArmStopped(f'{self._settings.host}: the robot is not controlled', True)
-        command = libfranka.Torques(torque.tolist())
-        command.motion_finished = last
-        with self._explained:
-            self._control.writeOnce(command)
+        self.channel.send(torque)
         if last:
+            command = libfranka.Torques(torque.tolist())
+            command.motion_finished = True
+            with self._explained:
+                self._control.readOnce()
+                self._control.writeOnce(command)
             self._control = None
 
     def recover(self) -> None:
@@ -233,16 +315,15 @@ class FrankaRobot:
             self.connect()
         with self._explained:
             self._robot.automatic_error_recovery()
-            self._state = self._robot.read_once()
 
     def close(self) -> None:
         """Disconnect."""
-        self._robot = self._control = None
+        self._robot = self._control = self.channel = None
 
     def _end(self, connected: bool) -> None:
         self._control = None
         if not connected:
-            self._robot = None
+            self._robot = self.channel = None
 
 
 class _Explained:

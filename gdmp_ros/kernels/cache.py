@@ -238,7 +238,12 @@ class KernelCache(_Cache):
         return str(self._files.cache_path)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        result = self._files.load_overload(sig, target_context)
+        try:
+            result = self._files.load_overload(sig, target_context)
+        except (AttributeError, ImportError):
+            # Of a version in which the type of an argument was in another module.
+            self._files.flush()
+            result = None
         if result is None:
             module = self._function.__module__.removeprefix('gdmp_ros.')
             for started, _ in _listeners:

@@ -14,7 +14,7 @@ from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import BEGIN
 
 _CLOCK, _SLEEP = range(2)
-_REALTIME, _MONOTONIC, _ABSOLUTE = 0, 1, 1
+_REALTIME, _MONOTONIC, _THREAD, _ABSOLUTE = 0, 1, 3, 1
 #: Numbers of a compiled loop, integers: period; deadline of the next tick, 0 before the first
 #: wait; ticks that are left of this deadline; time of day of the deadline [ns]; whether Python is
 #: needed. Those of its own follow.
@@ -57,6 +57,28 @@ def wall_ns(functions, spec):
 
 
 @kernel
+def thread_cpu_ns(functions, spec):
+    """CPU time of the calling thread [ns]; see `steady_ns`."""
+    ask_c(functions[_CLOCK], (np.int32(_THREAD), spec))
+    return spec[0] * NS + spec[1]
+
+
+@kernel
+def note(lateness, deadline, late, missed):
+    """
+    Add a tick to a `gdmp_ros.realtime.statistics.LatenessRecorder`.
+
+    :param lateness: its `numbers`
+    :param late: time after the deadline [ns]
+    :param missed: ticks that were not made before it
+    """
+    slot = BEGIN + 2 * (lateness[0] % ((lateness.size - BEGIN) // 2))
+    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + missed
+    lateness[2] = lateness[slot] = deadline
+    lateness[slot + 1] = late
+
+
+@kernel
 def sleep_until(functions, spec, deadline):
     """Sleep until a steady time [ns]; return at once if it has passed."""
     spec[0], spec[1] = deadline // NS, deadline % NS
@@ -82,11 +104,7 @@ def wait(loop, clocks, spec, lateness):
     now = steady_ns(clocks, spec)
     loop[LEFT] = (loop[DEADLINE] - lateness[2]) // period if lateness[0] != 0 else 1
     loop[STAMP] = wall_ns(clocks, spec) - (now - loop[DEADLINE])
-    # As `LatenessRecorder.add`.
-    slot = BEGIN + 2 * (lateness[0] % ((lateness.size - BEGIN) // 2))
-    lateness[0], lateness[1] = lateness[0] + 1, lateness[1] + loop[LEFT] - 1
-    lateness[2] = lateness[slot] = loop[DEADLINE]
-    lateness[slot + 1] = now - loop[DEADLINE]
+    note(lateness, loop[DEADLINE], now - loop[DEADLINE], loop[LEFT] - 1)
 
 
 class CompiledLoop:

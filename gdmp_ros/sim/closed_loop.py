@@ -13,21 +13,14 @@ from gdmp_ros.control.manipulability import (
     PositionTarget,
 )
 from gdmp_ros.control.measurement import Measurement, Tick
+from gdmp_ros.control.plain_tick import controller_of, MADE, OTHER
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.torque_limits import TorqueLimiter
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.plain_tick import (
-    controller_of,
-    end_tick,
-    follow_plainly,
-    MADE,
-    only_goes_on,
-    OTHER,
-    robot_of,
-)
+from gdmp_ros.sim.plain_tick import end_tick, follow_plainly, only_goes_on, robot_of
 from gdmp_ros.sim.teaching import Hand
 
 
@@ -39,7 +32,7 @@ class SimulatedDriver:
     :ivar gripper: of the arm, if it has one
     """
 
-    controlled = True
+    controlled, taken = True, None
 
     def __init__(self, arm: Arm, gripper: SimulatedGripper | None = None):
         self.arm, self.gripper = arm, gripper

@@ -107,5 +107,4 @@ class KnownModel:
     def _be(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.data.qpos[:] = position
         self.data.qvel[:] = velocity
-        mujoco.mj_fwdPosition(self.model, self.data)
-        mujoco.mj_fwdVelocity(self.model, self.data)
+        native.look(native.functions(), native.address(self.model), native.address(self.data))

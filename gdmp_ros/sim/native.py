@@ -12,8 +12,9 @@ from gdmp_ros.kernels import call_c, kernel, local_matrix
 from gdmp_ros.realtime.native import addresses
 
 _NAMES = ('mj_step1', 'mj_step2', 'mj_jacSite', 'mj_jacDot', 'mj_fullM', 'mj_energyPos',
-          'mju_mat2Quat')
-_STEP1, _STEP2, _JACOBIAN, _RATE, _INERTIA, _ENERGY, _QUATERNION = range(len(_NAMES))
+          'mju_mat2Quat', 'mj_fwdPosition', 'mj_fwdVelocity')
+(_STEP1, _STEP2, _JACOBIAN, _RATE, _INERTIA, _ENERGY, _QUATERNION, _POSITION,
+ _VELOCITY) = range(len(_NAMES))
 
 
 @functools.cache
@@ -40,6 +41,13 @@ def steps(addresses, model, data, count):
     """Several times `step`."""
     for _ in range(count):
         step(addresses, model, data)
+
+
+@kernel
+def look(addresses, model, data):
+    """Compute all that does not depend on torques, in the state of the data."""
+    call_c(addresses[_POSITION], (model, data))
+    call_c(addresses[_VELOCITY], (model, data))
 
 
 @kernel

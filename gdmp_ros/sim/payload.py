@@ -95,7 +95,9 @@ class Load:
         own = axes @ (about - mass * _spread(c)) @ axes.T
         place = self._mount.position + axes @ c
         total = self._mass + mass
-        center = (self._mass * self._center + mass * place) / total
+        # A body may have no mass.
+        share = mass / total if total > 0.0 else 0.0
+        center = (1.0 - share) * self._center + share * place
         inertia = (self._inertia + self._mass * _spread(self._center - center)
                    + own + mass * _spread(place - center))
         values, own = np.linalg.eigh(inertia)

@@ -11,14 +11,13 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.law import compute
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.memory import arm_view, TOOL_SPRING
+from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.control.stream import advance, elapse, FOLLOWED, go_on, is_plain
-from gdmp_ros.control.target import STIFFNESS
+from gdmp_ros.control.plain_tick import decide, MADE, only_follows, OTHER
+from gdmp_ros.control.stream import FOLLOWED, go_on, is_plain
 from gdmp_ros.kernels import kernel
-from gdmp_ros.manifolds.linalg import copy_into, is_finite
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.sim.arm import Arm, FATAL
 from gdmp_ros.sim.native import address, external_torque, functions, step
 from gdmp_ros.sim.native import measure as measure_arm
@@ -26,9 +25,8 @@ from gdmp_ros.sim.native import measure as measure_arm
 if TYPE_CHECKING:
     from gdmp_ros.sim.closed_loop import SimulatedDriver
 
-#: What `plain_tick` returns beside the events of `gdmp_ros.control.law.compute`: it has made the
-#: tick; it has done nothing, and the tick is to be made; the simulation is unstable.
-MADE, OTHER, BROKEN = 0, 20, 21
+#: What `plain_tick` returns beside what `decide` does: the simulation is unstable.
+BROKEN = 21
 _FATAL = np.array(FATAL)
 _MOTION = float(StreamMode.STREAMING)
 
@@ -59,22 +57,6 @@ class Robot(NamedTuple):
     fatal: np.ndarray
 
 
-class Controller(NamedTuple):
-    """
-    What a kernel knows of a controller.
-
-    :ivar numbers: `gdmp_ros.control.memory`
-    :ivar stream: `gdmp_ros.control.stream.STREAM`
-    :ivar target: of the guard
-    :ivar held: see `gdmp_ros.control.guard.ReferenceGuard`
-    """
-
-    numbers: np.ndarray
-    stream: np.ndarray
-    target: np.ndarray
-    held: np.ndarray
-
-
 @kernel
 def measure(robot, arm):
     """Write what is measured into the memory of a controller."""
@@ -87,10 +69,6 @@ def measure(robot, arm):
     external_torque(robot.smooth, robot.passive, robot.bias, robot.actuator, robot.constraint, 0,
                     arm.external)
     arm.scalars.potential = robot.energy[0]
-    for i in range(6):
-        arm.twist[i] = 0.0
-        for j in range(arm.velocity.size):
-            arm.twist[i] += arm.jacobian[i, j] * arm.velocity[j]
 
 
 @kernel
@@ -100,18 +78,11 @@ def plain_tick(robot, controller, dt):
 
     :returns: `MADE`, `OTHER`, `BROKEN`, or an event: then the torque has not been sent
     """
-    stream = controller.stream
-    if not is_plain(stream):
+    if not is_plain(controller.stream):
         return OTHER
     arm = arm_view(controller.numbers)
     measure(robot, arm)
-    if not (is_finite(arm.pose) and is_finite(arm.twist)):
-        return OTHER
-    elapse(stream, dt)
-    advance(stream, controller.target, dt)
-    copy_into(controller.target, arm.target)
-    arm.scalars.dt, arm.scalars.does = dt, TOOL_SPRING
-    event = compute(controller.numbers)
+    event = decide(controller, dt)
     if event != 0:
         return event
     copy_into(arm.torque, robot.control)
@@ -144,33 +115,10 @@ def follow_plainly(robot, controller, dt, references, poses):
     return len(references), MADE
 
 
-@kernel
-def write_state(numbers, target, state):
-    """
-    Write the numbers of the state of a tick, as `gdmp_ros.ros.messages.robot_state_numbers` does.
-
-    :param state: written; what no limit uses stays
-    """
-    arm = arm_view(numbers)
-    n = arm.position.size
-    copy_into(arm.pose, state[:7])
-    copy_into(arm.twist, state[7:13])
-    copy_into(arm.wrench, state[13:19])
-    copy_into(arm.reference[STIFFNESS:STIFFNESS + 36], state[19:55])
-    copy_into(target[STIFFNESS:STIFFNESS + 36], state[55:91])
-    state[91], state[92] = arm.scalars.stored, arm.scalars.energy
-    copy_into(arm.commanded, state[93:99])
-    copy_into(arm.violation, state[99:99 + arm.violation.size])
-    joints = state[state.size - 3 * n:]
-    copy_into(arm.position, joints[:n])
-    copy_into(arm.velocity, joints[n:2 * n])
-    copy_into(arm.torque, joints[2 * n:])
-
-
 def only_goes_on(control: ArmControl, driver: SimulatedDriver) -> bool:
     """Whether nothing but following or holding is to be done in the next tick."""
-    return (driver.hand is None and driver.gripper is None and not control.moves_joints
-            and driver.arm.only_goes_on and control.controller.only_goes_on)
+    return (driver.hand is None and driver.gripper is None and driver.arm.only_goes_on
+            and only_follows(control))
 
 
 def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
@@ -196,10 +144,3 @@ def robot_of(arm: Arm) -> Robot:
         data.site_xpos[known.site], data.site_xmat[known.site], data.qpos, data.qvel,
         data.qfrc_bias, data.qfrc_smooth, data.qfrc_passive, data.qfrc_actuator,
         data.qfrc_constraint, data.energy, data.ctrl, data.warning.number, _FATAL)
-
-
-def controller_of(control: ArmControl) -> Controller:
-    """The controller of an arm, for kernels."""
-    controller = control.controller
-    guard = controller.guard
-    return Controller(controller.numbers, guard.numbers, guard.tool_target, guard.held)

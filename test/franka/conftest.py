@@ -28,7 +28,7 @@ def robot():
 @pytest.fixture
 def loop(robot):
     """A loop that has not begun."""
-    access = FrankaRobot(FrankaSettings(host='robot'), robot.clock, robot.open)
+    access = FrankaRobot(FrankaSettings(host='robot'), robot.open)
     driver = FrankaDriver(access, 0.1)
     made = ArmControl(driver)
     made.hold(driver.measured)

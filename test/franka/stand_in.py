@@ -1,10 +1,11 @@
 """
 A Franka Research 3 at the other end of libfranka, in lockstep: it moves on when a command arrives.
 
-It has the methods of pylibfranka, an arm in MuJoCo with dry friction, and ends a motion for the
-reasons that the robot has: commands that do not arrive, torques that jump or are too large. Its
-hand is one as well.
+It has the methods of pylibfranka, a real-time channel with the robot's packed states, an arm in
+MuJoCo with dry friction, and ends a motion for the reasons that the robot has: commands that do
+not arrive, torques that jump or are too large. Its hand is one as well.
 """
+import functools
 from types import SimpleNamespace
 
 import mujoco
@@ -12,6 +13,7 @@ import numpy as np
 import pylibfranka as libfranka
 
 from gdmp_ros.control.arm_driver import ArmStopped
+from gdmp_ros.franka.channel import ARRIVED, ARRIVED_BEFORE, BEFORE, Channel, MOVES, NUMBER
 from gdmp_ros.ros.arm_choice import HAND
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.plant import PlantSettings
@@ -81,7 +83,8 @@ class StandIn:
         if not (self.alive and self.reachable):
             raise ArmStopped(f'{host}: the robot does not answer: Connection refused', False)
         self.control = None  # the motion of a client that has gone has ended with its connection
-        return Robot(self)
+        connection = Robot(self)
+        return connection, LockstepChannel(connection)
 
     def open_hand(self, host):
         """See `gdmp_ros.franka.gripper.opened`."""
@@ -129,16 +132,48 @@ class StandIn:
         self.ticks += 1
 
     def state(self):
-        """What it reports."""
-        still = self.control is None
-        position = self.arm.data.qpos.copy()
-        if still:
+        """What it reports, as libfranka does."""
+        if self.control is None:
             self.arm.data.qvel[:] = 0.0  # the brakes
-        return SimpleNamespace(
-            q=position.tolist(), dq=self.arm.data.qvel.tolist(), tau_ext_hat_filtered=[0.0] * 7,
-            O_T_EE=column_by_column(self._known.pose_at(position)), F_T_EE=column_by_column(TOOL),
-            time=libfranka_time((self.clock.now() - self._begun) / NS),
-            control_command_success_rate=1.0)
+        return SimpleNamespace(q=self.arm.data.qpos.tolist(), dq=self.arm.data.qvel.tolist())
+
+    def report(self, channel):
+        """Write what it reports into the memory of a channel."""
+        state, (mass, center, inertia) = self.state(), self.hand_mass
+        for name, numbers in (
+                ('q', state.q), ('dq', state.dq), ('tau_ext_hat_filtered', np.zeros(7)),
+                ('O_T_EE', column_by_column(self._known.pose_at(np.array(state.q)))),
+                ('tau_J_d', np.zeros(7) if self.control is None else self.control.torque),
+                ('F_T_EE', column_by_column(TOOL)), ('m_ee', mass), ('F_x_Cee', center),
+                ('I_ee', inertia.ravel())):
+            channel.put(name, numbers)
+        channel.mode = MOVES if self.control is not None else 4 if self.error else 1
+        channel.success_rate = 1.0
+
+    @functools.cached_property
+    def hand_mass(self):
+        """Mass, centre and inertia about it of the hand, in the frame of the flange."""
+        model, data = self._model, self._data
+        data.qpos[:] = FIRST
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        flange = data.site('flange')
+        axes, bodies = flange.xmat.reshape(3, 3), []
+        for body in range(model.nbody):
+            at = body
+            while at > 0 and model.body(at).name != 'hand':
+                at = model.body_parentid[at]
+            if at > 0:
+                bodies.append(body)
+        masses = model.body_mass[bodies]
+        places = (data.xipos[bodies] - flange.xpos) @ axes
+        center, total = masses @ places / masses.sum(), np.zeros((3, 3))
+        for body, mass, place in zip(bodies, masses, places):
+            own = axes.T @ data.ximat[body].reshape(3, 3)
+            lever = place - center
+            total += own @ np.diag(model.body_inertia[body]) @ own.T + mass * (
+                lever @ lever * np.eye(3) - np.outer(lever, lever))
+        return masses.sum(), center, total
 
 
 def column_by_column(pose):
@@ -160,11 +195,17 @@ class Robot:
     def __init__(self, robot):
         self._robot, self._begun = robot, robot._begun
 
+    @property
+    def reached(self):
+        """Whether the robot answers."""
+        robot = self._robot
+        return robot.alive and robot.reachable and robot._begun == self._begun
+
     def check(self):
         robot = self._robot
         if not robot.reachable:
             robot.clock.sleep_until(robot.clock.now() + PATIENCE_NS)
-        if not (robot.alive and robot.reachable and robot._begun == self._begun):
+        if not self.reached:
             raise libfranka.NetworkException('libfranka: UDP receive: Timeout')
 
     def set_collision_behavior(self, *thresholds):
@@ -220,23 +261,56 @@ class Model:
         return self._robot.dynamics(state.q, state.dq)[2].tolist()
 
 
+class LockstepChannel(Channel):
+    """A channel whose other end is in the same thread."""
+
+    def __init__(self, connection):
+        super().__init__()
+        self._connection, self._robot = connection, connection._robot
+
+    def receive(self, patience_s):
+        robot, integers = self._robot, self.wire.integers
+        clock = robot.clock
+        clock.sleep_until((clock.now() // CYCLE_NS + 1) * CYCLE_NS)
+        if not self._connection.reached:
+            clock.sleep_until(clock.now() + round(patience_s * NS))
+            return False
+        if robot.control is not None:
+            robot.control.count_lost()
+        robot.report(self)
+        integers[BEFORE], integers[ARRIVED_BEFORE] = integers[NUMBER], integers[ARRIVED]
+        integers[NUMBER] = (clock.now() - robot._begun) // CYCLE_NS + 1
+        integers[ARRIVED] = clock.now()
+        return True
+
+    def send(self, torque):
+        self.wire.torque[:] = torque
+        if self._connection.reached and self._robot.control is not None:
+            self._robot.control.answer(torque)
+
+
 class Control:
     """See ``pylibfranka.ActiveControlBase``."""
 
     def __init__(self, connection, robot):
-        self._connection, self._robot, self._torque = connection, robot, np.zeros(7)
+        self._connection, self._robot, self.torque = connection, robot, np.zeros(7)
         self._read = 0
         self._commanded = robot.clock.now()
 
     def _check(self):
         self._connection.check()
+        self.count_lost()
+        robot = self._robot
+        if robot.control is not self:
+            raise libfranka.ControlException(
+                f'libfranka: Move command aborted: motion aborted by reflex! ["{robot.error}"]')
+
+    def count_lost(self):
+        """End the motion if too many commands have not arrived."""
         robot = self._robot
         lost = (robot.clock.now() - self._commanded) // CYCLE_NS
         if robot.control is self and lost > LOST_CYCLES:
             robot.abort('communication_constraints_violation')
-        if robot.control is not self:
-            raise libfranka.ControlException(
-                f'libfranka: Move command aborted: motion aborted by reflex! ["{robot.error}"]')
 
     def readOnce(self):  # noqa: N802
         clock = self._robot.clock
@@ -248,8 +322,14 @@ class Control:
 
     def writeOnce(self, command):  # noqa: N802
         self._check()
-        robot, torque = self._robot, np.array(command.tau_J)
-        if np.abs(torque - self._torque).max() > TORQUE_STEP + 1e-9:
+        self.answer(np.array(command.tau_J))
+        if command.motion_finished:
+            self._robot.control = None
+
+    def answer(self, torque):
+        """A command has arrived."""
+        robot = self._robot
+        if np.abs(torque - self.torque).max() > TORQUE_STEP + 1e-9:
             robot.abort('controller_torque_discontinuity')
             return
         if not np.isfinite(torque).all() or (np.abs(torque) > TORQUE).any():
@@ -258,9 +338,7 @@ class Control:
         # What a client leaves out acts as before.
         for _ in range(max((robot.clock.now() - self._commanded) // CYCLE_NS, 1)):
             robot.move(torque)
-        self._torque, self._commanded = torque, robot.clock.now()
-        if command.motion_finished:
-            robot.control = None
+        self.torque, self._commanded = torque.copy(), robot.clock.now()
 
 
 class Hand:

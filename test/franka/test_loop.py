@@ -145,5 +145,5 @@ def test_a_library_that_raises_the_priority_of_a_thread_does_not_keep_it(robot):
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         return robot.open(host, config)
-    FrankaRobot(FrankaSettings(host='robot'), robot.clock, opened).close()
+    FrankaRobot(FrankaSettings(host='robot'), opened).close()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER

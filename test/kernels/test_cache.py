@@ -4,6 +4,7 @@ import importlib
 import math
 import os
 from pathlib import Path
+import pickle
 import pkgutil
 import shutil
 import subprocess
@@ -126,6 +127,16 @@ def test_kernels_are_compiled_once_and_again_after_an_edit(folder):
     assert compiled_by(SOURCE.replace('+ 1.0', '+ 2.0'), 8.0) == ['example.outer']
     # Both kernels use the constant. The first text is still kept.
     assert len(compiled_by(SOURCE.replace('2.0', '4.0'), 13.0)) == 2
+    assert compiled_by(SOURCE, 7.0) == []
+
+
+def test_an_index_that_names_a_type_which_was_moved_is_forgotten(folder):
+    compiled_by(SOURCE, 7.0)
+    for path in (cache_folder() / 'gdmp_ros.example').glob('*.nbi'):
+        # Its first record is the version of Numba; the second cannot be read.
+        version = pickle.dumps(pickle.loads(path.read_bytes()))
+        path.write_bytes(version + b'cgdmp_ros.kernels\nNoLongerHere\n.')
+    assert compiled_by(SOURCE, 7.0) == ['example.outer', 'example.inner']
     assert compiled_by(SOURCE, 7.0) == []
 
 

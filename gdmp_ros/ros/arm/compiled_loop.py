@@ -6,11 +6,14 @@ It runs until Python is needed: for requests, for the beginning and the end of a
 """
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.plain_tick import controller_of, MADE, write_state
 from gdmp_ros.control.stream import FOLLOWED, go_on, OTHER
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import bytes_at, kernel
@@ -46,22 +49,16 @@ from gdmp_ros.ros.rcl import (
 )
 from gdmp_ros.ros.serialized import ReferenceReader
 from gdmp_ros.sim.closed_loop import SimulatedDriver
-from gdmp_ros.sim.plain_tick import (
-    controller_of,
-    MADE,
-    plain_tick,
-    robot_of,
-    write_state,
-)
+from gdmp_ros.sim.plain_tick import plain_tick, robot_of
 
 #: Largest number of missed periods that are made up in one tick.
 MAX_CATCH_UP = 10
 #: What `run` returns beside what `plain_tick` does.
 ASKED, MESSAGE = 30, 31
 
-#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): that of the reference that is followed, and
-#: the mode of the arm.
-SEQUENCE, MODE, NUMBERS = range(OWN, OWN + 3)
+#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): that of the reference that is followed, the
+#: mode of the arm, and the stamp of the last state of a robot [ns].
+SEQUENCE, MODE, STAMPED, NUMBERS = range(OWN, OWN + 4)
 
 
 class Links(NamedTuple):
@@ -201,7 +198,9 @@ def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
 
 
 class ArmLoop(CompiledLoop):
-    """The loop of one simulated arm."""
+    """A loop that follows references and sends states."""
+
+    size = NUMBERS
 
     def __init__(self, references: Subscription, reader: ReferenceReader, out: StatePublisher):
         """
@@ -211,7 +210,7 @@ class ArmLoop(CompiledLoop):
         """
         with references.in_use() as address:
             check_handle(address)
-        super().__init__(NUMBERS)
+        super().__init__(self.size)
         self._references, self._states = references, Outgoing(out.states, out.template)
         self._taken = SerializedMemory()
         frame, reference, reference_parts = reader.layout()
@@ -226,13 +225,19 @@ class ArmLoop(CompiledLoop):
         """The reference that was taken last."""
         return self._taken.data
 
-    def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
-        """
-        Make ticks until Python is needed; see `run`.
-
-        What is destroyed meanwhile is kept until then.
-        """
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Keep what is destroyed meanwhile."""
         with self._references.in_use() as self._links.references[0], self._states.in_use():
+            yield
+
+
+class SimulatedLoop(ArmLoop):
+    """The loop of one simulated arm."""
+
+    def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
+        """Make ticks until Python is needed; see `run`."""
+        with self.in_use():
             return int(run(self.numbers, clock_functions(),
                            np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
                            self._scratch, robot_of(driver.arm), controller_of(control),

@@ -6,27 +6,32 @@ from typing import Any
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from gdmp_ros.franka.driver import CYCLE_S, FrankaDriver
+from gdmp_ros.control.arm_driver import ArmStopped
+from gdmp_ros.control.measurement import Tick
+from gdmp_ros.control.plain_tick import only_follows, OTHER
+from gdmp_ros.franka.channel import Channel, CYCLE_S
+from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.franka.robot import FrankaRobot, opened
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
+from gdmp_ros.realtime.native import prepared
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
+from gdmp_ros.ros.arm.compiled_loop import ASKED, MESSAGE, MODE, SEQUENCE, STAMPED
+from gdmp_ros.ros.arm.franka_loop import ANSWERED, FrankaLoop, LOST, WORKED
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import FRANKA
-from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, stamp_of
+from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, stamp_of
+from gdmp_ros.ros.messages import LOST as LOST_STATES
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, Publisher
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.arm import Arm
 
-#: Share of a cycle after which the loop waits for the next state. Before, other threads run:
-#: libfranka keeps the interpreter while it waits.
-YIELD_SHARE = 0.7
-#: A longer cycle is not expected again [ns].
-LONGEST_CYCLE_NS = 3_000_000
 #: Distance between the tool of the model and that of the robot that is worth a warning [m].
 MISPLACED_M = 0.002
+#: Time for others before the loop waits for the next state [ns].
+OTHERS_NS = 1000
 #: Time between two looks at a robot that does not answer [ns].
 SILENT_NS = 50_000_000
 
@@ -37,14 +42,15 @@ class FrankaArm(ArmBackend):
     name, specs = 'franka_arm', FRANKA
     _driver: FrankaDriver | None = None
     _clock_out: Publisher | None = None
+    _compiled: FrankaLoop | None = None
 
-    def __init__(self, opened: Callable[[str, Any], Any] = opened) -> None:
+    def __init__(self, opened: Callable[[str, Any], tuple[Any, Channel]] = opened) -> None:
         """:param opened: connects to a robot"""
         self._opened = opened
 
     def open(self) -> FrankaDriver:
         node, p = self.node, self.node.parameters
-        robot = FrankaRobot(settings_from(p, FrankaSettings), node.clock, self._opened)
+        robot = FrankaRobot(settings_from(p, FrankaSettings), self._opened)
         self.model = Arm('fr3')
         driver = self._driver = FrankaDriver(robot, p.rotor_inertia, p.wall_time)
         if driver.misplaced > MISPLACED_M:
@@ -58,15 +64,22 @@ class FrankaArm(ArmBackend):
         return driver
 
     def offer(self) -> None:
-        self._clock_out = None
-        if self.node.parameters.publish_clock:
-            self._clock_out = self.node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+        node, self._clock_out, clock = self.node, None, None
+        if node.parameters.publish_clock:
+            self._clock_out = node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+            clock = self._clock_out
+        driver, commands = self._driver, node.commands
+        loop = self._compiled = prepared(
+            lambda: FrankaLoop(commands.references, commands.reader, node.state_out, clock),
+            node.get_logger().warning)
+        if loop is not None and driver is not None:
+            loop.warm_up(node.control, driver)
+            commands.called = loop.call
 
     def begin(self) -> None:
         self.node.lateness = LatenessRecorder(round(CYCLE_S * NS))
         self._work = LatenessRecorder(NS)
-        self._stamp_ns = self._last_state_ns = self._arrived = 0
-        self._cycle_ns = CYCLE_S * NS
+        self._stamp_ns = self._answered = 0
 
     def close(self) -> None:
         if self._driver is not None:
@@ -74,56 +87,95 @@ class FrankaArm(ArmBackend):
             self._driver = None
 
     def cycles(self) -> Loop:
-        node, driver = self.node, self._driver
+        node, driver, loop = self.node, self._driver, self._compiled
         if driver is None:
             return
         control, commands, clock = node.control, node.commands, node.clock
         worked = thread_cpu_ns()
+        if loop is not None:
+            loop.begin(round(CYCLE_S * NS))
         while True:
+            if loop is not None and loop.may_go_on(self._only_follows):
+                worked = self._without_interpreter(loop, driver, worked)
             commands.carry_out()
             measured = control.wait()
             if measured is None:
                 yield clock.now() + SILENT_NS
                 continue
-            arrived = driver.robot.arrived
             stamp = self._stamp(driver)
             commands.take_references(stamp)
             tick = control.answer(measured)
-            node.state_out.publish(tick, stamp, commands.sequence)
-            if self._clock_out is not None:
-                self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
+            self._publish(tick, stamp)
             robot_ns = round(driver.robot.seconds * NS)
-            node.lateness.add(robot_ns, robot_ns + clock.now() - arrived)
-            # Other threads run until shortly before the next state.
-            yield self._next_state(arrived)
+            node.lateness.add(robot_ns, robot_ns + clock.now() - driver.robot.arrived)
+            yield clock.now() + OTHERS_NS
             # All that this thread has computed since the last cycle: reading, too.
             worked, last = thread_cpu_ns(), worked
             self._work.add(last, worked)
 
-    def _next_state(self, arrived: int) -> int:
-        """Steady time shortly before the next state is expected [ns]."""
-        cycle = min(arrived - self._arrived, LONGEST_CYCLE_NS)
-        self._arrived = arrived
-        self._cycle_ns += 0.05 * (cycle - self._cycle_ns)
-        return arrived + round(YIELD_SHARE * self._cycle_ns)
+    def _publish(self, tick: Tick, stamp: int) -> None:
+        self.node.state_out.publish(tick, stamp, self.node.commands.sequence)
+        if self._clock_out is not None:
+            self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
+
+    def _only_follows(self) -> bool:
+        """Whether the next cycle may be one that a kernel makes."""
+        node, driver = self.node, self._driver
+        return (node.active and not node.commands.asked and driver is not None
+                and driver.controlled and only_follows(node.control))
+
+    def _without_interpreter(self, loop: FrankaLoop, driver: FrankaDriver, worked: int) -> int:
+        """
+        Let compiled code answer the robot until Python is needed.
+
+        :param worked: CPU time of this thread at the last answer [ns]
+        :returns: the same, now
+        """
+        node, numbers = self.node, loop.numbers
+        commands, control = node.commands, node.control
+        numbers[SEQUENCE], numbers[MODE] = commands.sequence, control.states.state.mode
+        numbers[STAMPED], numbers[WORKED], numbers[LOST] = self._stamp_ns, worked, 0
+        numbers[ANSWERED] = self._answered
+        why = loop.answer(control, driver, node.lateness, self._work)
+        if numbers[ANSWERED] == self._answered:
+            made = False
+        else:
+            made = True
+            self._stamp_ns, self._answered = int(numbers[STAMPED]), int(numbers[ANSWERED])
+            commands.sequence = int(numbers[SEQUENCE])
+            driver.lost += int(numbers[LOST])
+            control.controller.catch_up()
+            driver.catch_up(control.controller.memory.torque)
+        if why == MESSAGE:
+            commands.offer(loop.message, self._next_stamp(driver))
+        elif made and why not in (ASKED, OTHER):
+            tick = control.controller.end_tick(why)
+            try:
+                driver.command(tick.torque)
+            except ArmStopped as error:
+                control.fail(str(error))
+            self._publish(tick, self._stamp_ns)
+        return int(numbers[WORKED])
 
     def _stamp(self, driver: FrankaDriver) -> int:
-        """Time of the present state [ns]: of the robot if it makes the clock, else wall time."""
+        """Take the time of the present state: of the robot if it makes the clock, else of day."""
+        self._stamp_ns = self._next_stamp(driver)
+        self._answered = driver.robot.number
+        return self._stamp_ns
+
+    def _next_stamp(self, driver: FrankaDriver) -> int:
         if self._clock_out is None:
             return self.node.clock.wall()
-        state_ns = round(driver.robot.seconds * NS)
-        passed = state_ns - self._last_state_ns
-        self._last_state_ns = state_ns
+        steps = driver.robot.number - self._answered
         # The time of a robot that was started again begins anew.
-        self._stamp_ns += passed if 0 < passed < NS else round(CYCLE_S * NS)
-        return self._stamp_ns
+        return self._stamp_ns + round((steps if 0 < steps < 1000 else 1) * CYCLE_S * NS)
 
     def diagnosed(self) -> dict[str, Any]:
         driver = self._driver
         if driver is None:
             return {}
         work = self._work.punctuality(1000)
-        return {IN_TIME: f'{driver.robot.success_rate:.3f}', LOST: driver.lost,
+        return {IN_TIME: f'{driver.robot.success_rate:.3f}', LOST_STATES: driver.lost,
                 CPU_TIME: f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
 
 

@@ -7,18 +7,19 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.plain_tick import OTHER
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.native import LEFT, PERIOD, prepared, STAMP
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.compiled_loop import (
-    ArmLoop,
     ASKED,
     MAX_CATCH_UP,
     MESSAGE,
     MODE,
     SEQUENCE,
+    SimulatedLoop,
     warm_up,
 )
 from gdmp_ros.ros.arm.node import ArmNode
@@ -28,7 +29,7 @@ from gdmp_ros.ros.messages import checked_pose, stamp_of
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
 from gdmp_ros.ros.running import run
 from gdmp_ros.sim.closed_loop import SimulatedDriver
-from gdmp_ros.sim.plain_tick import end_tick, only_goes_on, OTHER
+from gdmp_ros.sim.plain_tick import end_tick, only_goes_on
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.viewer import Viewer
 
@@ -58,7 +59,7 @@ class SimulatedArm(ArmBackend):
     guiding = 'only gravity is compensated: guide the arm by ~/hand_pose or with the mouse'
     driver: SimulatedDriver
     _viewer: Viewer | None = None
-    compiled: ArmLoop | None = None
+    compiled: SimulatedLoop | None = None
 
     def open(self) -> SimulatedDriver:
         self.model, gripper = simulated_arm(self.node.parameters)
@@ -91,7 +92,7 @@ class SimulatedArm(ArmBackend):
         """Prepare the loop that does not need the interpreter, if the middleware allows it."""
         node, commands = self.node, self.node.commands
         loop = self.compiled = prepared(
-            lambda: ArmLoop(commands.references, commands.reader, node.state_out),
+            lambda: SimulatedLoop(commands.references, commands.reader, node.state_out),
             node.get_logger().info)
         if loop is not None:
             warm_up(node.control, self.driver)
@@ -124,7 +125,7 @@ class SimulatedArm(ArmBackend):
         return (periodic(self._wall_tick, self._period_ns, self.node.clock)
                 if self.compiled is None else self._without_interpreter(self.compiled))
 
-    def _without_interpreter(self, loop: ArmLoop) -> Loop:
+    def _without_interpreter(self, loop: SimulatedLoop) -> Loop:
         """Let compiled code make the ticks; one that it does not make is made here."""
         node, numbers = self.node, loop.numbers
         commands, states, out = node.commands, node.control.states, node.state_out

@@ -1,0 +1,96 @@
+"""
+A tick in which nothing but following or holding is done, compiled: guard, law, torque.
+
+Each kind of arm adds what is measured, and what the torque does. What such a tick cannot do is
+left to `gdmp_ros.control.arm_control`: requests, the beginning and the end of a motion, faults,
+joint motions, hand guiding.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.law import compute
+from gdmp_ros.control.memory import arm_view, TOOL_SPRING
+from gdmp_ros.control.stream import advance, elapse
+from gdmp_ros.control.target import STIFFNESS
+from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.linalg import copy_into, is_finite
+
+#: What a tick returns beside the events of `compute`: it was made; nothing was done, so it is to
+#: be made.
+MADE, OTHER = 0, 20
+
+
+class Controller(NamedTuple):
+    """
+    What a kernel knows of a controller.
+
+    :ivar numbers: `gdmp_ros.control.memory`
+    :ivar stream: `gdmp_ros.control.stream.STREAM`
+    :ivar target: of the guard
+    :ivar held: see `gdmp_ros.control.guard.ReferenceGuard`
+    """
+
+    numbers: np.ndarray
+    stream: np.ndarray
+    target: np.ndarray
+    held: np.ndarray
+
+
+def controller_of(control: ArmControl) -> Controller:
+    """The controller of an arm, for kernels."""
+    controller = control.controller
+    guard = controller.guard
+    return Controller(controller.numbers, guard.numbers, guard.tool_target, guard.held)
+
+
+def only_follows(control: ArmControl) -> bool:
+    """Whether nothing but following or holding is to be done in the next tick."""
+    return not control.moves_joints and control.controller.only_goes_on
+
+
+@kernel
+def decide(controller, dt):
+    """
+    Compute the torque for what was measured.
+
+    :returns: 0, `OTHER`, or an event: then the torque is not to be sent
+    """
+    arm = arm_view(controller.numbers)
+    for i in range(6):
+        arm.twist[i] = 0.0
+        for j in range(arm.velocity.size):
+            arm.twist[i] += arm.jacobian[i, j] * arm.velocity[j]
+    if not (is_finite(arm.pose) and is_finite(arm.twist)):
+        return OTHER
+    elapse(controller.stream, dt)
+    advance(controller.stream, controller.target, dt)
+    copy_into(controller.target, arm.target)
+    arm.scalars.dt, arm.scalars.does = dt, TOOL_SPRING
+    return compute(controller.numbers)
+
+
+@kernel
+def write_state(numbers, target, state):
+    """
+    Write the numbers of the state of a tick, as `gdmp_ros.ros.messages.robot_state_numbers` does.
+
+    :param state: written; what no limit uses stays
+    """
+    arm = arm_view(numbers)
+    n = arm.position.size
+    copy_into(arm.pose, state[:7])
+    copy_into(arm.twist, state[7:13])
+    copy_into(arm.wrench, state[13:19])
+    copy_into(arm.reference[STIFFNESS:STIFFNESS + 36], state[19:55])
+    copy_into(target[STIFFNESS:STIFFNESS + 36], state[55:91])
+    state[91], state[92] = arm.scalars.stored, arm.scalars.energy
+    copy_into(arm.commanded, state[93:99])
+    copy_into(arm.violation, state[99:99 + arm.violation.size])
+    joints = state[state.size - 3 * n:]
+    copy_into(arm.position, joints[:n])
+    copy_into(arm.velocity, joints[n:2 * n])
+    copy_into(arm.torque, joints[2 * n:])
