@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
-import socket
 import time
 from typing import Any, NamedTuple
 
@@ -17,10 +16,12 @@ from gdmp_ros.franka.channel import (
     channel_since,
     CYCLE_S,
     datagram_sockets,
+    greet,
     MOVES,
+    VERSION,
     Wire,
 )
-from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS, PORT
+from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS
 from gdmp_ros.sim.frames import pose_of, ToolTransform
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -47,10 +48,15 @@ def opened(host: str, config: Any) -> tuple[Any, Channel]:
     :raises ArmStopped: if nobody answers
     """
     try:
-        socket.create_connection((host, PORT), timeout=ANSWER_S).close()
+        version = greet(host, ANSWER_S)
     except OSError as error:
         raise ArmStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
-                           ) from None
+                         ) from None
+    if version != VERSION:
+        raise ArmStopped(
+            f'{host}: the robot speaks version {version} of the protocol, this libfranka version '
+            f'{VERSION}: ' + ('an older Panda needs libfranka 0.9, which this package does not '
+                              'use' if version < VERSION else 'update pylibfranka'), False)
     time.sleep(BETWEEN_CLIENTS_S)
     before = datagram_sockets()
     robot = libfranka.Robot(host, config)

@@ -1,13 +1,18 @@
 """The real-time channel of a Franka, over real sockets; the other end packs and unpacks itself."""
+from contextlib import contextmanager
 import socket
 import struct
+import threading
+import time
 
 import numpy as np
 import pytest
 
+from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.plain_tick import controller_of
 from gdmp_ros.errors import DataError
+from gdmp_ros.franka import channel as channel_module
 from gdmp_ros.franka.channel import (
     BEFORE,
     CERTAIN,
@@ -21,6 +26,8 @@ from gdmp_ros.franka.channel import (
     UNREAD,
 )
 from gdmp_ros.franka.plain_cycle import link_of, measure
+from gdmp_ros.franka.robot import FrankaRobot
+from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.kernels import kernel
 from gdmp_ros.sim.frames import ToolTransform
 
@@ -150,3 +157,34 @@ def test_a_kernel_measures_as_python_does(loop, rng):
         np.testing.assert_allclose(getattr(arm, name), getattr(driver.measured, name), atol=1e-12)
     np.testing.assert_allclose(arm.acceleration, driver.measured.jdot_qdot, atol=1e-12)
     assert arm.scalars.potential == 0.0
+
+
+@contextmanager
+def answering(monkeypatch, answer):
+    """A server at the port of a robot that gives one answer, None for silence."""
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        monkeypatch.setattr(channel_module, 'PORT', server.getsockname()[1])
+
+        def serve():
+            client, _ = server.accept()
+            with client:
+                client.recv(1024)
+                if answer is not None:
+                    client.sendall(answer)
+                client.recv(1024)
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield
+        thread.join()
+
+
+@pytest.mark.parametrize('answer, why', [
+    (None, 'does not answer: timed out'),
+    (b'HTTP/1.1 400 Bad Request', 'does not speak the protocol of a Franka'),
+    (struct.pack('<IIIBH', 0, 1, 15, 1, 5), 'version 5 of the protocol, .*older Panda'),
+    (struct.pack('<IIIBH', 0, 1, 15, 1, 11), 'version 11 .* update pylibfranka')])
+def test_who_is_no_robot_that_is_understood_is_said_at_once(monkeypatch, answer, why):
+    begun = time.monotonic()
+    with answering(monkeypatch, answer), pytest.raises(ArmStopped, match=why):
+        FrankaRobot(FrankaSettings(host='127.0.0.1'))
+    assert time.monotonic() - begun < 3.0
