@@ -17,7 +17,6 @@ from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.protocol_server import await_server, HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
-from gdmp_ros.realtime.loop import Loop, LoopThread, SystemClock
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.util.terminal import progress
 
@@ -41,27 +40,12 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     with (tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name, choice.robot(Path(name)),
           progress('clients', len(CLIENTS)) as step):
         await_server(lambda: None)
-        bare = _in_loop_thread(lambda: exchange(HOST, cycles))
+        bare = timing.in_loop_thread(lambda: exchange(HOST, cycles))
         step()
         time.sleep(BETWEEN_CLIENTS_S)
-        own = _in_loop_thread(lambda: _follow_circle(cycles))
+        own = timing.in_loop_thread(lambda: _follow_circle(cycles))
         step()
     return {'bare': _figures(*bare), 'loop': _figures(*own)}
-
-
-def _in_loop_thread(measure: Any) -> Any:
-    """Result of a function that runs like the loop of a node."""
-    result: list[Any] = []
-
-    def loop() -> Loop:
-        result.append(measure())
-        yield 0
-    thread = LoopThread(loop(), SystemClock(), -1)
-    thread.start()
-    thread.end()
-    if thread.failure is not None:
-        raise thread.failure
-    return result[0]
 
 
 def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:

@@ -102,8 +102,10 @@ def _stream_figures(folder: Path, run: runs.Run, timeline: Timeline) -> dict[str
 
 def _arm_ticks(folder: Path, timeline: Timeline) -> dict[str, Any]:
     """Ticks of the arm, and deadlines without one, made up later or not."""
-    figures = punctuality_of(window(folder, 'sim', timeline), PERIOD_NS)
+    ticks = window(folder, 'sim', timeline)
+    figures = punctuality_of(ticks, PERIOD_NS)
     return {'count': figures.ticks, 'lost': figures.missed,
+            'lost_in_a_row': int((np.diff(ticks[:, 0]) // PERIOD_NS - 1).max(initial=0)),
             'lost_share': figures.missed / max(figures.ticks + figures.missed, 1)}
 
 
