@@ -26,8 +26,8 @@ from gdmp_ros.ros.clients.arm_client import identify_alone
 
 #: Cycles of the client that only reads and writes; the first do not count.
 CYCLES, FIRST = 10_000, 200
-#: What is asked: commands in time, cycles lost in a row, tracking and distance at rest [m]; CPU time
-#: at 99 %, and beyond that client at 50 and 99 % [µs].
+#: What is asked: commands in time, cycles lost in a row, tracking and distance at rest [m]; CPU
+#: time at 99 %, and beyond that client at 50 and 99 % [µs].
 SHARE, LOST, TRACKING_M, REST_M, CPU_US, MORE_US = 0.99, 5, 0.004, 0.003, 300.0, (100.0, 150.0)
 
 
