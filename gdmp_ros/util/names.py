@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import re
 
 from gdmp_ros.errors import DataError
 
@@ -10,7 +11,7 @@ def indices_of(wanted: Sequence[str], given: Sequence[str], what: str) -> list[i
     """
     Where names are among others, which may have a prefix more or less: ``panda_joint1``.
 
-    A finger is no joint of an arm.
+    Numbered joints may have different prefixes: ``fr3_joint1``. A finger is no joint of an arm.
 
     :param what: they are of, for messages
     :raises DataError: if a name is missing, or there are several
@@ -18,10 +19,21 @@ def indices_of(wanted: Sequence[str], given: Sequence[str], what: str) -> list[i
     return [_index_of(name, given, what) for name in wanted]
 
 
+#: The end of the name of a numbered joint of an arm.
+_NUMBERED = re.compile(r'(?:^|_)(joint_?\d+)$')
+
+
+def _number(name: str) -> str:
+    """``joint1`` of ``panda_joint1``; empty for other names."""
+    found = _NUMBERED.search(name)
+    return found.group(1) if found and 'finger' not in name else ''
+
+
 def _index_of(name: str, given: Sequence[str], what: str) -> int:
     for alike in (lambda other: other == name,
                   lambda other: (other.endswith(name) or name.endswith(other))
-                  and ('finger' in other) == ('finger' in name)):
+                  and ('finger' in other) == ('finger' in name),
+                  lambda other: _number(other) == _number(name) != ''):
         found = [index for index, other in enumerate(given) if other and alike(other)]
         if len(found) == 1:
             return found[0]
