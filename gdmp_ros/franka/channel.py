@@ -14,6 +14,7 @@ import functools
 import os
 import socket
 import struct
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -353,14 +354,23 @@ def datagram_sockets() -> set[int]:
     return found
 
 
-def channel_since(before: set[int]) -> Channel:
+def channel_since(before: set[int], patience_s: float) -> Channel:
     """
-    Return the channel that libfranka has opened.
+    Return the channel that libfranka has opened: states come there.
 
-    :param before: `datagram_sockets` before it connected
-    :raises DataError: if there is not exactly one
+    :param before: `datagram_sockets` before it connected; other libraries open some, too
+    :param patience_s: longest time to wait for a state [s]
+    :raises DataError: if none comes
     """
-    opened = datagram_sockets() - before
-    if len(opened) != 1:
-        raise DataError(f'libfranka has opened {len(opened)} sockets for datagrams, expected 1')
-    return Channel(opened.pop())
+    ends = time.monotonic() + patience_s
+    while time.monotonic() < ends:
+        for handle in datagram_sockets() - before:
+            with socket.socket(fileno=os.dup(handle)) as one:
+                try:
+                    came = one.recv(2 * STATE_SIZE, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+                except BlockingIOError:
+                    continue
+            if len(came) == STATE_SIZE:
+                return Channel(handle)
+        time.sleep(CYCLE_S)
+    raise DataError(f'no state of the robot has come within {patience_s:g} s')

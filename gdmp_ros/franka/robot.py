@@ -60,7 +60,7 @@ def opened(host: str, config: Any) -> tuple[Any, Channel]:
     time.sleep(BETWEEN_CLIENTS_S)
     before = datagram_sockets()
     robot = libfranka.Robot(host, config)
-    return robot, channel_since(before)
+    return robot, channel_since(before, ANSWER_S)
 
 
 @contextmanager

@@ -102,12 +102,18 @@ def test_a_socket_that_is_closed_is_silent():
     assert not Channel(handle).receive(10.0)
 
 
-def test_the_channel_is_the_socket_that_was_opened():
+def test_the_channel_is_the_socket_to_which_states_come():
     before = datagram_sockets()
-    with pytest.raises(DataError, match='0 sockets for datagrams'):
-        channel_since(before)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM):
-        assert channel_since(before)
+    with (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+          socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own):
+        for one in (other, own):
+            one.bind(('127.0.0.1', 0))
+        other.sendto(b'something else', other.getsockname())
+        with pytest.raises(DataError, match='no state of the robot'):
+            channel_since(before, 0.05)
+        other.sendto(packed(4), own.getsockname())
+        channel = channel_since(before, 1.0)
+        assert channel.receive(1.0) and channel.number == 4
 
 
 def told(channel, number, torque):
