@@ -14,21 +14,6 @@ NEAR_STEPS, NEAR_DAMPING = 20, 0.01
 
 
 @kernel
-def add_lever(jacobian, lever):
-    """
-    Change a Jacobian to that of a point which is ``lever`` away, in the base frame.
-
-    :param jacobian: linear over angular, shape ``(6, n)``; changed
-    :param lever: [m], shape ``(3,)``
-    """
-    for i in range(jacobian.shape[1]):
-        x, y, z = jacobian[3, i], jacobian[4, i], jacobian[5, i]
-        jacobian[0, i] += y * lever[2] - z * lever[1]
-        jacobian[1, i] += z * lever[0] - x * lever[2]
-        jacobian[2, i] += x * lever[1] - y * lever[0]
-
-
-@kernel
 def constant_velocity_acceleration(jacobian, velocity, acceleration):
     """
     Write J̇ q̇: the acceleration of the tool at constant joint velocities.

@@ -13,6 +13,7 @@ import ctypes
 import functools
 import os
 import socket
+import stat
 import struct
 import time
 from typing import NamedTuple
@@ -82,12 +83,14 @@ class Wire(NamedTuple):
     :ivar functions: `_functions`
     :ivar integers: see `SOCKET`
     :ivar came: bytes of a state that has come
-    :ivar state: bytes of the last state; the next three are parts of them
-    :ivar numbers: all its numbers, shape (320,)
-    :ivar number: its number
+    :ivar came_number: its number, a part of its bytes
+    :ivar state: bytes of the last state
+    :ivar numbers: all its numbers, a part of its bytes, shape (320,)
+    :ivar command: bytes of the last command
     :ivar sent_number: number of the command, a part of its bytes
-    :ivar torque: of the last command
-    :ivar lowest: torques with which the robot may compare the next, with ``highest``
+    :ivar torque: of the last command [Nm]; ``torque_bytes`` is the same memory
+    :ivar lowest: of the torques with which the robot may compare the next; ``highest`` the same
+    :ivar rate: success rate of the last state; ``rate_bytes`` is the same memory
     :ivar address: of the robot, and its length
     """
 
@@ -261,7 +264,7 @@ class Channel:
         """Control begins, without a torque."""
         wire = self.wire
         wire.torque[:] = wire.lowest[:] = wire.highest[:] = 0.0
-        wire.integers[IN_ORDER] = 0
+        wire.integers[IN_ORDER] = wire.integers[UNREAD] = 0
 
     def taken(self) -> np.ndarray:
         """Lowest and highest torque with which the robot may compare the next; `read_taken`."""
@@ -346,10 +349,13 @@ def datagram_sockets() -> set[int]:
     found = set()
     for name in os.listdir('/proc/self/fd'):
         try:
+            # A copy of what is no socket would never be closed.
+            if not stat.S_ISSOCK(os.fstat(int(name)).st_mode):
+                continue
             with socket.socket(fileno=os.dup(int(name))) as one:
                 if one.family == socket.AF_INET and one.type == socket.SOCK_DGRAM:
                     found.add(int(name))
-        except OSError:  # no socket, or closed meanwhile
+        except OSError:  # closed meanwhile
             continue
     return found
 

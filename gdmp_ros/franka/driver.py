@@ -12,7 +12,6 @@ from gdmp_ros.control.measurement import Measurement
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.franka.channel import CYCLE_S
 from gdmp_ros.franka.robot import FrankaRobot
-from gdmp_ros.franka.settings import JOINTS
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import tool_at, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
@@ -36,6 +35,8 @@ class FrankaDriver:
     :ivar known: its model
     :ivar measured: the last measurement
     :ivar dt: time for which the next torque acts [s]
+    :ivar differences: of the model from that of the robot at the last begin: of the inertia,
+        relative, and the largest one of a column of the Jacobian [m, rad]
     :ivar lost: cycles without a state of the robot, since the start
     """
 
@@ -59,7 +60,7 @@ class FrankaDriver:
         self.known = KnownModel(model, mujoco.MjData(model), flange.known.site, False)
         self._load = Load(model, self.known.body, self.known.mount)
         self._flange = flange.end_pose
-        self._sent = np.zeros_like(self.joints.torque)
+        self._sent, self.differences = np.zeros_like(self.joints.torque), (0.0, 0.0)
         self._tool, self._payload = ToolTransform(), Payload()
         self._reading = robot.read()
         self._end_effector = robot.end_effector
@@ -96,8 +97,7 @@ class FrankaDriver:
         rotors = np.diag(self.known.model.dof_armature)
         inertia = float(np.linalg.norm(used.inertia - rotors - own.inertia)
                         / np.linalg.norm(own.inertia))
-        away = float(np.abs(used.jacobian[:, 6] - own.jacobian[:, 6]).max())
-        away = max(away, float(np.linalg.norm(used.jacobian - own.jacobian) / JOINTS ** 0.5))
+        away = float(np.linalg.norm(used.jacobian - own.jacobian, axis=0).max())
         self.differences = inertia, away
         if inertia > LARGEST_INERTIA or away > LARGEST_JACOBIAN:
             raise ArmStopped(
@@ -155,7 +155,7 @@ class FrankaDriver:
         tool = ToolTransform((x, y, z), (w, i, j, k))
         self.end_pose = tool_at(self._flange, tool)
         self.known.put_tool(tool)
-        self._load.put(self.robot.tool.moments()
+        self._load.put(self.robot.tool_moments
                        + self._payload.seen_from(self._end_effector).moments())
         self.measured = self._measurement()
 

@@ -23,7 +23,7 @@ from gdmp_ros.franka.channel import (
 )
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS
 from gdmp_ros.sim.frames import pose_of, ToolTransform
-from gdmp_ros.sim.payload import Payload
+from gdmp_ros.sim.payload import moments_of, Payload
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 with optional_import(extra('franka')):
@@ -189,13 +189,10 @@ class FrankaRobot:
         return ToolTransform((x, y, z), (w, i, j, k))
 
     @property
-    def tool(self) -> Payload:
-        """Mass of the end effector, in the frame of the flange."""
-        mass, = self._last.part('m_ee').tolist()
-        inertia = self._last.part('I_ee').reshape(3, 3)
-        x, y, z = self._last.part('F_x_Cee').tolist()
-        xx, yy, zz, xy, xz, yz = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
-        return Payload(mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
+    def tool_moments(self) -> np.ndarray:
+        """Mass of the end effector in the frame of the flange, as `Payload.moments`."""
+        return moments_of(float(self._last.part('m_ee')[0]), self._last.part('F_x_Cee'),
+                          self._last.part('I_ee').reshape(3, 3))
 
     @property
     def success_rate(self) -> float:

@@ -62,9 +62,17 @@ class Payload:
 
     def moments(self) -> np.ndarray:
         """Mass, mass times centre, inertia about the tool: 10 numbers that add up and blend."""
-        c = np.array(self.center)
-        about = self.matrix + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        return np.concatenate([[self.mass], self.mass * c, about[np.triu_indices(3)]])
+        return moments_of(self.mass, np.array(self.center), self.matrix)
+
+
+def moments_of(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """
+    See `Payload.moments`; whether a body has these is not checked.
+
+    :param inertia: about the centre, 3×3 [kg m²]
+    """
+    about = inertia + mass * _spread(center)
+    return np.concatenate([[mass], mass * center, about[np.triu_indices(3)]])
 
 
 class Load:

@@ -1,5 +1,6 @@
 """The real-time channel of a Franka, over real sockets; the other end packs and unpacks itself."""
 from contextlib import contextmanager
+import os
 import socket
 import struct
 import threading
@@ -100,6 +101,13 @@ def test_a_socket_that_is_closed_is_silent():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         handle = own.fileno()
     assert not Channel(handle).receive(10.0)
+
+
+def test_to_look_for_sockets_leaves_nothing_open():
+    before = len(os.listdir('/proc/self/fd'))
+    for _ in range(3):
+        datagram_sockets()
+    assert len(os.listdir('/proc/self/fd')) == before
 
 
 def test_the_channel_is_the_socket_to_which_states_come():

@@ -174,8 +174,9 @@ class FrankaArm(ArmBackend):
         driver = self._driver
         if driver is None:
             return {}
-        work = self._work.punctuality(1000)
+        work, (inertia, jacobian) = self._work.punctuality(1000), driver.differences
         return {IN_TIME: f'{driver.robot.success_rate:.3f}', LOST_STATES: driver.lost,
+                'difference of the model': f'inertia {inertia:.1%}, Jacobian {jacobian:.4f} m',
                 CPU_TIME: f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
 
 
