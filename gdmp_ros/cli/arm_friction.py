@@ -17,9 +17,8 @@ examples:
 from __future__ import annotations
 
 import argparse
+import math
 import os
-
-import numpy as np
 
 from gdmp_ros.choices import ARMS
 from gdmp_ros.cli.arguments import add_arm_node, add_franka, add_output, arm_choice
@@ -54,11 +53,11 @@ def run(options: argparse.Namespace) -> None:
         from gdmp_ros.util.dds_network import default_environment
         os.environ.update(default_environment())
         result = identify(options.node, options.output, options.set)
-    moments = np.array(result['weight_moments']).reshape(-1, 3)
-    rows = zip(result['friction_viscous'], result['friction_dry'], moments)
+    moments = iter(result['weight_moments'])
+    rows = zip(result['friction_viscous'], result['friction_dry'], zip(moments, moments, moments))
     table('friction, and weight that the model lacks',
           ['joint', 'viscous [Nm s/rad]', 'dry [Nm]', 'moment of weight [Nm]'],
-          [[number, f'{viscous:.3f}', f'{dry:.3f}', f'{np.linalg.norm(moment):.3f}']
+          [[number, f'{viscous:.3f}', f'{dry:.3f}', f'{math.hypot(*moment):.3f}']
            for number, (viscous, dry, moment) in enumerate(rows, 1)])
     print(f'wrote {options.output}: --ros-args --params-file {options.output}'
           + ('; the node uses it now' if options.set else ''))

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from gdmp_ros.control.arm_driver import ArmStopped
@@ -55,10 +54,8 @@ class FrankaDriver:
         self.joints = replace(flange.limits, cycle=CYCLE_S)
         self.friction = np.zeros(len(self.joints.torque))
         self.dt, self.lost = CYCLE_S, 0
-        model = flange.known.model
-        model.opt.gravity[:], model.dof_armature[:] = 0.0, rotor_inertia
-        self.known = KnownModel(model, mujoco.MjData(model), flange.known.site, False)
-        self._load = Load(model, self.known.body, self.known.mount)
+        self.known = KnownModel.weightless(flange.known.model, flange.known.site, rotor_inertia)
+        self._load = Load(self.known.model, self.known.body, self.known.mount)
         self._flange = flange.end_pose
         self._sent, self.differences = np.zeros_like(self.joints.torque), (0.0, 0.0)
         self._tool, self._payload = ToolTransform(), Payload()

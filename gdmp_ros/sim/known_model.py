@@ -40,6 +40,17 @@ class KnownModel:
         self._viewed: mujoco.MjData | None = None
         self._views: Any = ()
 
+    @classmethod
+    def weightless(cls, model: mujoco.MjModel, site: int, rotor_inertia: float) -> KnownModel:
+        """
+        Return the model of a robot that holds its weight by itself.
+
+        :param model: changed
+        :param rotor_inertia: of each joint [kg m²]
+        """
+        model.opt.gravity[:], model.dof_armature[:] = 0.0, rotor_inertia
+        return cls(model, mujoco.MjData(model), site, False)
+
     @property
     def only_goes_on(self) -> bool:
         """Whether it is the simulated robot itself, and nothing new is carried."""
