@@ -69,12 +69,17 @@ class Found(NamedTuple):
         return bool(self.measured >= self.asked if self.at_least else self.measured <= self.asked)
 
 
-def make(plant: str, **settings: Any) -> ClosedLoop:
-    """A closed loop without mechanical stops; ``settings`` are those of the controller."""
-    changed, limits = PLANTS[plant], settings.pop('limits', LimitSettings())
+def make(plant: str, robot: PlantSettings | None = None, **settings: Any) -> ClosedLoop:
+    """
+    Return a closed loop without mechanical stops.
+
+    :param robot: instead of that of the plant
+    :param settings: of the controller
+    """
+    changed = robot or PLANTS[plant]
     friction = FrictionSettings(dry=(changed.dry_friction if changed else 0.0,))
     loop = ClosedLoop(Arm(plant=changed), ControllerSettings(
-        friction=friction, limits=limits, **{'guard': ANYWHERE, **settings}))
+        **{'friction': friction, 'guard': ANYWHERE, **settings}))
     loop.arm.model.jnt_limited[:] = 0
     loop.controller.guard.arm()
     return loop
@@ -488,11 +493,8 @@ def _off_letter(loop: ClosedLoop, skill: Skill, stiffness: float) -> float:
 def foreign_masses(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     """A letter on a robot with other masses: with the weight that was identified, and without."""
     def controlled(**settings: Any) -> ClosedLoop:
-        loop = ClosedLoop(Arm(plant=FOREIGN[plant]), ControllerSettings(
-            guard=ANYWHERE, tank=TankSettings(delay=0.003), **settings))
-        loop.controller.guard.arm()
-        return loop
-    loop = controlled()
+        return make(plant, FOREIGN[plant], tank=TankSettings(delay=0.003), **settings)
+    loop = controlled(friction=FrictionSettings())
     motion = FrictionIdentification(loop.joints, loop.arm.chain)
     loop.move(motion)
     while loop.moves_joints:
@@ -560,13 +562,10 @@ def _touch(arm: Arm, top: float) -> float:
 
 def hard_contact(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     """A table of 30 kN/m that dissipates hardly anything: touched at 50 mm/s, then slid along."""
-    real = replace(REAL, delay=0.002)
+    robot = replace(REAL, delay=0.002) if PLANTS[plant] else None
     lost, spread = 0, 0.0
     for stiffness in (200.0, 400.0, 800.0):
-        loop = make(plant, tank=TankSettings(delay=0.003))
-        if PLANTS[plant]:
-            loop = ClosedLoop(Arm(plant=real), loop.controller.settings)
-            loop.controller.guard.arm()
+        loop = make(plant, robot, tank=TankSettings(delay=0.003))
         home, forces = loop.arm.measure().pose.copy(), list[float]()
         target, top = resting_target(home, diagonal(stiffness)), home[2] - TABLE
         for k in range(5000):

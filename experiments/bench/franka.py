@@ -60,14 +60,15 @@ def _follow_circle(cycles: int) -> tuple[np.ndarray, int]:
     loop.warm_up(driver.measured, driver.dt)
     figures = np.empty((cycles, 3))
     loop.activate()
-    center, begun, worked = driver.measured.pose.copy(), robot.arrived, time.thread_time_ns()
+    center, begun = driver.measured.pose.copy(), robot.channel.arrived
+    worked = time.thread_time_ns()
     for i in range(cycles):
         measured = loop.wait()
         if measured is None:
             raise GdmpError(loop.states.reason)
-        loop.must_follow(_on_circle(center, 1e-9 * (robot.arrived - begun)))
+        loop.must_follow(_on_circle(center, 1e-9 * (robot.channel.arrived - begun)))
         loop.answer(measured)
-        answered, last, worked = (time.monotonic_ns() - robot.arrived, worked,
+        answered, last, worked = (time.monotonic_ns() - robot.channel.arrived, worked,
                                   time.thread_time_ns())
         figures[i] = worked - last, answered, robot.success_rate
     loop.end()

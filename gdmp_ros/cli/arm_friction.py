@@ -2,8 +2,8 @@
 
 Each joint of the running arm moves slowly by 0.15 rad to both sides, at three speeds. There must
 be room for it, and nothing may stream references. It takes about two and a half minutes. Ctrl-C
-ends it; the arm then holds. What the hand carries and nobody announced (~/set_payload) counts as
-weight of the arm: begin with an empty hand.
+ends it; the arm then holds. A payload that was not announced (~/set_payload) counts as weight of
+the arm: begin with an empty hand.
 
 With --arm sim, or --arm franka and --host, it starts the node itself, and moves to the home
 posture first.

@@ -29,8 +29,6 @@ MARGIN = 0.05
 ACCELERATION = 3.0
 #: Time after a turn that does not count, and time at rest before the first motion [s].
 SETTLE_S, REST_S = 0.2, 0.5
-
-
 #: Time between two samples for the weight [s].
 SAMPLE_S = 0.02
 #: Error of the torque of a motion in one direction that no moment of weight explains, and size of
@@ -211,8 +209,8 @@ class FrictionIdentification:
         """
         n, count = len(self._start), len(self._speeds)
         rows = np.zeros((len(self._samples), 3 * n + n * count))
-        sizes = Counter(id(sample.leg) for sample in self._samples)
-        weights = np.array([1.0 / (UNEXPLAINED_NM * math.sqrt(sizes[id(sample.leg)]))
+        sizes = Counter(sample.leg for sample in self._samples)
+        weights = np.array([1.0 / (UNEXPLAINED_NM * math.sqrt(sizes[sample.leg]))
                             for sample in self._samples])
         for row, (position, leg, _) in zip(rows, self._samples):
             row[:3 * n] = weight_rows(self._chain, position)[leg.joint]

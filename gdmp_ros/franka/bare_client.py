@@ -37,7 +37,7 @@ def exchange(host: str, cycles: int) -> tuple[np.ndarray, int]:
     :raises GdmpError: if the robot does not answer
     """
     robot = FrankaRobot(FrankaSettings(host=host))
-    wire, figures = robot.wire, np.empty((cycles, 3))
+    wire, figures = robot.channel.wire, np.empty((cycles, 3))
     _exchange(wire, 1, figures[:0])  # compiled before it is needed
     robot.begin()
     lost = _exchange(wire, round(1e3 * PATIENCE_S), figures)

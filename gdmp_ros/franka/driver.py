@@ -60,8 +60,7 @@ class FrankaDriver:
         self._sent, self.differences = np.zeros_like(self.joints.torque), (0.0, 0.0)
         self._tool, self._payload = ToolTransform(), Payload()
         self._reading = robot.read()
-        self._end_effector = robot.end_effector
-        self._put()
+        self._put(self._tool)
 
     @property
     def controlled(self) -> bool:
@@ -89,8 +88,10 @@ class FrankaDriver:
     def _check_model(self) -> None:
         """:raises ArmStopped: if the model of this package is not that of the robot"""
         own = self.robot.own_model()
-        self._put()  # the end effector may be another one
-        used = self._model_at(own.position)
+        # At the end effector, which may be another one than before.
+        self._put(ToolTransform())
+        used = self._at(own.position, *np.zeros((2, len(own.position))))
+        self._put(self._tool)
         rotors = np.diag(self.known.model.dof_armature)
         inertia = float(np.linalg.norm(used.inertia - rotors - own.inertia)
                         / np.linalg.norm(own.inertia))
@@ -108,7 +109,7 @@ class FrankaDriver:
         self._reading = self.robot.read()
         elapsed = self._reading.elapsed if self._reading.elapsed > 0.0 else CYCLE_S
         self.lost += max(round(elapsed / CYCLE_S) - 1, 0)
-        self.dt = self.robot.between_arrivals if self.wall_time else elapsed
+        self.dt = self.robot.channel.between_arrivals if self.wall_time else elapsed
         self.measured = self._measurement()
         return self.measured
 
@@ -141,17 +142,17 @@ class FrankaDriver:
 
     def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
         before, self._tool = self.measured.pose, tool
-        self._put()
+        self._put(tool)
         return before, self.measured.pose
 
-    def _put(self) -> None:
-        """Put end effector, tool and load to the model, and look at it."""
+    def _put(self, tool: ToolTransform) -> None:
+        """Put end effector, a tool in its frame, and load to the model, and look at it."""
         self._end_effector = self.robot.end_effector
         x, y, z, w, i, j, k = tool_at(np.array(
-            [*self._end_effector.position, *self._end_effector.rotation]), self._tool).tolist()
-        tool = ToolTransform((x, y, z), (w, i, j, k))
-        self.end_pose = tool_at(self._flange, tool)
-        self.known.put_tool(tool)
+            [*self._end_effector.position, *self._end_effector.rotation]), tool).tolist()
+        whole = ToolTransform((x, y, z), (w, i, j, k))
+        self.end_pose = tool_at(self._flange, whole)
+        self.known.put_tool(whole)
         self._load.put(self.robot.tool_moments
                        + self._payload.seen_from(self._end_effector).moments())
         self.measured = self._measurement()
@@ -166,19 +167,13 @@ class FrankaDriver:
         self.end()
         self.robot.carry(payload)
         self._payload = payload
-        self._put()
+        self._put(self._tool)
         return self.begin() if controlled else None
 
     def _measurement(self) -> Measurement:
-        position, velocity, external = self._reading[:3]
+        return self._at(*self._reading[:3])
+
+    def _at(self, position: np.ndarray, velocity: np.ndarray, external: np.ndarray) -> Measurement:
+        """What the model says in a state."""
         self.known.look(position, velocity, 0.0)
         return self.known.measurement(position, velocity, external)
-
-    def _model_at(self, position: np.ndarray) -> Measurement:
-        """The model at rest, with the end effector as tool."""
-        effector = self._end_effector
-        self.known.put_tool(effector)
-        self.known.look(position, np.zeros_like(position), 0.0)
-        result = self.known.measurement(position, np.zeros_like(position), np.zeros_like(position))
-        self._put()
-        return result

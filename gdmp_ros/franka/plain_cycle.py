@@ -38,7 +38,7 @@ def link_of(driver: FrankaDriver) -> Link:
     """A robot, for kernels; until it is connected again, or has another tool."""
     known = driver.known
     data = known.data
-    return Link(driver.robot.wire, functions(),
+    return Link(driver.robot.channel.wire, functions(),
                 np.array([address(known.model), address(data), known.site, known.body]),
                 data.site_xpos[known.site], data.site_xmat[known.site], data.qpos, data.qvel,
                 data.qfrc_bias)
@@ -55,7 +55,7 @@ def measure(link, arm):
     measure_model(link.functions, model, data, link.places[2], link.places[3],
                   link.site_position, link.site_axes, link.bias, arm.velocity, arm.pose,
                   arm.jacobian, arm.inertia, arm.bias, arm.acceleration)
-    # The robot holds its weight by itself.
+    # The robot compensates gravity itself.
     arm.scalars.potential = 0.0
 
 

@@ -19,7 +19,6 @@ from gdmp_ros.franka.channel import (
     greet,
     MOVES,
     VERSION,
-    Wire,
 )
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS
 from gdmp_ros.sim.frames import pose_of, ToolTransform
@@ -117,9 +116,7 @@ class FrankaRobot:
 
     Torques are without gravity and the friction that the robot compensates itself.
 
-    States and commands go through its real-time channel.
-
-    :ivar channel: None while the robot does not answer
+    :ivar channel: through which states and commands go; after a robot has gone, its last state
     """
 
     def __init__(self, settings: FrankaSettings,
@@ -132,8 +129,7 @@ class FrankaRobot:
         """
         self._settings, self._explained = settings, _Explained(settings.host, self._end)
         self._opened = opened
-        self.channel: Channel | None = None
-        self._last = Channel()
+        self.channel = Channel()
         self._robot: Any = None
         self._control: Any = None
         self._model: Any = None
@@ -151,53 +147,33 @@ class FrankaRobot:
         return self._control is not None
 
     @property
-    def arrived(self) -> int:
-        """When the last state arrived, steady time [ns]."""
-        return self._last.arrived
-
-    @property
-    def wire(self) -> Wire:
-        """The real-time channel, for kernels."""
-        return self._last.wire
-
-    @property
-    def between_arrivals(self) -> float:
-        """Time between the last two states on this machine [s]."""
-        return self._last.between_arrivals
-
-    @property
-    def number(self) -> int:
-        """Number of the last state."""
-        return self._last.number
-
-    @property
     def seconds(self) -> float:
         """Time of the robot at the last state [s]."""
-        return CYCLE_S * self._last.number
+        return CYCLE_S * self.channel.number
 
     @property
     def position(self) -> np.ndarray:
         """Position of the end effector, as the robot says [m]."""
-        return self._last.part('O_T_EE')[12:15]
+        return self.channel.part('O_T_EE')[12:15]
 
     @property
     def end_effector(self) -> ToolTransform:
         """Where the end effector is, in the frame of the flange."""
         # libfranka stores matrices column by column.
-        x, y, z, *turn = pose_of(self._last.part('F_T_EE').reshape(4, 4).T).tolist()
+        x, y, z, *turn = pose_of(self.channel.part('F_T_EE').reshape(4, 4).T).tolist()
         w, i, j, k = turn
         return ToolTransform((x, y, z), (w, i, j, k))
 
     @property
     def tool_moments(self) -> np.ndarray:
         """Mass of the end effector in the frame of the flange, as `Payload.moments`."""
-        return moments_of(float(self._last.part('m_ee')[0]), self._last.part('F_x_Cee'),
-                          self._last.part('I_ee').reshape(3, 3))
+        return moments_of(float(self.channel.part('m_ee')[0]), self.channel.part('F_x_Cee'),
+                          self.channel.part('I_ee').reshape(3, 3))
 
     @property
     def success_rate(self) -> float:
         """Share of the last hundred cycles whose command arrived in time."""
-        return self._last.success_rate
+        return self.channel.success_rate
 
     def connect(self) -> None:
         """
@@ -210,10 +186,9 @@ class FrankaRobot:
             raise ParameterError('host is empty, expected the address of the robot')
         realtime = libfranka.RealtimeConfig
         config = realtime.kEnforce if settings.enforce_realtime else realtime.kIgnore
-        self._robot = self._control = self.channel = None
+        self._robot = self._control = None
         with self._explained, own_priority():
             self._robot, self.channel = self._opened(settings.host, config)
-            self._last = self.channel
             torques, wrench = settings.joint_thresholds, settings.wrench_thresholds
             self._robot.set_collision_behavior(torques, torques, wrench, wrench)
             self._model = self._robot.load_model()
@@ -253,8 +228,7 @@ class FrankaRobot:
         """
         with self._explained, own_priority():
             self._control = self._robot.start_torque_control()
-        if self.channel is not None:
-            self.channel.begin()
+        self.channel.begin()
         self._begun = True
 
     def read(self) -> Reading:
@@ -264,7 +238,7 @@ class FrankaRobot:
         :raises ArmStopped: if the robot has ended the control, or does not answer
         """
         channel = self.channel
-        if channel is None or not channel.receive(PATIENCE_S):
+        if self._robot is None or not channel.receive(PATIENCE_S):
             self._end(False)
             raise ArmStopped(f'{self._settings.host}: the robot does not answer: no state within '
                              f'{PATIENCE_S:g} s', False)
@@ -278,7 +252,7 @@ class FrankaRobot:
         return self._reading(CYCLE_S)
 
     def _reading(self, elapsed: float) -> Reading:
-        channel = self._last
+        channel = self.channel
         return Reading(channel.part('q'), channel.part('dq'), channel.part('tau_ext_hat_filtered'),
                        channel.taken(), elapsed)
 
@@ -297,7 +271,7 @@ class FrankaRobot:
         :param last: end the control; the robot then holds its position by itself
         :raises ArmStopped: if the robot has ended the control
         """
-        if self._control is None or self.channel is None:
+        if self._control is None:
             raise ArmStopped(f'{self._settings.host}: the robot is not controlled', True)
         self.channel.send(torque)
         if last:
@@ -321,12 +295,12 @@ class FrankaRobot:
 
     def close(self) -> None:
         """Disconnect."""
-        self._robot = self._control = self.channel = None
+        self._robot = self._control = None
 
     def _end(self, connected: bool) -> None:
         self._control = None
         if not connected:
-            self._robot = self.channel = None
+            self._robot = None
 
 
 class _Explained:

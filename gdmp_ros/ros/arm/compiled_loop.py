@@ -56,9 +56,9 @@ MAX_CATCH_UP = 10
 #: What `run` returns beside what `plain_tick` does.
 ASKED, MESSAGE = 30, 31
 
-#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): that of the reference that is followed, the
-#: mode of the arm, and the stamp of the last state of a robot [ns].
-SEQUENCE, MODE, STAMPED, NUMBERS = range(OWN, OWN + 4)
+#: Its own numbers (`gdmp_ros.realtime.native.PERIOD`): that of the reference that is followed, and
+#: the mode of the arm.
+SEQUENCE, MODE, NUMBERS = range(OWN, OWN + 3)
 
 
 class Links(NamedTuple):

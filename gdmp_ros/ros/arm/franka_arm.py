@@ -17,12 +17,18 @@ from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
 from gdmp_ros.realtime.native import prepared
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
-from gdmp_ros.ros.arm.compiled_loop import ASKED, MESSAGE, MODE, SEQUENCE, STAMPED
-from gdmp_ros.ros.arm.franka_loop import ANSWERED, FrankaLoop, LOST, WORKED
+from gdmp_ros.ros.arm.compiled_loop import ASKED, MESSAGE, MODE, SEQUENCE
+from gdmp_ros.ros.arm.franka_loop import (
+    ANSWERED,
+    FrankaLoop,
+    MISSED,
+    robot_stamp,
+    STAMPED,
+    WORKED,
+)
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import FRANKA
-from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, stamp_of
-from gdmp_ros.ros.messages import LOST as LOST_STATES
+from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST, stamp_of
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, Publisher
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
@@ -64,10 +70,10 @@ class FrankaArm(ArmBackend):
         return driver
 
     def offer(self) -> None:
-        node, self._clock_out, clock = self.node, None, None
-        if node.parameters.publish_clock:
-            self._clock_out = node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
-            clock = self._clock_out
+        node = self.node
+        clock = self._clock_out = (
+            node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
+            if node.parameters.publish_clock else None)
         driver, commands = self._driver, node.commands
         loop = self._compiled = prepared(
             lambda: FrankaLoop(commands.references, commands.reader, node.state_out, clock),
@@ -107,7 +113,7 @@ class FrankaArm(ArmBackend):
             tick = control.answer(measured)
             self._publish(tick, stamp)
             robot_ns = round(driver.robot.seconds * NS)
-            node.lateness.add(robot_ns, robot_ns + clock.now() - driver.robot.arrived)
+            node.lateness.add(robot_ns, robot_ns + clock.now() - driver.robot.channel.arrived)
             yield clock.now() + OTHERS_NS
             # All that this thread has computed since the last cycle: reading, too.
             worked, last = thread_cpu_ns(), worked
@@ -134,16 +140,14 @@ class FrankaArm(ArmBackend):
         node, numbers = self.node, loop.numbers
         commands, control = node.commands, node.control
         numbers[SEQUENCE], numbers[MODE] = commands.sequence, control.states.state.mode
-        numbers[STAMPED], numbers[WORKED], numbers[LOST] = self._stamp_ns, worked, 0
+        numbers[STAMPED], numbers[WORKED], numbers[MISSED] = self._stamp_ns, worked, 0
         numbers[ANSWERED] = self._answered
         why = loop.answer(control, driver, node.lateness, self._work)
-        if numbers[ANSWERED] == self._answered:
-            made = False
-        else:
-            made = True
+        made = bool(numbers[ANSWERED] != self._answered)
+        if made:
             self._stamp_ns, self._answered = int(numbers[STAMPED]), int(numbers[ANSWERED])
             commands.sequence = int(numbers[SEQUENCE])
-            driver.lost += int(numbers[LOST])
+            driver.lost += int(numbers[MISSED])
             control.controller.catch_up()
             driver.catch_up(control.controller.memory.torque)
         if why == MESSAGE:
@@ -160,22 +164,20 @@ class FrankaArm(ArmBackend):
     def _stamp(self, driver: FrankaDriver) -> int:
         """Take the time of the present state: of the robot if it makes the clock, else of day."""
         self._stamp_ns = self._next_stamp(driver)
-        self._answered = driver.robot.number
+        self._answered = driver.robot.channel.number
         return self._stamp_ns
 
     def _next_stamp(self, driver: FrankaDriver) -> int:
         if self._clock_out is None:
             return self.node.clock.wall()
-        steps = driver.robot.number - self._answered
-        # The time of a robot that was started again begins anew.
-        return self._stamp_ns + round((steps if 0 < steps < 1000 else 1) * CYCLE_S * NS)
+        return int(robot_stamp(self._stamp_ns, self._answered, driver.robot.channel.number))
 
     def diagnosed(self) -> dict[str, Any]:
         driver = self._driver
         if driver is None:
             return {}
         work, (inertia, jacobian) = self._work.punctuality(1000), driver.differences
-        return {IN_TIME: f'{driver.robot.success_rate:.3f}', LOST_STATES: driver.lost,
+        return {IN_TIME: f'{driver.robot.success_rate:.3f}', LOST: driver.lost,
                 'difference of the model': f'inertia {inertia:.1%}, Jacobian {jacobian:.4f} m',
                 CPU_TIME: f'{work.p50_us:.0f}, {work.p99_us:.0f}'}
 

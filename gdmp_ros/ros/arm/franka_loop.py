@@ -5,6 +5,7 @@ It runs until Python is needed, which then makes that cycle.
 """
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -44,7 +45,6 @@ from gdmp_ros.ros.arm.compiled_loop import (
     MESSAGE,
     NUMBERS,
     send_state,
-    STAMPED,
     take_references,
 )
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
@@ -52,9 +52,9 @@ from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.rcl import bytes_of, Outgoing, Outlet, send_message, write_stamp
 from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
 
-#: Numbers of its own: stamps are the robot's time; number of the last state that was answered;
-#: states that did not come; CPU time of the thread at the last answer [ns].
-CLOCKED, ANSWERED, LOST, WORKED, COUNT = range(NUMBERS, NUMBERS + 5)
+#: Its own numbers: whether the robot's time is the clock; stamp [ns] and number of the last state
+#: that was answered; states that were missed; CPU time of the thread at the last answer [ns].
+CLOCKED, STAMPED, ANSWERED, MISSED, WORKED, COUNT = range(NUMBERS, NUMBERS + 6)
 #: Longest time that compiled code waits for a state [ms].
 PATIENCE_MS = 100
 _CYCLE_NS = round(CYCLE_S * NS)
@@ -74,13 +74,16 @@ class Times(NamedTuple):
 
 
 @kernel
-def _stamp(loop, wire, clocks, spec):
-    """Time of the present state: of the robot if it makes the clock, else wall time."""
-    if loop[CLOCKED] == 0:
-        return wall_ns(clocks, spec)
-    # The time of a robot that was started again begins anew.
-    steps = wire.integers[NUMBER] - loop[ANSWERED]
-    return loop[STAMPED] + (steps * _CYCLE_NS if 0 < steps < 1000 else _CYCLE_NS)
+def robot_stamp(stamp, answered, number):
+    """
+    Stamp of a state by the time of its robot [ns].
+
+    :param stamp: of the last state that was answered [ns]
+    :param answered: its number
+    """
+    # A robot that was restarted counts from the beginning.
+    steps = number - answered
+    return stamp + (steps * _CYCLE_NS if 0 < steps < 1000 else _CYCLE_NS)
 
 
 @kernel
@@ -102,7 +105,8 @@ def run(loop, times, links, scratch, clock, link, controller, by_wall_time):
         wire.integers[UNREAD] = 1
         if not (moves(wire) and is_plain(controller.stream)):
             return OTHER
-        stamp = _stamp(loop, wire, clocks, spec)
+        stamp = (robot_stamp(loop[STAMPED], loop[ANSWERED], wire.integers[NUMBER])
+                 if loop[CLOCKED] != 0 else wall_ns(clocks, spec))
         if not take_references(loop, links, scratch, controller, stamp):
             return MESSAGE
         dt = between_arrivals(wire) if by_wall_time else passed(wire) * CYCLE_S
@@ -110,7 +114,7 @@ def run(loop, times, links, scratch, clock, link, controller, by_wall_time):
         if result == OTHER:
             return OTHER
         wire.integers[UNREAD] = 0
-        loop[LOST] += passed(wire) - 1
+        loop[MISSED] += passed(wire) - 1
         loop[STAMPED], loop[ANSWERED] = stamp, wire.integers[NUMBER]
         if result != MADE:
             return result
@@ -157,11 +161,8 @@ class FrankaLoop(ArmLoop):
                work: LatenessRecorder) -> int:
         """Answer states until Python is needed; see `run`."""
         times = Times(clock_functions(), _numbers(lateness), _numbers(work))
-        with self.in_use():
-            if self._clock is None:
-                return self._run(times, driver, control)
-            with self._clock.in_use():
-                return self._run(times, driver, control)
+        with self.in_use(), nullcontext() if self._clock is None else self._clock.in_use():
+            return self._run(times, driver, control)
 
     def warm_up(self, control: ArmControl, driver: FrankaDriver) -> None:
         """Compile `run`, or load it from the cache; no cycle is made."""
