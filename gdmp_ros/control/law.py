@@ -305,6 +305,28 @@ def _pay(numbers):
 
 
 @kernel
+def _account(arm, stored):
+    """
+    Draw the work of the last torque, and add the weight that the model lacks to what was measured.
+
+    :param stored: energy in the spring now [J]
+    """
+    s = arm.scalars
+    potential = s.potential
+    weighs = not (is_weightless(arm.moments) and is_weightless(arm.wanted_moments))
+    if weighs:
+        # That of the last torque: other moments are no work.
+        s.potential += add_weight(arm.frames, arm.axes, arm.position, arm.moments,
+                                  local_numbers(arm.position.size))
+    measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
+                   arm.rates, arm.bias_before, stored)
+    if weighs:
+        change_weight(arm.moments, arm.wanted_moments, s.dt)
+        s.potential = potential + add_weight(arm.frames, arm.axes, arm.position, arm.moments,
+                                             arm.bias)
+
+
+@kernel
 def compute(numbers):
     """
     Compute the torque of one tick, and send it.
@@ -323,17 +345,7 @@ def compute(numbers):
     if springs:
         stored = (stored_energy(arm.pose, arm.reference, arm.gains) if s.law == TOOL_SPRING
                   else joint_energy(arm.position, arm.joint_reference))
-    weighs = not (is_weightless(arm.moments) and is_weightless(arm.wanted_moments))
-    potential = s.potential
-    if weighs:
-        s.potential += add_weight(arm.frames, arm.axes, arm.position, arm.moments,
-                                  local_numbers(n))
-    measure_energy(s, arm.tank, arm.sent, arm.credit, arm.velocity, arm.velocity_before,
-                   arm.rates, arm.bias_before, stored)
-    if weighs:
-        change_weight(arm.moments, arm.wanted_moments, s.dt)
-        s.potential = potential + add_weight(arm.frames, arm.axes, arm.position, arm.moments,
-                                             arm.bias)
+    _account(arm, stored)
     arm.violation[:] = 0.0
     external, twist, exerted = local_numbers(n), local_numbers(6), local_zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -36,9 +35,17 @@ class KnownModel:
         self._carried = self._carried_before = Payload().moments()
         self._ramp = 1.0
         self._announced: tuple[Payload, mujoco.MjModel, mujoco.MjData, Load] | None = None
-        # Parts of the data that are read, and the data that they are of.
+        # For kernels, and the data that it is of.
+        self._view: native.ModelView | None = None
         self._viewed: mujoco.MjData | None = None
-        self._views: Any = ()
+
+    @property
+    def view(self) -> native.ModelView:
+        """Model and data, for kernels."""
+        if self._view is None or self.data is not self._viewed:
+            self._viewed = self.data
+            self._view = native.view_of(self.model, self.data, self.site, self.body)
+        return self._view
 
     @classmethod
     def weightless(cls, model: mujoco.MjModel, site: int, rotor_inertia: float) -> KnownModel:
@@ -105,17 +112,11 @@ class KnownModel:
         data, n = self.data, len(position)
         pose, jacobian, inertia, bias, acceleration = (
             np.empty(7), np.empty((6, n)), np.empty((n, n)), np.empty(n), np.empty(6))
-        if data is not self._viewed:
-            self._viewed = data
-            self._views = (data.site_xpos[self.site], data.site_xmat[self.site], data.qfrc_bias)
-        place, axes, forces = self._views
-        native.measure(native.functions(), native.address(self.model), native.address(data),
-                       self.site, self.body, place, axes, forces, velocity, pose, jacobian,
-                       inertia, bias, acceleration)
+        native.measure(self.view, velocity, pose, jacobian, inertia, bias, acceleration)
         return Measurement(position, velocity, pose, jacobian, inertia, bias, external,
                            acceleration, float(data.energy[0]) + self.level)
 
     def _be(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.data.qpos[:] = position
         self.data.qvel[:] = velocity
-        native.look(native.functions(), native.address(self.model), native.address(self.data))
+        native.look(self.view)

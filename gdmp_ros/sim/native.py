@@ -4,6 +4,7 @@ from __future__ import annotations
 import ctypes
 import functools
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -43,27 +44,45 @@ def steps(addresses, model, data, count):
         step(addresses, model, data)
 
 
+class ModelView(NamedTuple):
+    """
+    A model with its data, for kernels; until another model or other data take their place.
+
+    :ivar functions: see `functions`
+    :ivar places: address of the model, of its data, id of the tool's site and of its body
+    :ivar site_position: of the site in the data, shape (3,)
+    :ivar site_axes: its orientation in the data, shape (9,)
+    :ivar position: of the joints in the data, as ``velocity`` and ``bias``
+    """
+
+    functions: np.ndarray
+    places: np.ndarray
+    site_position: np.ndarray
+    site_axes: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    bias: np.ndarray
+
+
+def view_of(model: mujoco.MjModel, data: mujoco.MjData, site: int, body: int) -> ModelView:
+    """A model with its data, for kernels."""
+    return ModelView(functions(), np.array([address(model), address(data), site, body]),
+                     data.site_xpos[site], data.site_xmat[site], data.qpos, data.qvel,
+                     data.qfrc_bias)
+
+
 @kernel
-def look(addresses, model, data):
+def look(view):
     """Compute all that does not depend on torques, in the state of the data."""
-    call_c(addresses[_POSITION], (model, data))
-    call_c(addresses[_VELOCITY], (model, data))
+    call_c(view.functions[_POSITION], (view.places[0], view.places[1]))
+    call_c(view.functions[_VELOCITY], (view.places[0], view.places[1]))
 
 
 @kernel
-def measure(addresses, model, data, site, body, place, axes, bias, velocity, measured_pose,
-            jacobian, inertia, measured_bias, acceleration):
+def measure(view, velocity, measured_pose, jacobian, inertia, measured_bias, acceleration):
     """
     Write what a controller needs to know in the present state.
 
-    :param addresses: see `functions`
-    :param model: address of the model
-    :param data: address of its data
-    :param site: id of the tool
-    :param body: id of the body that carries it
-    :param place: position of the site in the data, shape (3,)
-    :param axes: its orientation in the data, shape (9,)
-    :param bias: gravity and Coriolis torque in the data [Nm], shape (n,)
     :param velocity: of the joints [rad/s]
     :param measured_pose: written, of the tool (x, y, z, qw, qx, qy, qz)
     :param jacobian: written, linear over angular, shape (6, n)
@@ -71,17 +90,19 @@ def measure(addresses, model, data, site, body, place, axes, bias, velocity, mea
     :param measured_bias: written
     :param acceleration: written, J̇ q̇, shape (6,)
     """
-    n = velocity.size
-    rate, number, turn = local_matrix(6, n), np.int32(site), measured_pose[3:]
-    call_c(addresses[_JACOBIAN], (model, data, jacobian[:3], jacobian[3:], number))
-    call_c(addresses[_RATE], (model, data, rate[:3], rate[3:], place, np.int32(body)))
-    call_c(addresses[_INERTIA], (model, data, inertia))
-    call_c(addresses[_ENERGY], (model, data))
-    call_c(addresses[_QUATERNION], (turn, axes))
+    n, called, place = velocity.size, view.functions, view.site_position
+    model, data = view.places[0], view.places[1]
+    site, body = np.int32(view.places[2]), np.int32(view.places[3])
+    rate, turn = local_matrix(6, n), measured_pose[3:]
+    call_c(called[_JACOBIAN], (model, data, jacobian[:3], jacobian[3:], site))
+    call_c(called[_RATE], (model, data, rate[:3], rate[3:], place, body))
+    call_c(called[_INERTIA], (model, data, inertia))
+    call_c(called[_ENERGY], (model, data))
+    call_c(called[_QUATERNION], (turn, view.site_axes))
     for i in range(3):
         measured_pose[i] = place[i]
     for i in range(n):
-        measured_bias[i] = bias[i]
+        measured_bias[i] = view.bias[i]
     for i in range(6):
         acceleration[i] = 0.0
         for j in range(n):

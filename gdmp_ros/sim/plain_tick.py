@@ -19,8 +19,8 @@ from gdmp_ros.control.stream import FOLLOWED, go_on, is_plain
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.sim.arm import Arm, FATAL
-from gdmp_ros.sim.native import address, external_torque, functions, step
-from gdmp_ros.sim.native import measure as measure_arm
+from gdmp_ros.sim.native import external_torque, ModelView, step
+from gdmp_ros.sim.native import measure as measure_model
 
 if TYPE_CHECKING:
     from gdmp_ros.sim.closed_loop import SimulatedDriver
@@ -35,18 +35,11 @@ class Robot(NamedTuple):
     """
     What a kernel knows of a simulation with one arm, whose model the controller has.
 
-    :ivar functions: `gdmp_ros.sim.native.functions`
-    :ivar places: address of the model, of the data, id of the site and of its body
+    :ivar known: the model
     :ivar fatal: `gdmp_ros.sim.arm.FATAL`
     """
 
-    functions: np.ndarray
-    places: np.ndarray
-    site_position: np.ndarray
-    site_axes: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    bias: np.ndarray
+    known: ModelView
     smooth: np.ndarray
     passive: np.ndarray
     actuator: np.ndarray
@@ -60,13 +53,12 @@ class Robot(NamedTuple):
 @kernel
 def measure(robot, arm):
     """Write what is measured into the memory of a controller."""
-    model, data = robot.places[0], robot.places[1]
-    copy_into(robot.position, arm.position)
-    copy_into(robot.velocity, arm.velocity)
-    measure_arm(robot.functions, model, data, robot.places[2], robot.places[3],
-                robot.site_position, robot.site_axes, robot.bias, arm.velocity, arm.pose,
-                arm.jacobian, arm.inertia, arm.bias, arm.acceleration)
-    external_torque(robot.smooth, robot.passive, robot.bias, robot.actuator, robot.constraint, 0,
+    known = robot.known
+    copy_into(known.position, arm.position)
+    copy_into(known.velocity, arm.velocity)
+    measure_model(known, arm.velocity, arm.pose, arm.jacobian, arm.inertia, arm.bias,
+                  arm.acceleration)
+    external_torque(robot.smooth, robot.passive, known.bias, robot.actuator, robot.constraint, 0,
                     arm.external)
     arm.scalars.potential = robot.energy[0]
 
@@ -86,7 +78,7 @@ def plain_tick(robot, controller, dt):
     if event != 0:
         return event
     copy_into(arm.torque, robot.control)
-    step(robot.functions, robot.places[0], robot.places[1])
+    step(robot.known.functions, robot.known.places[0], robot.known.places[1])
     for kind in robot.fatal:
         if robot.warnings[kind] != 0:
             return BROKEN
@@ -137,10 +129,6 @@ def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
 
 def robot_of(arm: Arm) -> Robot:
     """A simulated arm that is alone, for kernels."""
-    data, known = arm.data, arm.known
-    return Robot(
-        functions(),
-        np.array([address(arm.model), address(data), known.site, known.body]),
-        data.site_xpos[known.site], data.site_xmat[known.site], data.qpos, data.qvel,
-        data.qfrc_bias, data.qfrc_smooth, data.qfrc_passive, data.qfrc_actuator,
-        data.qfrc_constraint, data.energy, data.ctrl, data.warning.number, _FATAL)
+    data = arm.data
+    return Robot(arm.known.view, data.qfrc_smooth, data.qfrc_passive, data.qfrc_actuator,
+                 data.qfrc_constraint, data.energy, data.ctrl, data.warning.number, _FATAL)
