@@ -19,7 +19,7 @@ from experiments.timing import in_loop_thread
 from gdmp_ros.demo.run import run_demo
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
-from gdmp_ros.franka.protocol_server import await_server, HOST
+from gdmp_ros.franka.protocol_server import HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.arm_client import identify_alone
@@ -34,7 +34,6 @@ SHARE, LOST, TRACKING_M, REST_M, CPU_US, MORE_US = 0.99, 5, 0.004, 0.003, 300.0,
 def bare(folder: Path) -> tuple[float, float]:
     """CPU time of a cycle of a client that only reads and writes, at 50 and 99 % [µs]."""
     with ArmChoice('franka', protocol_server=True).robot(folder):
-        await_server(lambda: None)
         figures, _ = in_loop_thread(lambda: exchange(HOST, CYCLES))
     time.sleep(BETWEEN_CLIENTS_S)
     middle, high = np.percentile(figures[FIRST:, 0], [50, 99]) * 1e-3
@@ -54,7 +53,7 @@ def identification(folder: Path) -> tuple[Path, dict[str, Any]]:
 def letter(folder: Path, friction: Path) -> dict[str, Any]:
     """Figures of one run, or why the robot ended it."""
     choice = ArmChoice('franka', protocol_server=True,
-                       friction=friction if friction.is_file() else None)
+                       parameter_files=(friction,) if friction.is_file() else ())
     try:
         run_demo(folder, 'GShape', choice)
     except GdmpError as error:

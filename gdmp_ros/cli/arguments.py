@@ -173,8 +173,15 @@ def add_arm(parser: argparse.ArgumentParser) -> None:
                         help='sim: simulated Panda; franka: a Franka Research 3 '
                              '(default %(default)s)')
     add_franka(parser)
-    parser.add_argument('--friction', type=Path, metavar='YAML',
-                        help='friction of the arm, from gdmp arm friction')
+    add_parameter_files(parser)
+
+
+def add_parameter_files(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--friction``."""
+    parser.add_argument('--friction', '--params-file', type=Path, action='append', default=[],
+                        metavar='YAML', help='parameter file of the arm that is started: its '
+                        'friction, from gdmp arm friction, or limits; may be repeated, the last '
+                        'one wins')
 
 
 def add_franka(parser: argparse.ArgumentParser) -> None:
@@ -192,7 +199,8 @@ def arm_choice(options: argparse.Namespace) -> ArmChoice:
     :raises GdmpError: if something is missing or contradicts something else
     """
     from gdmp_ros.ros.arm_choice import ArmChoice
-    choice = ArmChoice(options.arm, options.host, options.protocol_server, options.friction)
+    choice = ArmChoice(options.arm, options.host, options.protocol_server,
+                       tuple(options.friction))
     choice.check()
     return choice
 

@@ -21,7 +21,13 @@ import math
 import os
 
 from gdmp_ros.choices import ARMS
-from gdmp_ros.cli.arguments import add_arm_node, add_franka, add_output, arm_choice
+from gdmp_ros.cli.arguments import (
+    add_arm_node,
+    add_franka,
+    add_output,
+    add_parameter_files,
+    arm_choice,
+)
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 from gdmp_ros.util.terminal import table
@@ -33,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm_node(parser)
     parser.add_argument('--arm', choices=ARMS, help='start this arm, instead of using a node')
     add_franka(parser)
+    add_parameter_files(parser)
     parser.add_argument('--set', action='store_true', help='set them in the running node, too')
 
 
@@ -45,10 +52,9 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(ROS):
         from gdmp_ros.ros.clients.arm_client import identify, identify_alone
     if options.arm:
-        options.friction = None
         result = identify_alone(arm_choice(options), options.output)
-    elif options.host or options.protocol_server:
-        raise ParameterError('--host and --protocol-server need --arm franka')
+    elif options.host or options.protocol_server or options.friction:
+        raise ParameterError('--host, --protocol-server and --friction need --arm')
     else:
         from gdmp_ros.util.dds_network import default_environment
         os.environ.update(default_environment())

@@ -123,6 +123,11 @@ def compile_control() -> None:
         from gdmp_ros.ros.server import compiled_loop as of_server
         of_arm.warm_up(loop, loop.driver)
         of_server.warm_up()
+        if importlib.util.find_spec('pylibfranka') is not None:
+            from gdmp_ros.franka.channel import Channel
+            from gdmp_ros.franka.plain_cycle import Link
+            from gdmp_ros.ros.arm import franka_loop as of_franka
+            of_franka.warm_up(loop, Link(Channel().wire, arm.known.view))
 
 
 #: Parts of the work, of similar duration.

@@ -337,10 +337,16 @@ def _decode(reader: AnyReader, connections: list[Connection], bag: str, topic: s
 
 def _checked(series: Series, drop_bad: bool) -> Series:
     """
-    The series, without bad samples if they are to be dropped.
+    The series, without samples that are there twice, and without bad ones if they are dropped.
 
     :raises DataError: naming the first bad one otherwise
     """
+    # A publisher may repeat the last state while the robot is silent.
+    repeated = np.zeros(len(series.stamps), dtype=bool)
+    repeated[1:] = (np.diff(series.stamps) == 0) & (
+        series.values[1:] == series.values[:-1]).all(axis=1)
+    given, index = series, np.flatnonzero(~repeated)
+    series = given._replace(stamps=given.stamps[index], values=given.values[index])
     finite = np.isfinite(series.values).all(axis=1)
     if drop_bad:
         seconds = (series.stamps - series.stamps[0]) / NS
@@ -351,12 +357,13 @@ def _checked(series: Series, drop_bad: bool) -> Series:
                           f'{seconds[int(np.argmin(good))]:.3f} s', GdmpWarning, stacklevel=4)
         return series._replace(stamps=series.stamps[good], values=series.values[good])
     if not finite.all():
-        raise DataError(f'{series.where(int(np.argmin(finite)))}: a number is NaN or infinite '
+        at = int(index[np.argmin(finite)])
+        raise DataError(f'{given.where(at)}: a number is NaN or infinite '
                         f'({int((~finite).sum())} samples are bad: --drop-bad leaves them out)')
     backward = np.diff(series.stamps) <= 0
     if backward.any():
         at = int(np.argmax(backward)) + 1
-        raise DataError(f'{series.where(at)}: the stamp does not increase: it is '
+        raise DataError(f'{given.where(int(index[at]))}: the stamp does not increase: it is '
                         f'{(series.stamps[at - 1] - series.stamps[at]) / NS:.6f} s before the '
                         'previous one (--drop-bad leaves such samples out)')
     return series

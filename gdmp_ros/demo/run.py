@@ -56,12 +56,12 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     error = float(reproduction_error(skill, recording.demonstration)[0])
     skill.save(folder / 'skill.json')
     switch = _switch(skill)
-    if arm.protocol_server and arm.friction is None:
+    if arm.protocol_server and not arm.parameter_files:
         print('identifying the friction of the robot, which takes three minutes: --friction YAML '
               'leaves it out', flush=True)
         friction = folder / 'friction.yaml'
         identify_alone(arm, friction)
-        arm = replace(arm, friction=friction)
+        arm = replace(arm, parameter_files=(friction,))
     with arm.robot(folder / 'logs'), process_bed(NodeTestbed, folder, arm=arm) as bed:
         timeline = _stream(bed, bags[0], switch)
         print('reading the recorded bag', flush=True)
@@ -156,7 +156,7 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     finished = time.time_ns()
     if result.error_code != result.SUCCESSFUL:
         hint = ('; without --friction its dry friction holds it: gdmp arm friction'
-                if bed.arm.kind == 'franka' and bed.arm.friction is None else '')
+                if bed.arm.kind == 'franka' and not bed.arm.parameter_files else '')
         raise GdmpError(f'the motion ended with {result.error_code}: {result.error_string}{hint}')
     bed.spend(TAIL_S)
     ended, used_then = time.monotonic_ns(), _cpu_seconds(bed)

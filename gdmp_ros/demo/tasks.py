@@ -22,7 +22,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.arm_choice import ArmChoice, SIMULATED
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA_GRIPPER, SIMULATED
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.server_client import START_UP_S
 from gdmp_ros.ros.clients.teaching import Teacher
@@ -151,7 +151,7 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
         messages.transform_numbers(transform.transform) for transform in message.transforms
         if transform.child_frame_id == 'cube'), 100)
     if bed.arm.kind == 'franka':
-        bed.children.start_node('franka_gripper', 'gdmp_ros.ros.arm.franka_gripper',
+        bed.children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                                 {'host': bed.arm.parameters()['host']})
     _start(bed, {'scene': 'pick_and_place'} if bed.arm.kind == 'sim' else {})
     bed.wait('the gripper', lambda: bool(grippers), START_UP_S)

@@ -13,10 +13,13 @@ import hashlib
 import os
 from pathlib import Path
 import socket
+import struct
 import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
+
+import numpy as np
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, PORT
@@ -24,9 +27,13 @@ from gdmp_ros.util.files import write_text
 
 VERSION = '1.1.7'
 HOST = '127.0.0.1'
+#: For the pose of a hand that guides the arm (`gdmp_ros.sim.guided_server`).
+HAND_PORT = 1341
 #: Dry friction of the joints in public models of the robot [Nm].
 DRY_FRICTION = 1.137
-_MODEL = Path(__file__).parent.parent / 'sim' / 'models' / 'fr3.xml'
+_SIM = Path(__file__).parent.parent / 'sim'
+_MODEL, _GUIDED = _SIM / 'models' / 'fr3.xml', _SIM / 'guided_server.py'
+_POSE = struct.Struct('<7d')
 
 
 def interpreter() -> Path:
@@ -45,17 +52,19 @@ def interpreter() -> Path:
     return path
 
 
-def command(dry_friction: float, enforce: bool, object_width: float | None, gripper: bool
-            ) -> tuple[list[str], dict[str, str]]:
+def command(dry_friction: float, enforce: bool, object_width: float | None, gripper: bool,
+            hand: bool = False) -> tuple[list[str], dict[str, str]]:
     """
     Command line of the server, and what it needs in its environment.
 
     :param dry_friction: of each joint [Nm]
     :param enforce: stop motions that break the limits, or lose too many cycles, as the robot does
     :param object_width: of a virtual object between the fingers [m]
+    :param hand: whether a hand may guide the arm (`move_hand`)
     :raises DataError: if the server is not installed
     """
-    words = [str(interpreter()), '-m', 'franka_sim.run_server']
+    words = [str(interpreter()), *(['-P', str(_GUIDED), str(HAND_PORT)] if hand else
+                                   ['-m', 'franka_sim.run_server'])]
     if enforce:
         words += ['--enforce-comm-constraints', '--enforce-motion-limits']
     if not gripper:
@@ -78,6 +87,12 @@ def _plant(dry_friction: float) -> Path:
     if not path.exists():
         write_text(path, text)
     return path
+
+
+def move_hand(pose: np.ndarray) -> None:
+    """Let the hand of a server pull the tool to a pose (x, y, z, qw, qx, qy, qz)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(_POSE.pack(*pose), (HOST, HAND_PORT))
 
 
 def await_server(check: Callable[[], None], host: str = HOST, seconds: float = 30.0) -> None:
@@ -116,13 +131,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--tolerant', action='store_true',
                         help='do not stop motions that break limits')
     parser.add_argument('--gripper', action='store_true', help='serve a gripper too')
+    parser.add_argument('--hand', action='store_true',
+                        help='a hand may guide the arm, by datagrams (gdmp record)')
     parser.add_argument('--object-width', type=float, metavar='M',
                         help='virtual object between the fingers')
     options = parser.parse_args(arguments)
     try:
         check_port()
         words, environment = command(options.dry_friction, not options.tolerant,
-                                     options.object_width, options.gripper)
+                                     options.object_width, options.gripper, options.hand)
     except GdmpError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2

@@ -14,7 +14,10 @@ from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import BEGIN
 
 _CLOCK, _SLEEP = range(2)
+_POST, _WAIT = range(2)
 _REALTIME, _MONOTONIC, _THREAD, _ABSOLUTE = 0, 1, 3, 1
+#: Size of a ``sem_t`` [B].
+_SEMAPHORE_SIZE = 32
 #: Numbers of a compiled loop, integers: period; deadline of the next tick, 0 before the first
 #: wait; ticks that are left of this deadline; time of day of the deadline [ns]; whether Python is
 #: needed. Those of its own follow.
@@ -61,6 +64,43 @@ def thread_cpu_ns(functions, spec):
     """CPU time of the calling thread [ns]; see `steady_ns`."""
     ask_c(functions[_CLOCK], (np.int32(_THREAD), spec))
     return spec[0] * NS + spec[1]
+
+
+@functools.cache
+def semaphore_functions() -> np.ndarray:
+    """Addresses of the functions of semaphores that the kernels call."""
+    return addresses(ctypes.CDLL(None), 'sem_post', 'sem_clockwait')
+
+
+def semaphore() -> np.ndarray:
+    """Return the memory of a new semaphore, with nothing posted."""
+    memory = np.zeros(_SEMAPHORE_SIZE // 8, dtype=np.int64)
+    ctypes.CDLL(None).sem_init(ctypes.c_void_p(memory.ctypes.data), 0, 0)
+    return memory
+
+
+@kernel
+def post(functions, memory):
+    """
+    Wake the thread that waits for a semaphore; what was written before is seen there.
+
+    :param functions: see `semaphore_functions`
+    :param memory: see `semaphore`
+    """
+    ask_c(functions[_POST], (memory,))
+
+
+@kernel
+def wait_for_post(functions, memory, spec, deadline):
+    """
+    Wait for a semaphore; see `post`.
+
+    :param spec: two integers, overwritten
+    :param deadline: steady time at which waiting ends [ns]
+    :returns: whether it was posted
+    """
+    spec[0], spec[1] = deadline // NS, deadline % NS
+    return ask_c(functions[_WAIT], (memory, np.int32(_MONOTONIC), spec)) == 0
 
 
 @kernel

@@ -11,12 +11,12 @@ from typing import Any
 
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.errors import DataError, ParameterError
-from gdmp_ros.franka.protocol_server import check_port, interpreter
+from gdmp_ros.franka.protocol_server import await_server, check_port, interpreter
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.optional_imports import extra
 from gdmp_ros.util.processes import ChildProcesses
 
-SIMULATED, FRANKA = 'panda_sim', 'franka_arm'
+SIMULATED, FRANKA, FRANKA_GRIPPER = 'panda_sim', 'franka_arm', 'franka_gripper'
 #: Distance from its goal at which a Franka counts as being there [m].
 FRANKA_TOLERANCE = 0.006
 #: Where the Franka hand has its tool, in the frame of the flange: the server of the protocol has
@@ -33,13 +33,13 @@ class ArmChoice:
     :ivar kind: ``sim`` or ``franka``
     :ivar host: address of a Franka
     :ivar protocol_server: start a server of the protocol, instead of a robot
-    :ivar friction: parameter file with its friction
+    :ivar parameter_files: of its node, such as one with its friction; the last one wins
     """
 
     kind: str = 'sim'
     host: str = ''
     protocol_server: bool = False
-    friction: Path | None = None
+    parameter_files: tuple[Path, ...] = ()
 
     @property
     def node(self) -> str:
@@ -57,9 +57,9 @@ class ArmChoice:
 
         :raises GdmpError: if something is missing or contradicts something else
         """
-        if self.friction is not None and not self.friction.is_file():
-            raise DataError(f'{self.friction}: there is no such file; gdmp arm friction '
-                            'writes one')
+        for path in self.parameter_files:
+            if not path.is_file():
+                raise DataError(f'{path}: there is no such file; gdmp arm friction writes one')
         if self.kind != 'franka':
             if self.host or self.protocol_server:
                 raise ParameterError('--host and --protocol-server need --arm franka')
@@ -85,7 +85,7 @@ class ArmChoice:
 
     def arguments(self) -> list[str]:
         """More ROS arguments of its node."""
-        return ['--params-file', str(self.friction)] if self.friction is not None else []
+        return [word for path in self.parameter_files for word in ('--params-file', str(path))]
 
     def server_parameters(self) -> dict[str, Any]:
         """Parameters of a trajectory server for it, in its namespace."""
@@ -96,15 +96,18 @@ class ArmChoice:
                 **(franka if self.kind == 'franka' else {})}
 
     @contextmanager
-    def robot(self, folder: Path, gripper: bool = False) -> Iterator[None]:
+    def robot(self, folder: Path, gripper: bool = False, hand: bool = False) -> Iterator[None]:
         """
         The robot itself, as long as the context lasts; the server of the protocol if wanted.
 
         :param folder: for its log
         :param gripper: whether the server has a gripper, and something to hold
+        :param hand: whether a hand may guide the arm behind the server
         """
         with ChildProcesses(os.environ, folder) as children:
             if self.protocol_server:
-                children.start('protocol_server', 'gdmp_ros.franka.protocol_server',
-                               ['--gripper', '--object-width', '0.04'] if gripper else [])
+                children.start('protocol_server', 'gdmp_ros.franka.protocol_server', [
+                    *(['--gripper', '--object-width', '0.04'] if gripper else []),
+                    *(['--hand'] if hand else [])])
+                await_server(children.check)
             yield

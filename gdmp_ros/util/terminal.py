@@ -3,9 +3,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+import os
+import select
 import sys
+import termios
 import threading
 import time
+import tty
+from typing import Self
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -88,3 +93,41 @@ class _Lines:
         self._thread.join()
 
 
+class Keys:
+    """
+    Keys from standard input: as they are pressed on a terminal, otherwise one in each line.
+
+    Use it as a context manager: the terminal is as it was afterwards.
+    """
+
+    def __enter__(self) -> Self:
+        self._input = sys.stdin.fileno()
+        self._settings = termios.tcgetattr(self._input) if os.isatty(self._input) else None
+        if self._settings is not None:
+            tty.setcbreak(self._input, termios.TCSADRAIN)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._settings is not None:
+            termios.tcsetattr(self._input, termios.TCSADRAIN, self._settings)
+
+    def pressed(self) -> bool:
+        """Whether `read` returns at once."""
+        return bool(select.select([self._input], [], [], 0.0)[0])
+
+    def read(self) -> str | None:
+        """
+        Next key, or line without its end; empty for Enter, None at the end of input.
+
+        Nothing is read in advance: `pressed` would not know of it.
+        """
+        if self._settings is not None:
+            key = os.read(self._input, 1).decode(errors='replace')
+            return None if key in ('', '\x04') else key.strip('\r\n')
+        line = b''
+        while not line.endswith(b'\n'):
+            part = os.read(self._input, 1)
+            if not part:
+                return line.decode(errors='replace').strip() if line else None
+            line += part
+        return line.decode(errors='replace').strip()

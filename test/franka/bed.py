@@ -93,4 +93,4 @@ def choice(folder, **options):
     """A Franka whose friction is known."""
     friction = folder / 'friction.yaml'
     friction.write_text(FRICTION)
-    return ArmChoice('franka', friction=friction, **(options or {'host': 'robot'}))
+    return ArmChoice('franka', parameter_files=(friction,), **(options or {'host': 'robot'}))

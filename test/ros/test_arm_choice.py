@@ -21,7 +21,7 @@ def test_an_arm_has_its_node_and_parameters():
     (ArmChoice(protocol_server=True), 'need --arm franka'),
     (ArmChoice('franka'), 'needs --host'),
     (ArmChoice('franka', 'here', True), 'leave --host out'),
-    (ArmChoice(friction=Path('none.yaml')), 'there is no such file')])
+    (ArmChoice(parameter_files=(Path('none.yaml'),)), 'there is no such file')])
 def test_what_contradicts_itself_is_refused(choice, reason):
     with pytest.raises(GdmpError, match=reason):
         choice.check()

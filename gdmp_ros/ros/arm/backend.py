@@ -48,6 +48,10 @@ class ArmBackend:
         """Control the arm that has begun, and publish its states."""
         raise NotImplementedError
 
+    def beside(self) -> list[Loop]:
+        """Loops that run beside `cycles`."""
+        return []
+
     def end(self) -> None:
         """The arm is not controlled any more."""
 

@@ -143,21 +143,30 @@ def take_references(loop, links, scratch, controller, now):
 
 
 @kernel
-def send_state(loop, links, scratch, controller, stamp):
-    """Send the state of the tick that was made."""
+def note_state(scratch, controller, stamp):
+    """Write down the state of the tick that was made; whether somebody wants it."""
     written = scratch.written
     written[0] += 1
     write_state(controller.numbers, controller.target, scratch.state)
     written[1], written[2] = written[0], stamp
-    if written[3] == 0:
-        return
-    write_numbers(links.states, scratch.state_bytes)
-    data, parts = bytes_of(links.states), links.states.parts
+    return written[3] != 0
+
+
+@kernel
+def send_state(functions, states, numbers, stamp, sequence, mode, tick):
+    """
+    Send a state.
+
+    :param states: see `Links`
+    :param numbers: of the state, as bytes
+    """
+    write_numbers(states, numbers)
+    data, parts = bytes_of(states), states.parts
     write_stamp(data, parts[0], stamp)
-    write_integer(data, parts[1], 8, loop[SEQUENCE])
-    write_integer(data, parts[2], 1, loop[MODE])
-    write_integer(data, parts[3], 8, written[0])
-    send_message(links.functions, links.states)
+    write_integer(data, parts[1], 8, sequence)
+    write_integer(data, parts[2], 1, mode)
+    write_integer(data, parts[3], 8, tick)
+    send_message(functions, states)
 
 
 @kernel
@@ -180,20 +189,32 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
         result = plain_tick(robot, controller, dt)
         if result != MADE:
             return result
-        send_state(loop, links, scratch, controller,
-                   loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD])
+        stamp = loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD]
+        if note_state(scratch, controller, stamp):
+            send_state(links.functions, links.states, scratch.state_bytes, stamp, loop[SEQUENCE],
+                       loop[MODE], scratch.written[0])
         loop[LEFT] -= 1
+
+
+def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:
+    """
+    What a loop needs to return at once, to be compiled.
+
+    :param size: number of its own numbers, which come first
+    """
+    numbers, integers = np.zeros(size, dtype=np.int64), np.zeros(2, dtype=np.int64)
+    numbers[ATTENTION] = numbers[LEFT] = 1
+    doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
+    return (numbers,
+            Links(integers, integers, integers, data, integers, integers,
+                  Outlet(integers, integers, integers, integers)),
+            Scratch(integers, doubles, data, doubles, data, integers))
 
 
 def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
     """Compile `run`, or load it from the cache; no tick is made."""
-    numbers, integers = np.zeros(NUMBERS, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    numbers[ATTENTION] = numbers[LEFT] = 1
-    doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
-    run(numbers, clock_functions(), integers,
-        Links(integers, integers, integers, data, integers, integers,
-              Outlet(integers, integers, integers, integers)),
-        Scratch(integers, doubles, data, doubles, data, integers), robot_of(driver.arm),
+    numbers, links, scratch = idle(NUMBERS)
+    run(numbers, clock_functions(), scratch.time, links, scratch, robot_of(driver.arm),
         controller_of(control), driver.dt)
 
 
@@ -226,9 +247,9 @@ class ArmLoop(CompiledLoop):
         return self._taken.data
 
     @contextmanager
-    def in_use(self) -> Iterator[None]:
-        """Keep what is destroyed meanwhile."""
-        with self._references.in_use() as self._links.references[0], self._states.in_use():
+    def references_in_use(self) -> Iterator[None]:
+        """Keep the subscription, and let the kernel know its address."""
+        with self._references.in_use() as self._links.references[0]:
             yield
 
 
@@ -237,7 +258,7 @@ class SimulatedLoop(ArmLoop):
 
     def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
         """Make ticks until Python is needed; see `run`."""
-        with self.in_use():
+        with self.references_in_use(), self._states.in_use():
             return int(run(self.numbers, clock_functions(),
                            np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
                            self._scratch, robot_of(driver.arm), controller_of(control),

@@ -11,6 +11,7 @@ from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.plain_tick import only_follows, OTHER
 from gdmp_ros.franka.channel import Channel, CYCLE_S
 from gdmp_ros.franka.driver import FrankaDriver
+from gdmp_ros.franka.plain_cycle import link_of
 from gdmp_ros.franka.robot import FrankaRobot, opened
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
@@ -24,6 +25,7 @@ from gdmp_ros.ros.arm.franka_loop import (
     MISSED,
     robot_stamp,
     STAMPED,
+    warm_up,
     WORKED,
 )
 from gdmp_ros.ros.arm.node import ArmNode
@@ -79,13 +81,16 @@ class FrankaArm(ArmBackend):
             lambda: FrankaLoop(commands.references, commands.reader, node.state_out, clock),
             node.get_logger().warning)
         if loop is not None and driver is not None:
-            loop.warm_up(node.control, driver)
+            warm_up(node.control, link_of(driver))
             commands.called = loop.call
 
     def begin(self) -> None:
         self.node.lateness = LatenessRecorder(round(CYCLE_S * NS))
         self._work = LatenessRecorder(NS)
         self._stamp_ns = self._answered = 0
+
+    def beside(self) -> list[Loop]:
+        return [] if self._compiled is None else [self._compiled.sending(self.node.clock)]
 
     def close(self) -> None:
         if self._driver is not None:
@@ -120,6 +125,8 @@ class FrankaArm(ArmBackend):
             self._work.add(last, worked)
 
     def _publish(self, tick: Tick, stamp: int) -> None:
+        if self._compiled is not None:
+            self._compiled.flush(self.node.clock)  # in order
         self.node.state_out.publish(tick, stamp, self.node.commands.sequence)
         if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))

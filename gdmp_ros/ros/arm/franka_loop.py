@@ -1,11 +1,12 @@
 """
-The loop of a Franka without the interpreter: wait for a state, take references, answer, publish.
+The loop of a Franka without the interpreter: wait for a state, take references, answer.
 
-It runs until Python is needed, which then makes that cycle.
+It runs until Python is needed, which then makes that cycle. Its states are sent by a thread of its
+own: to send takes several times as long as to answer.
 """
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import ExitStack
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -27,24 +28,32 @@ from gdmp_ros.franka.channel import (
     UNREAD,
 )
 from gdmp_ros.franka.driver import FrankaDriver
-from gdmp_ros.franka.plain_cycle import link_of, plain_cycle
+from gdmp_ros.franka.plain_cycle import Link, link_of, plain_cycle
 from gdmp_ros.kernels import kernel
-from gdmp_ros.realtime.loop import NS
+from gdmp_ros.realtime.loop import Clock, Loop, NS
 from gdmp_ros.realtime.native import (
     ATTENTION,
     clock_functions,
     note,
+    post,
+    semaphore,
+    semaphore_functions,
     steady_ns,
     thread_cpu_ns,
+    wait_for_post,
     wall_ns,
 )
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.compiled_loop import (
     ArmLoop,
     ASKED,
+    idle,
     MESSAGE,
+    MODE,
+    note_state,
     NUMBERS,
     send_state,
+    SEQUENCE,
     take_references,
 )
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
@@ -57,6 +66,11 @@ from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
 CLOCKED, STAMPED, ANSWERED, MISSED, WORKED, COUNT = range(NUMBERS, NUMBERS + 6)
 #: Longest time that compiled code waits for a state [ms].
 PATIENCE_MS = 100
+#: States that wait to be sent; more are not sent. Numbers of an `Outbox`: states that were put
+#: there, and taken from there.
+WAITING, PUT, TAKEN = 256, 0, 1
+#: Longest time until all are sent before Python sends others, and between two looks [ns].
+FLUSH_NS, LOOK_NS = 2_000_000, 50_000
 _CYCLE_NS = round(CYCLE_S * NS)
 
 
@@ -73,6 +87,57 @@ class Times(NamedTuple):
     work: np.ndarray
 
 
+class Outbox(NamedTuple):
+    """
+    States on their way from the thread that answers to the one that sends.
+
+    :ivar calls: functions of semaphores
+    :ivar posted: semaphore
+    :ivar counts: `PUT`, `TAKEN`
+    :ivar states: numbers of states as bytes, shape ``(WAITING, 8 n)``
+    :ivar parts: of each: stamp [ns], sequence, mode, tick; shape ``(WAITING, 4)``
+    """
+
+    calls: np.ndarray
+    posted: np.ndarray
+    counts: np.ndarray
+    states: np.ndarray
+    parts: np.ndarray
+
+
+@kernel
+def put(outbox, loop, scratch, stamp):
+    """Let a state be sent."""
+    count = outbox.counts[PUT]
+    if count - outbox.counts[TAKEN] == WAITING:
+        return
+    state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
+    state[:] = scratch.state_bytes
+    parts[0], parts[1], parts[2], parts[3] = (
+        stamp, loop[SEQUENCE], loop[MODE], scratch.written[0])
+    outbox.counts[PUT] = count + 1
+    post(outbox.calls, outbox.posted)
+
+
+@kernel
+def send_waiting(outbox, links, clock, clocked, clocks, spec, patience_ns):
+    """
+    Send what comes within a time.
+
+    :param clock: where the robot's time is sent
+    :param clocked: whether it is
+    """
+    deadline = steady_ns(clocks, spec) + patience_ns
+    while wait_for_post(outbox.calls, outbox.posted, spec, deadline):
+        count = outbox.counts[TAKEN]
+        state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
+        send_state(links.functions, links.states, state, parts[0], parts[1], parts[2], parts[3])
+        if clocked:
+            write_stamp(bytes_of(clock), clock.parts[0], parts[0])
+            send_message(links.functions, clock)
+        outbox.counts[TAKEN] = count + 1
+
+
 @kernel
 def robot_stamp(stamp, answered, number):
     """
@@ -87,11 +152,10 @@ def robot_stamp(stamp, answered, number):
 
 
 @kernel
-def run(loop, times, links, scratch, clock, link, controller, by_wall_time):
+def run(loop, times, links, scratch, outbox, link, controller, by_wall_time):
     """
     Answer states until Python is needed for one.
 
-    :param clock: where the robot's time is sent
     :param by_wall_time: whether a cycle lasts until the next state arrives
     :returns: `ASKED`; or what was not done for the state that is `UNREAD`: `MESSAGE`, `OTHER`; or
         an event of the law
@@ -118,14 +182,24 @@ def run(loop, times, links, scratch, clock, link, controller, by_wall_time):
         loop[STAMPED], loop[ANSWERED] = stamp, wire.integers[NUMBER]
         if result != MADE:
             return result
-        send_state(loop, links, scratch, controller, stamp)
-        if loop[CLOCKED] != 0:
-            write_stamp(bytes_of(clock), clock.parts[0], stamp)
-            send_message(links.functions, clock)
+        if note_state(scratch, controller, stamp) or loop[CLOCKED] != 0:
+            put(outbox, loop, scratch, stamp)
         robot_ns = wire.integers[NUMBER] * _CYCLE_NS
         note(times.lateness, robot_ns, steady_ns(clocks, spec) - wire.integers[ARRIVED], 0)
         last, loop[WORKED] = loop[WORKED], thread_cpu_ns(clocks, spec)
         note(times.work, last, loop[WORKED] - last, 0)
+
+
+def warm_up(control: ArmControl, link: Link) -> None:
+    """Compile the kernels, or load them from the cache; no cycle is made."""
+    numbers, links, scratch = idle(COUNT)
+    clocks, integers = clock_functions(), scratch.time
+    outbox = Outbox(semaphore_functions(), semaphore(), integers,
+                    np.zeros((WAITING, 8), dtype=np.uint8),
+                    np.zeros((WAITING, 4), dtype=np.int64))
+    run(numbers, Times(clocks, integers, integers), links, scratch, outbox, link,
+        controller_of(control), False)
+    send_waiting(outbox, links, links.states, False, clocks, integers, 0)
 
 
 def _clock_template() -> SerializedTemplate:
@@ -151,6 +225,9 @@ class FrankaLoop(ArmLoop):
         :raises DataError: if references and states have no handles of rcl
         """
         super().__init__(references, reader, out)
+        states = np.zeros((WAITING, 8 * len(out.numbers)), dtype=np.uint8)
+        self._outbox = Outbox(semaphore_functions(), semaphore(), np.zeros(2, dtype=np.int64),
+                              states, np.zeros((WAITING, 4), dtype=np.int64))
         self._clock = None if clock is None else Outgoing(clock, _clock_template())
         nothing = np.zeros(1, dtype=np.int64)
         self._clock_outlet = (Outlet(nothing, nothing, nothing, nothing) if self._clock is None
@@ -161,15 +238,26 @@ class FrankaLoop(ArmLoop):
                work: LatenessRecorder) -> int:
         """Answer states until Python is needed; see `run`."""
         times = Times(clock_functions(), _numbers(lateness), _numbers(work))
-        with self.in_use(), nullcontext() if self._clock is None else self._clock.in_use():
-            return self._run(times, driver, control)
+        with self.references_in_use():
+            return int(run(self.numbers, times, self._links, self._scratch, self._outbox,
+                           link_of(driver), controller_of(control), driver.wall_time))
 
-    def warm_up(self, control: ArmControl, driver: FrankaDriver) -> None:
-        """Compile `run`, or load it from the cache; no cycle is made."""
-        self.numbers[ATTENTION] = 1
-        recorder = _numbers(LatenessRecorder(NS, 1))
-        self._run(Times(clock_functions(), recorder, recorder), driver, control)
+    def sending(self, clock: Clock) -> Loop:
+        """Send the states of cycles that compiled code has made."""
+        spec = np.zeros(2, dtype=np.int64)
+        outgoing = [self._states] if self._clock is None else [self._states, self._clock]
+        while True:
+            with ExitStack() as stack:
+                for one in outgoing:
+                    stack.enter_context(one.in_use())
+                send_waiting(self._outbox, self._links, self._clock_outlet,
+                             self._clock is not None, clock_functions(), spec,
+                             PATIENCE_MS * 1_000_000)
+            yield clock.now()
 
-    def _run(self, times: Times, driver: FrankaDriver, control: ArmControl) -> int:
-        return int(run(self.numbers, times, self._links, self._scratch, self._clock_outlet,
-                       link_of(driver), controller_of(control), driver.wall_time))
+    def flush(self, clock: Clock) -> None:
+        """Wait until the states of cycles that compiled code has made are sent."""
+        counts, latest = self._outbox.counts, clock.now() + FLUSH_NS
+        while counts[PUT] != counts[TAKEN] and clock.now() < latest:
+            clock.sleep_until(clock.now() + LOOK_NS)
+

@@ -50,7 +50,7 @@ class ArmNode(ManagedNode):
     control: ArmControl
     commands: ArmCommands
     _loop: RunningLoop | None = None
-    _viewers: RunningLoop | None = None
+    _beside: list[RunningLoop]
 
     def __init__(self, backend: ArmBackend) -> None:
         """:param backend: a new one"""
@@ -62,6 +62,7 @@ class ArmNode(ManagedNode):
         # The last refusal, and when it was seen.
         self._refusal = '', Time()
         self._twins = self._reason = ''
+        self._beside = []
         self.lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
@@ -111,8 +112,8 @@ class ArmNode(ManagedNode):
         self.commands.know_stream(self.time_ns())
         self.active = True
         priority = self.backend.priority()
-        self._viewers = self.clock.start(self.state_out.show(self.clock),
-                                         priority_beside(priority))
+        self._beside = [self.clock.start(loop, priority_beside(priority)) for loop in (
+            self.state_out.show(self.clock), *self.backend.beside())]
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
@@ -133,15 +134,17 @@ class ArmNode(ManagedNode):
         reason = self._rest()
         self.active = False
         self.commands.called()
-        for loop in (self._loop, self._viewers):
-            if loop is not None:
-                loop.end()
-        self._loop = self._viewers = None
+        for loop in self._running():
+            loop.end()
+        self._loop, self._beside = None, []
         self.control.states.end(reason)
         self.commands.drop(reason or 'the node was deactivated')
         self.backend.end()
         if self.parameters.lateness_file:
             self.lateness.save(self.parameters.lateness_file)
+
+    def _running(self) -> list[RunningLoop]:
+        return self._beside if self._loop is None else [self._loop, *self._beside]
 
     def _rest(self) -> str:
         """Let the arm come to rest; why its loop has ended, empty if it has not."""
@@ -217,8 +220,7 @@ class ArmNode(ManagedNode):
     # Reports
 
     def _report(self) -> None:
-        failed = [loop for loop in (self._loop, self._viewers)
-                  if loop is not None and loop.failure is not None]
+        failed = [loop for loop in self._running() if loop.failure is not None]
         if self.active and failed:
             self.get_logger().error(_failed(failed[0]))
             self.trigger_deactivate()

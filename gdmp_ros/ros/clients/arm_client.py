@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice
-from gdmp_ros.ros.clients.server_client import Client
+from gdmp_ros.ros.clients.server_client import Client, START_UP_S
 from gdmp_ros.ros.clients.testbed import NodeTestbed
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.files import write_text
@@ -55,7 +55,7 @@ def _make(client: Client, kind: Any, name: str, goal: Any) -> Any:
     sent = client.send(action, goal, ANSWER_S, feedback.append)
     reported = client.now()
     try:
-        sent.accepted(ANSWER_S)
+        sent.accepted(START_UP_S)  # its node may still compile
         while not sent.done():
             client.spend(0.1)
             if client.now() - reported > SHOW_S:

@@ -1,18 +1,16 @@
-"""A teaching session: simulation and take recorder as processes, a hand that guides the arm."""
+"""A teaching session: an arm and a take recorder as processes, a hand that guides the arm."""
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, ExitStack, suppress
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
-import select
-import sys
 import tempfile
 
+from gdmp_msgs.msg import ArmStatus, RecorderState
 from gdmp_msgs.msg import GripperCommand as CommandMessage
-from gdmp_msgs.msg import RecorderState
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
@@ -20,76 +18,137 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.franka.protocol_server import move_hand
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.clients.server_client import Client
-from gdmp_ros.ros.clients.testbed import ARM, MODULES, TAKE_RECORDER
+from gdmp_ros.ros.arm_choice import ArmChoice
+from gdmp_ros.ros.clients.arm_client import move_joints
+from gdmp_ros.ros.clients.server_client import Client, START_UP_S
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, start_arm, TAKE_RECORDER
 from gdmp_ros.ros.gripper import COMMAND, command_message
 from gdmp_ros.util.dds_network import default_environment, Domain
 from gdmp_ros.util.processes import ChildProcesses, interrupt_on_sigterm
 from gdmp_ros.util.profiles import smoothstep
-from gdmp_ros.util.terminal import progress
+from gdmp_ros.util.terminal import Keys, progress
 
-SIM, RECORDER = 'panda_sim', 'take_recorder'
 #: Period of the hand poses [s].
 HAND_PERIOD_S = 0.005
 #: Speed at which the hand moves the tool to the start of a motion [m/s, rad/s].
 APPROACH_SPEED, APPROACH_ANGULAR_SPEED = 0.15, 0.8
 #: Rest of the hand before and after a motion, and before that for the arm to settle [s].
 REST_S, SETTLE_S = 0.4, 1.0
-KEYS = 'Enter: start or stop a take; d Enter: discard it; q Enter: end the session'
-GRIPPER_KEYS = 'o Enter: open the gripper; c Enter: close it, and hold with 20 N'
+#: Keys of a person who teaches, and what they do.
+KEYS = {
+    'Enter': 'start a take; stop and keep it (the space bar, too)',
+    'p': 'pause the take; go on with it, near the same pose',
+    'd': 'discard the take that is being recorded, or else the last one',
+    'f': 'free the arm: it can be guided by hand; hold it',
+    'h': 'move the joints to the home posture',
+    'o': 'open the gripper',
+    'c': 'close the gripper, and hold with 20 N',
+    'r': 'recover the arm from a fault; it holds',
+    'q': 'end the session: a take that is being recorded is kept, the arm holds'}
 #: Commands of these keys: width [m] and force [N].
 GRIPPER = {'o': GripperCommand(0.08), 'c': GripperCommand(0.0, 20.0)}
 
 
 class Teacher(Client):
-    """Guides the arm of ``panda_sim`` and operates ``take_recorder``."""
+    """
+    Guides an arm and operates a take recorder.
 
-    def __init__(self, frame: str, check: Callable[[], None] | None = None):
-        """:param frame: of the poses"""
+    :ivar pose: newest pose of the tool, None before the first
+    :ivar arm_state: newest state of the arm, as `ArmStatus` names it
+    :ivar arm_reason: reason of a stop or a fault of the arm; empty if there is none
+    """
+
+    def __init__(self, frame: str, check: Callable[[], None] | None = None, arm: str = ARM,
+                 recorder: str = TAKE_RECORDER,
+                 hand: Callable[[np.ndarray], None] | None = None):
+        """
+        Take part.
+
+        :param frame: of the poses
+        :param arm: name of its node, with its namespace
+        :param recorder: name of its node
+        :param hand: moves the hand of a simulated robot; by default the topic ``hand_pose`` of
+            the arm does
+        """
         super().__init__('teacher', check)
-        self.frame = frame
+        self.frame, self._arm, self._recorder = frame, arm, recorder
         self.pose: np.ndarray | None = None
+        self.arm_state = self.arm_reason = ''
         self._states: deque[RecorderState] = deque(maxlen=2)
-        self._hand = self.publisher(PoseStamped, f'{SIM}/hand_pose', 1)
-        self._gripper = self.publisher(CommandMessage, COMMAND)
-        self.subscribe(PoseStamped, f'{SIM}/measured_pose', self._on_pose, 1)
-        self.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder)
+        self._topic = self.publisher(PoseStamped, f'{arm}/hand_pose', 1)
+        self._hand = hand or self._publish_hand
+        if hand is not None:
+            self.subscribe(PoseStamped, f'{arm}/hand_pose',
+                           lambda message: hand(messages.pose_numbers(message.pose)), 1)
+        self._gripper = self.publisher(CommandMessage, arm.rpartition('/')[0] + f'/{COMMAND}')
+        self.subscribe(PoseStamped, f'{arm}/measured_pose', self._on_pose, 1)
+        self.subscribe(ArmStatus, f'{arm}/status', self._on_arm, 1)
+        self.subscribe(RecorderState, f'{recorder}/state', self._on_recorder)
 
     def _on_pose(self, message: PoseStamped) -> None:
         self.pose = messages.pose_numbers(message.pose)
 
+    def _on_arm(self, message: ArmStatus) -> None:
+        self.arm_state, self.arm_reason = message.state, message.reason
+
     def _on_recorder(self, message: RecorderState) -> None:
         self._states.append(message)
 
-    def ready(self, timeout: float = 120.0) -> None:
-        """Start hand guiding, and wait until the recorder is ready."""
-        self.wait('the arm', lambda: self.pose is not None, timeout)
-        self.request(SetBool, f'{SIM}/teach', data=True)
+    def await_nodes(self, timeout: float = START_UP_S) -> None:
+        """Wait until arm and recorder are ready."""
+        self.wait(f'the pose of {self._arm}', lambda: self.pose is not None, timeout)
         self.wait('the recorder',
                   lambda: bool(self._states) and self._states[-1].status == 'ready',
                   timeout)
-        self.wait('the arm to subscribe to the hand', lambda: self._hand.subscribers() > 0, 30.0)
 
-    def recording(self) -> bool:
-        """Whether a take is being recorded now."""
+    def ready(self) -> None:
+        """Wait for arm and recorder, and start hand guiding by `take` and `move_to`."""
+        self.await_nodes()
+        self.free(True)
+        self.wait('the arm to subscribe to the hand', lambda: self._topic.subscribers() > 0, 30.0)
+
+    def free(self, is_free: bool) -> str:
+        """
+        Let the arm be guided by hand, or hold it.
+
+        :raises GdmpError: if the arm refuses
+        """
+        return self.request(SetBool, f'{self._arm}/teach', data=is_free)
+
+    def move_home(self) -> str:
+        """Move the joints to the home posture."""
+        move_joints(self, self._arm)
+        return 'the arm is in its home posture, and holds'
+
+    def recover(self) -> str:
+        """Recover the arm from a fault."""
+        return self.request(Trigger, f'{self._arm}/recover')
+
+    def recorder_status(self) -> str:
+        """What the recorder does now."""
         self._states.clear()
         # The first one may have been sent before the last request.
         self.wait('the recorder', lambda: len(self._states) == 2, 10.0)
-        return self._states[-1].status == 'recording'
+        return str(self._states[-1].status)
 
     def record(self) -> str:
         """Start a take."""
-        return self.request(Trigger, f'{RECORDER}/start')
+        return self.request(Trigger, f'{self._recorder}/start')
+
+    def pause(self, is_paused: bool) -> str:
+        """Pause the take, or go on with it."""
+        return self.request(SetBool, f'{self._recorder}/pause', data=is_paused)
 
     def keep(self) -> str:
         """Stop the take and keep it."""
-        return self.request(Trigger, f'{RECORDER}/stop')
+        return self.request(Trigger, f'{self._recorder}/stop')
 
     def discard(self) -> str:
         """Discard the take that is being recorded, or else the last one."""
-        return self.request(Trigger, f'{RECORDER}/discard')
+        return self.request(Trigger, f'{self._recorder}/discard')
 
     def command_gripper(self, command: GripperCommand) -> str:
         """
@@ -148,12 +207,15 @@ class Teacher(Client):
         """Keep the hand at a pose for a time."""
         self._guide(lambda _: pose, seconds)
 
+    def _publish_hand(self, pose: np.ndarray) -> None:
+        self._topic.publish(messages.stamped_pose(pose, self.frame))
+
     def _guide(self, at: Callable[[float], np.ndarray], seconds: float) -> None:
         """Move the hand along ``at(t)`` in steady time."""
         begun = self.now()
         due = begun
         while due - begun <= seconds:
-            self._hand.publish(messages.stamped_pose(at(due - begun), self.frame))
+            self._hand(at(due - begun))
             due = max(due + HAND_PERIOD_S, self.now())
             self.spend(due - self.now())
 
@@ -165,37 +227,47 @@ class TeachingSettings:
 
     :ivar folder: for the takes
     :ivar frame: ``frame_id`` of the poses
+    :ivar arm: that is started
+    :ivar node: name of an arm that runs already, with its namespace; empty: ``arm`` is started
     :ivar window: whether the simulation has a window
-    :ivar gripper: whether the arm has a gripper
+    :ivar gripper: whether the arm that is started has a gripper
     """
 
     folder: Path
     storage: str
     frame: str
-    window: bool
+    arm: ArmChoice = field(default_factory=ArmChoice)
+    node: str = ''
+    window: bool = False
     gripper: bool = False
 
 
 def teach(settings: TeachingSettings, demos: Sequence[Demonstration]) -> None:
     """
-    Teach: a scripted hand guides the arm along each motion; without motions the user does.
+    Teach: a scripted hand guides the arm along each motion; without motions a person does.
 
     :raises GdmpError: if a process ends early or something does not happen in time
     """
     interrupt_on_sigterm()
-    # With the user's own hand the nodes are in the user's domain, for RViz.
+    # With a person's hand the nodes are in the user's domain, for RViz.
     domain = Domain() if demos else None
     environment = domain.environment() if domain else {**os.environ, **default_environment()}
     os.environ.update(environment)
     try:
         with _session(settings, environment) as teacher:
             if demos:
+                if settings.arm.kind != 'sim':
+                    teacher.await_nodes()
+                    teacher.move_home()
+                teacher.ready()
                 with progress('teaching', len(demos)) as step:
                     for demo in demos:
                         print(teacher.take(demo), flush=True)
                         step()
             else:
-                _by_hand(teacher, settings.gripper)
+                teacher.await_nodes()
+                with Keys() as keys:
+                    _by_hand(teacher, keys)
     finally:
         if domain:
             domain.release()
@@ -205,53 +277,86 @@ def teach(settings: TeachingSettings, demos: Sequence[Demonstration]) -> None:
 
 @contextmanager
 def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterator[Teacher]:
-    with tempfile.TemporaryDirectory(prefix='gdmp-teach-') as logs, ChildProcesses(
-            environment, Path(logs)) as children:
-        print('starting the simulation and the recorder', flush=True)
-        children.start_node(ARM, MODULES[ARM], {
-            'headless': not settings.window, 'frame_id': settings.frame,
-            'gripper': settings.gripper})
-        children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
-            'folder': str(settings.folder), 'storage': settings.storage})
-        teacher = Teacher(settings.frame, check=children.check)
-        try:
-            teacher.ready()
-            yield teacher
-        finally:
-            teacher.close()
+    arm = settings.arm
+    # A recorder of another session may run beside an arm that runs.
+    node, recorder = settings.node or arm.node, (
+        f'{TAKE_RECORDER}_{os.getpid()}' if settings.node else TAKE_RECORDER)
+    with ExitStack() as stack:
+        logs = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='gdmp-teach-')))
+        if not settings.node:
+            stack.enter_context(arm.robot(logs, settings.gripper, hand=True))
+        children = stack.enter_context(ChildProcesses(environment, logs))
+        if settings.node:
+            print(f'starting a recorder for {node}', flush=True)
+        else:
+            print('starting the arm and the recorder', flush=True)
+            start_arm(children, arm, settings.gripper, {'frame_id': settings.frame},
+                      settings.window)
+        namespace = node.rpartition('/')[0].strip('/')
+        children.start_node(recorder, MODULES[TAKE_RECORDER], {
+            'folder': str(settings.folder.absolute()), 'storage': settings.storage,
+            'pose_topic': f'/{node.strip("/")}/measured_pose'},
+            ['-r', f'__node:={recorder}', '-r', f'__ns:=/{namespace}'])
+        teacher = Teacher(settings.frame, children.check, f'/{node.strip("/")}',
+                          '/'.join(['', *filter(None, [namespace]), recorder]),
+                          move_hand if arm.protocol_server else None)
+        stack.callback(teacher.close)
+        yield teacher
 
 
-def _by_hand(teacher: Teacher, gripper: bool) -> None:
-    """Let the user start, stop and discard takes."""
-    print(f'the arm can be guided by hand. {KEYS}'
-          + (f'; {GRIPPER_KEYS}' if gripper else ''), flush=True)
-    word: str | None = ''
-    while word not in ('q', None):
-        word = _line(teacher)
-        try:
-            print(_carry_out(teacher, word), flush=True)
-        except GdmpError as error:
-            print(error, flush=True)
+def _by_hand(teacher: Teacher, keys: Keys) -> None:
+    """Let a person record takes with keys; the arm holds at the end."""
+    print('\n'.join(f'  {key:6} {text}' for key, text in KEYS.items()), flush=True)
+    key: str | None = ''
+    try:
+        while key not in ('q', None):
+            key = _key(teacher, keys)
+            try:
+                print(press(teacher, key), flush=True)
+            except GdmpError as error:
+                print(error, flush=True)
+    finally:
+        if teacher.arm_state == 'guided':
+            with suppress(GdmpError):  # it may have ended
+                teacher.free(False)
 
 
-def _carry_out(teacher: Teacher, word: str | None) -> str:
-    """Carry out a line of the user; returns the answer."""
+def press(teacher: Teacher, key: str | None) -> str:
+    """
+    Do what a key of `KEYS` says, None as ``q``; returns the answer.
+
+    :raises GdmpError: if arm or recorder refuse
+    """
     # Asked each time, because a take can also end without the user.
-    recording = teacher.recording()
-    if word in ('q', None):
-        return teacher.keep() if recording else 'done'
-    if word == 'd':
-        return teacher.discard()
-    if word in GRIPPER:
-        return teacher.command_gripper(GRIPPER[word])
-    if word == '':
-        return teacher.keep() if recording else teacher.record()
-    return KEYS
+    status = teacher.recorder_status()
+    is_recording = status in ('recording', 'paused')
+    if key in ('q', None):
+        return teacher.keep() if is_recording else 'done'
+    if key in ('', ' '):
+        return teacher.keep() if is_recording else teacher.record()
+    if key == 'h' and is_recording:
+        raise GdmpError('a take is being recorded: stop it first')
+    if key in GRIPPER:
+        return teacher.command_gripper(GRIPPER[key])
+    actions: dict[str, Callable[[], str]] = {
+        'p': lambda: teacher.pause(status != 'paused'), 'd': teacher.discard,
+        'f': lambda: teacher.free(teacher.arm_state != 'guided'), 'h': teacher.move_home,
+        'r': teacher.recover}
+    if key not in actions:
+        return '; '.join(f'{name}: {text}' for name, text in KEYS.items())
+    return actions[key]()
 
 
-def _line(teacher: Teacher) -> str | None:
-    """Next line from the terminal, while messages are received; None at the end of input."""
-    teacher.wait('a key', lambda: bool(select.select([sys.stdin], [], [], 0.0)[0]), 86400.0,
-                 silent=True)
-    line = sys.stdin.readline()
-    return line.strip() if line else None
+def _key(teacher: Teacher, keys: Keys) -> str | None:
+    """Next key, while messages are received; what happens to the arm is said."""
+    said = ''
+
+    def pressed() -> bool:
+        nonlocal said
+        if teacher.arm_reason != said:
+            said = teacher.arm_reason
+            if said:
+                print(f'the arm: {teacher.arm_state}: {said}', flush=True)
+        return keys.pressed()
+    teacher.wait('a key', pressed, 86400.0, silent=True)
+    return keys.read()

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +12,7 @@ from typing import Any, Self, TypeVar
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, SIMULATED
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, FRANKA_GRIPPER, SIMULATED
 from gdmp_ros.ros.clients.server_client import ServerClient, START_UP_S
 from gdmp_ros.util.dds_network import default_environment, Domain, locked
 from gdmp_ros.util.processes import ChildProcesses, stop_event
@@ -23,6 +23,7 @@ ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorde
                                         'take_recorder')
 #: Modules of the nodes.
 MODULES = {ARM: 'gdmp_ros.ros.arm.simulated_arm', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
+           FRANKA_GRIPPER: 'gdmp_ros.ros.arm.franka_gripper',
            SERVER: 'gdmp_ros.ros.server.node',
            TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
 #: Opens a testbed: its class, and all arguments of that but ``environment``.
@@ -36,6 +37,7 @@ class Bringup:
 
     :ivar skill: file that the server loads; None for none
     :ivar takes: folder of the recorder
+    :ivar arm: that is started
     :ivar model: of the arm, as for ``panda_sim``
     :ivar window: whether the simulation has a window
     :ivar logs: folder for the output of the nodes; None for a temporary one
@@ -43,6 +45,7 @@ class Bringup:
 
     skill: Path | None
     takes: Path
+    arm: ArmChoice = field(default_factory=ArmChoice)
     model: str = ''
     gripper: bool = False
     window: bool = False
@@ -64,33 +67,34 @@ def up(settings: Bringup) -> None:
         with suppress(PermissionError):
             claim = locked(f'up-{os.environ.get("ROS_DOMAIN_ID", "0")}')
             if claim is None:
-                raise _taken([ARM, SERVER, TAKE_RECORDER])
+                raise _taken([settings.arm.node, SERVER, TAKE_RECORDER])
             stack.callback(claim.close)
         client = ServerClient()
         stack.callback(client.close)
         client.spend(1.0)  # other nodes are discovered
-        _refuse_others(client, own=0)
+        names = [settings.arm.node, SERVER, TAKE_RECORDER]
+        _refuse_others(client, names, own=0)
+        stack.enter_context(settings.arm.robot(logs, settings.gripper))
         children = stack.enter_context(ChildProcesses(environment, logs))
-        print('starting the simulated arm, the server and the recorder', flush=True)
+        print('starting the arm, the server and the recorder', flush=True)
         _start(children, settings)
 
         def is_ready() -> bool:
             children.check()
-            _refuse_others(client, own=1)  # on a busy machine they are found later
+            _refuse_others(client, names, own=1)  # on a busy machine they are found later
             return ends.is_set() or _is_ready(client)
         client.wait(f'{SERVER} and the pose of the arm (--logs keeps what the nodes say)',
                     is_ready, START_UP_S, why=lambda: (
                         '' if client.state is None else client.state.last_refusal))
         if not ends.is_set():
-            print(f'running: {ARM}, {SERVER}, {TAKE_RECORDER}; logs: {logs} (Ctrl-C ends them)',
-                  flush=True)
+            print(f'running: {", ".join(names)}; logs: {logs} (Ctrl-C ends them)', flush=True)
         while not ends.is_set():
             children.check()
             client.spend(LOOK_S)
     print('ended')
 
 
-def _refuse_others(client: ServerClient, own: int) -> None:
+def _refuse_others(client: ServerClient, names: Sequence[str], own: int) -> None:
     """
     Look for other nodes of these names.
 
@@ -98,7 +102,7 @@ def _refuse_others(client: ServerClient, own: int) -> None:
     :raises GdmpError: if there are more
     """
     running = [name.rpartition('/')[2] for name in client.participant.nodes()]
-    taken = [name for name in sorted((ARM, SERVER, TAKE_RECORDER)) if running.count(name) > own]
+    taken = [name for name in sorted(names) if running.count(name) > own]
     if taken:
         raise _taken(taken)
 
@@ -114,14 +118,33 @@ def _is_ready(client: ServerClient) -> bool:
 
 
 def _start(children: ChildProcesses, settings: Bringup) -> None:
-    children.start_node(ARM, MODULES[ARM], {
-        'headless': not settings.window, 'gripper': settings.gripper, 'model': settings.model})
+    arm = settings.arm
+    model = {'model': settings.model} if arm.kind == 'sim' else {}
+    start_arm(children, arm, settings.gripper, model, settings.window)
     children.start_node(SERVER, MODULES[SERVER], {
-        **ArmChoice().server_parameters(), 'reach_model': settings.model,
+        **arm.server_parameters(), **({'reach_model': settings.model} if model else {}),
         **({} if settings.skill is None else {'skill': str(settings.skill.absolute())})})
     children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(settings.takes.absolute()),
-        'pose_topic': f'/{ARM}/measured_pose'})
+        'pose_topic': f'/{arm.node}/measured_pose'})
+
+
+def start_arm(children: ChildProcesses, arm: ArmChoice, gripper: bool,
+              parameters: Mapping[str, object], window: bool = False) -> None:
+    """
+    Start an arm, and its gripper if that is a node of its own.
+
+    :param gripper: whether it has one
+    :param parameters: of the arm
+    :param window: whether the simulation has a window
+    """
+    if arm.kind == 'sim':
+        parameters = {'headless': not window, 'gripper': gripper, **parameters}
+    elif gripper:
+        children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
+                            {'host': arm.parameters()['host']})
+    children.start_node(arm.node, MODULES[arm.node], {**arm.parameters(), **parameters},
+                        arm.arguments())
 
 
 class NodeTestbed:

@@ -1,4 +1,4 @@
-"""Records takes of a demonstration; services start, stop and discard them."""
+"""Records takes of a demonstration; services start, pause, stop and discard them."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -8,16 +8,16 @@ import shutil
 from typing import Any
 
 from gdmp_msgs.msg import RecorderState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from gdmp_ros.choices import STORAGES
 from gdmp_ros.data import takes
-from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Parameters, Spec
 from gdmp_ros.ros.recorder.record import DRAIN_S, message_class, Tap
+from gdmp_ros.ros.recorder.take import Take
 from gdmp_ros.ros.running import run
 
 SPECS = (
@@ -42,7 +42,7 @@ class TakeRecorder(ManagedNode):
         super().__init__('take_recorder')
         self.parameters = Parameters(self, SPECS)
         self._tap: Tap | None = None
-        self._writer: BagWriter | None = None
+        self._take: Take | None = None
         self._kept: Path | None = None
         self._state = RecorderState(status='waiting')
 
@@ -50,13 +50,14 @@ class TakeRecorder(ManagedNode):
         self._state, self._kept = RecorderState(status='waiting'), None
         self._folder = Path(self.parameters.folder).expanduser().absolute()
         _check_folder(self._folder)
-        topics = {self.resolve_topic_name(self.parameters.pose_topic): POSE}
+        self._pose_topic = self.resolve_topic_name(self.parameters.pose_topic)
         self._rare = self._named('rare')
-        self._topics = {**topics, **self._named('also'), **self._rare}
+        self._topics = {self._pose_topic: POSE, **self._named('also'), **self._rare}
         self._publisher = self.add_publisher(RecorderState, '~/state', 10)
         for name, action in (('start', self.start), ('stop', self.stop),
                              ('discard', self.discard)):
             self.add_service(Trigger, name, self._answering(action))
+        self.add_service(SetBool, 'pause', self._on_pause)
         self.add_report(self._report)
         self.parameters.locked = True
 
@@ -70,7 +71,7 @@ class TakeRecorder(ManagedNode):
         if self._tap is None:
             return
         try:
-            if self._writer is not None:
+            if self._take is not None:
                 self._finish('the recorder was deactivated')
         except (GdmpError, OSError) as error:
             self.get_logger().error(str(error))
@@ -104,7 +105,7 @@ class TakeRecorder(ManagedNode):
         """Start a take; returns a message for the user."""
         if self._tap is None:
             raise ParameterError('the recorder is not active: activate it first')
-        if self._writer is not None:
+        if self._take is not None:
             raise ParameterError(f'{self._state.take} is being recorded: stop or discard it first')
         name = takes.next_name(self._folder, self.parameters.prefix)
         try:
@@ -112,23 +113,45 @@ class TakeRecorder(ManagedNode):
         except OSError as error:
             raise DataError(f'{self._folder}: cannot write takes: {error.strerror}') from None
         self._tap.begin()
-        self._writer = BagWriter(self._folder / name, self.parameters.storage).open()
+        self._take = Take(self._folder / name, self.parameters.storage, self._pose_topic,
+                          self._rare)
         self._begun = self.clock.now()
         self._state.take, self._state.messages, self._state.problem = name, 0, ''
         return f'recording {name}'
 
+    def pause(self) -> str:
+        """Record nothing until `resume`; commands of a gripper are kept."""
+        if self._take is None or self._take.paused:
+            raise ParameterError('no take is being recorded' if self._take is None else
+                                 f'{self._state.take} is paused already')
+        self._drain()  # what has come belongs to the take
+        if self._take is None:
+            raise ParameterError(f'the take has ended: {self._state.problem}')
+        self._take.pause()
+        return f'{self._state.take} is paused: go on near this pose'
+
+    def resume(self) -> str:
+        """Go on with a take that is paused; its bag has no gap."""
+        if self._take is None or not self._take.paused:
+            raise ParameterError('no take is paused')
+        self._drain()
+        if self._take is None:
+            raise ParameterError(f'the take has ended: {self._state.problem}')
+        self._take.resume()
+        return f'recording {self._state.take} again'
+
     def stop(self) -> str:
         """Stop the take and keep it."""
-        if self._writer is None:
+        if self._take is None:
             raise ParameterError('nothing is being recorded: start a take first')
         return self._finish('')
 
     def discard(self) -> str:
         """Delete the take that is being recorded, or else move the last one to ``dropped``."""
-        if self._writer is not None:
-            writer, self._writer = self._writer, None
-            writer.close(keep=False)
-            return f'discarded {writer.path.name} while it was being recorded'
+        if self._take is not None:
+            take, self._take = self._take, None
+            take.close(keep=False)
+            return f'discarded {take.path.name} while it was being recorded'
         if self._kept is None or not self._kept.exists():
             raise ParameterError('there is no take of this session to discard; move older '
                                  'ones with gdmp takes FOLDER --drop NAME')
@@ -137,33 +160,37 @@ class TakeRecorder(ManagedNode):
 
     def _finish(self, problem: str) -> str:
         """Close the take that is being recorded; a take without messages is not kept."""
-        writer, tap, self._writer = self._writer, self._tap, None
-        if writer is None or tap is None:
+        take, tap, self._take = self._take, self._tap, None
+        if take is None or tap is None:
             return ''
         try:
-            self._state.messages += tap.drain(writer)
+            tap.drain(take)
+            self._state.messages = take.count
         finally:
             # After an error, too, what was written is kept.
-            writer.close(keep=self._state.messages > 0)
+            take.close(keep=take.count > 0)
         missing = ', '.join(sorted(tap.waiting))
         if missing:
             problem = f'{problem}; no message on {missing}'.strip('; ')
         if not self._state.messages:
             raise DataError(f'{self._state.take} is not kept: {problem}')
-        self._kept = writer.path
+        self._kept = take.path
         self._state.problem = problem
-        text = (f'{writer.path}: {self._state.messages} messages in {self._state.duration:.1f} s'
+        text = (f'{take.path}: {self._state.messages} messages in {self._state.duration:.1f} s'
                 + (f'; {problem}' if problem else ''))
         self.get_logger().info(text)
         return text
 
     def _drain(self) -> None:
-        writer, tap = self._writer, self._tap
-        if tap is None or writer is None:
+        take, tap = self._take, self._tap
+        if tap is None or take is None:
             return
+        if take.paused:
+            self._begun = self.clock.now() - round(self._state.duration * NS)
         self._state.duration = (self.clock.now() - self._begun) / NS
         try:
-            self._state.messages += tap.drain(writer)
+            tap.drain(take)
+            self._state.messages = take.count
             free = shutil.disk_usage(self._folder).free
             if free < self.parameters.keep_free * 1e6:
                 self._finish(f'the disk is nearly full ({free / 1e6:.0f} MB free)')
@@ -176,17 +203,21 @@ class TakeRecorder(ManagedNode):
     def _report(self) -> None:
         if self._tap is None:
             return
-        if self._writer is None:
+        if self._take is None:
             self._tap.drain(None)
         state = self._state
         state.header.stamp = self.stamp()
         state.folder, state.takes = str(self._folder), self.takes()
-        state.status = ('recording' if self._writer is not None
+        state.status = ('paused' if self._take is not None and self._take.paused
+                        else 'recording' if self._take is not None
                         else 'waiting' if self._tap.waiting else 'ready')
         self._publisher.publish(state)
 
+    def _on_pause(self, request: SetBool.Request, reply: SetBool.Response) -> SetBool.Response:
+        return self._answering(self.pause if request.data else self.resume)(request, reply)
+
     def _answering(self, action: Callable[[], str]) -> Callable[[Any, Any], Any]:
-        def answer(_: Trigger.Request, reply: Trigger.Response) -> Trigger.Response:
+        def answer(_: Any, reply: Any) -> Any:
             try:
                 reply.success, reply.message = True, action()
             except (GdmpError, OSError) as error:

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 import shutil
 import sys
-from typing import Any
+from typing import Any, Protocol
 
 from rclpy.qos import ReliabilityPolicy
 
@@ -25,6 +25,14 @@ from gdmp_ros.util.processes import stop_event
 KEEP_FREE_MB = 64.0
 #: Interval at which the histories are read [s]: 20 messages of a 1 kHz topic.
 DRAIN_S = 0.02
+
+
+class Sink(Protocol):
+    """What takes messages, as `gdmp_ros.data.bags.BagWriter.raw` does."""
+
+    def raw(self, topic: str, msgtype: str, stamp_ns: int, data: bytes,
+            definition: str | None = None, digest: str | None = None) -> None:
+        """Take a serialised message."""
 
 
 def message_class(name: str) -> Any:
@@ -90,7 +98,7 @@ class Tap:
         self.drain(None)
         self.waiting = set(self._expected)
 
-    def drain(self, writer: BagWriter | None) -> int:
+    def drain(self, writer: Sink | None) -> int:
         """Write the messages that have arrived, or discard them; returns their number."""
         count = 0
         for topic, kind, subscription, text, digest in self._inputs:
