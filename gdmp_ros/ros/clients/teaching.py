@@ -119,7 +119,9 @@ class Teacher(Client):
         return self.request(SetBool, f'{self._arm}/teach', data=is_free)
 
     def move_home(self) -> str:
-        """Move the joints to the home posture."""
+        """Move the joints to the home posture; hand guiding ends."""
+        if self.arm_state == 'guided':
+            self.free(False)
         move_joints(self, self._arm)
         return 'the arm is in its home posture, and holds'
 

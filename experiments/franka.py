@@ -1,5 +1,5 @@
 """
-A Franka over its protocol: identification, then the letter with its goal switch again and again.
+A Franka over its protocol: identification, the letter again and again, the first day, tasks.
 
 The server of the protocol enforces limits and communication as the robot does. Server, arm,
 recorder and the simulated robot run on this machine. The first runs after the start count, and all
@@ -7,6 +7,7 @@ are reported.
 """
 from __future__ import annotations
 
+from collections.abc import Collection
 import json
 from pathlib import Path
 import tempfile
@@ -15,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from experiments.franka_page import run_page
 from experiments.timing import in_loop_thread
 from gdmp_ros.demo.run import run_demo
+from gdmp_ros.demo.tasks import run_task
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
 from gdmp_ros.franka.protocol_server import HOST
@@ -95,15 +98,44 @@ def _row(case: str, measured: float, asked: float) -> dict[str, Any]:
             'holds': bool(measured <= asked)}
 
 
-def measure(count: int) -> dict[str, Any]:
-    """Everything: ``identification``, ``bare_cpu_us``, ``runs`` and ``rows``."""
+def task(name: str, folder: Path, friction: Path) -> dict[str, Any]:
+    """Report of a task, or why it failed."""
+    choice = ArmChoice('franka', protocol_server=True, parameter_files=(friction,))
+    try:
+        run_task(name, folder, choice)
+    except GdmpError as error:
+        return {'error': str(error), 'succeeded': False}
+    return dict(json.loads((folder / 'report.json').read_text()))
+
+
+def measure(count: int, parts: Collection[str]) -> dict[str, Any]:
+    """
+    Everything: ``identification``, ``bare_cpu_us``, ``runs``, ``page``, ``tasks`` and ``rows``.
+
+    :param count: number of letters
+    :param parts: ``letters``, ``page``, ``tasks``
+    """
+    document: dict[str, Any] = {'rows': []}
     with tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name:
         folder = Path(name)
-        native = bare(folder)
-        friction, found = identification(folder)
-        runs = []
-        for number in range(count):
-            print(f'letter {number + 1} of {count}', flush=True)
-            runs.append(letter(folder / f'run{number}', friction))
-    return {'identification': found, 'bare_cpu_us': {'p50': native[0], 'p99': native[1]},
-            'runs': runs, 'rows': rows(found, native, runs)}
+        if 'letters' in parts:
+            native = bare(folder)
+        if {'letters', 'tasks'} & set(parts):
+            friction, document['identification'] = identification(folder)
+        if 'letters' in parts:
+            runs = document['runs'] = []
+            for number in range(count):
+                print(f'letter {number + 1} of {count}', flush=True)
+                runs.append(letter(folder / f'run{number}', friction))
+            document['bare_cpu_us'] = {'p50': native[0], 'p99': native[1]}
+            document['rows'] += rows(document['identification'], native, runs)
+        if 'tasks' in parts:
+            document['tasks'] = {kind: task(kind, folder / kind, friction)
+                                 for kind in ('pick', 'joints')}
+            document['rows'].append(_row('tasks that failed', sum(
+                not done['succeeded'] for done in document['tasks'].values()), 0))
+        if 'page' in parts:
+            document['page'] = run_page(folder / 'page')
+            document['rows'].append(_row('commands of the first day that failed', sum(
+                bool(done['exit_code']) for done in document['page']), 0))
+    return document
