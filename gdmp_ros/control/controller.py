@@ -331,7 +331,8 @@ class ImpedanceController:
         arm.bounds[:] = diagonal_bounds(limits.stiffness_min, limits.stiffness_max)
         arm.largest[:], arm.fastest[:] = (joints.torque,
                                           joints.fastest(limits.joint_speed))
-        arm.joint_limits[:] = joints.lower, joints.upper, SPEED_MARGIN * arm.fastest
+        arm.joint_limits[:3] = joints.lower, joints.upper, SPEED_MARGIN * arm.fastest
+        arm.joint_limits[3:] = 0.0 if joints.slowing is None else joints.slowing
         scalars = arm.scalars
         scalars.damping_ratio = settings.damping_ratio
         scalars.collision_force, scalars.collision_torque = (felt.collision_force,

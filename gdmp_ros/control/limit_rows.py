@@ -20,6 +20,8 @@ LAST_S = 0.005
 SINGULAR_S = 0.25
 #: Rows beside those of the joints: six walls, and the singular direction.
 OTHER_ROWS = 7
+#: Share of the speed that a robot allows near the limits of its joints.
+SLOWING_SHARE = 0.9
 
 
 def row_name(index: int, joints: int, parts: Sequence[str]) -> str:
@@ -55,7 +57,7 @@ def limit_rows(position, pose, jacobian, joint_limits, limit_numbers, rows, boun
     :param position: of the joints of the reference [rad], shape (n,)
     :param pose: of the tool there
     :param jacobian: there, shape (6, n)
-    :param joint_limits: lowest and highest position [rad], largest speed [rad/s], shape (3, n)
+    :param joint_limits: see `gdmp_ros.control.memory.ArmMemory`, shape (5, n)
     :param limit_numbers: `LimitSettings` as numbers
     :param rows: written, shape (2 n + `OTHER_ROWS`, n)
     :param bounds: written
@@ -70,6 +72,9 @@ def limit_rows(position, pose, jacobian, joint_limits, limit_numbers, rows, boun
             away = (position[i] - joint_limits[0, i] if side == 0
                     else joint_limits[1, i] - position[i])
             bound = approach(away - limits.joint_margin, 0.5 * limits.joint_acceleration)
+            if joint_limits[4, i] > 0.0:
+                allowed = math.sqrt(2.0 * joint_limits[4, i] * max(away, 0.0)) - joint_limits[3, i]
+                bound = min(bound, SLOWING_SHARE * max(allowed, 0.0))
             if bound < joint_limits[2, i]:
                 for k in range(n):
                     rows[count, k] = 0.0

@@ -43,6 +43,9 @@ class JointLimits:
     Limits of the joints, each of shape ``(n,)``: position [rad] (or inf), torque [Nm].
 
     :ivar speed: [rad/s]; None if it is not known
+    :ivar slowing: near a limit of its position, a distance d away, the robot allows a joint the
+        speed √(2 a d) - b: offsets b [rad/s] over decelerations a [rad/s²], shape (2, n), 0 for
+        none; None if there is no such limit
     :ivar cycle: the robot compares a torque with the one before as if they were no further apart
         than this, even if cycles were lost [s]
     """
@@ -51,6 +54,7 @@ class JointLimits:
     upper: np.ndarray
     torque: np.ndarray
     speed: np.ndarray | None = None
+    slowing: np.ndarray | None = None
     cycle: float = math.inf
 
     def check(self, position: np.ndarray) -> None:

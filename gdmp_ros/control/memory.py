@@ -80,7 +80,8 @@ class ArmMemory(NamedTuple):
     :ivar nearness: of pairs inside the distance that they keep which does not act yet [m]
     :ivar joint_target: of the guard, 3 n + 1 numbers
     :ivar joint_reference: the governed one of the joints
-    :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], shape (3, n)
+    :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], and how the robot
+        slows its joints down (`gdmp_ros.control.measurement.JointLimits`), shape (5, n)
     :ivar friction: that is compensated, viscous [Nm s/rad] and dry [Nm], shape (2, n)
     :ivar credit: that is there for certain (`gdmp_ros.control.friction.friction_of`), shape (4, n)
     :ivar sent: torques that may act now, the last one first [Nm], shape (`MOST_TORQUES`, n)
@@ -209,10 +210,10 @@ def arm_view(numbers):
     size = 3 * n + 1
     joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
     at += 2 * size
-    joint_limits = memory[at:at + 3 * n].reshape(3, n)
-    friction = memory[at + 3 * n:at + 5 * n].reshape(2, n)
-    credit = memory[at + 5 * n:at + 9 * n].reshape(4, n)
-    at += 9 * n
+    joint_limits = memory[at:at + 5 * n].reshape(5, n)
+    friction = memory[at + 5 * n:at + 7 * n].reshape(2, n)
+    credit = memory[at + 7 * n:at + 11 * n].reshape(4, n)
+    at += 11 * n
     sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
     at += MOST_TORQUES * n
     joints = memory[at:at + 19 * n].reshape(19, n)
@@ -234,7 +235,7 @@ def blank(joints: int, capsules: int = 0, pairs: int = 0) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
              + 2 * TARGET_SIZE + 18 + 16 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
-             + 2 * (3 * joints + 1) + (9 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
+             + 2 * (3 * joints + 1) + (11 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints, capsules, pairs)
     return memory

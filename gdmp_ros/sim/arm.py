@@ -118,7 +118,9 @@ class Arm:
         lower, upper = np.where(known.jnt_limited[:, None].astype(bool),
                                 known.jnt_range, [-np.inf, np.inf]).T
         self.limits = JointLimits(lower, upper, known.actuator_ctrlrange[:, 1].copy(),
-                                  _joint_speeds(known))
+                                  _joint_numbers(known, 'joint_speed', JOINT_SPEED), np.array([
+                                      _joint_numbers(known, f'joint_slowing_{name}', 0.0)
+                                      for name in ('offset', 'deceleration')]))
         self.friction = known.dof_damping.copy()
 
     @property
@@ -340,14 +342,14 @@ def _compiled(source: Any, tool: str, hand: bool,
     return model, site
 
 
-def _joint_speeds(model: mujoco.MjModel) -> np.ndarray:
-    """Speed limits in the model's numeric ``joint_speed``; MJCF has no place for them."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, 'joint_speed')
+def _joint_numbers(model: mujoco.MjModel, name: str, default: float) -> np.ndarray:
+    """Limits of the joints in a numeric of the model; MJCF has no place for them."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     if number < 0:
-        return np.full(model.nv, JOINT_SPEED)
+        return np.full(model.nv, default)
     begin = model.numeric_adr[number]
-    speeds = model.numeric_data[begin:begin + model.numeric_size[number]].copy()
-    if speeds.shape != (model.nv,):
-        raise DataError(f'numeric joint_speed has {speeds.size} numbers, expected {model.nv}, '
+    result = model.numeric_data[begin:begin + model.numeric_size[number]].copy()
+    if result.shape != (model.nv,):
+        raise DataError(f'numeric {name} has {result.size} numbers, expected {model.nv}, '
                         'one for each joint')
-    return np.asarray(speeds)
+    return np.asarray(result)

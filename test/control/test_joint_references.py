@@ -203,3 +203,28 @@ def test_a_stiffness_decreases_no_faster_than_half_of_the_rate_of_the_torque():
     assert -0.51 * 950.0 < rate.min() < -0.4 * 950.0
     # One that pulls at nothing is as soft at once as the rate of a stiffness allows.
     assert stiffnesses[-1][0] == pytest.approx(20.0) and stiffnesses[100][0] < stiffnesses[100][3]
+
+
+@pytest.mark.parametrize('joint, velocity', [(1, -1.8), (2, 2.0), (3, 1.8)])
+def test_an_fr3_slows_down_near_the_limits_of_its_joints_as_the_robot_asks(joint, velocity):
+    """The speed that libfranka allows, by its own formula and numbers; the rows keep a tenth."""
+    offset = np.array([0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35])
+    deceleration = np.array([6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0])
+    loop = ClosedLoop(Arm('fr3'))
+    loop.tick()
+    begin, limits, unit = posture(loop), loop.arm.limits, np.eye(7)[joint]
+    fastest, nearest = 0.0, np.inf
+    loop.controller.guard.arm()
+    for k in range(4000):
+        wanted = begin + min(1e-3 * k * velocity, 4.0) * unit
+        rate = min(1e-2 * k, 1.0) * velocity * unit
+        wanted[joint] = np.clip(wanted[joint], limits.lower[joint], limits.upper[joint])
+        loop.follow(target_of(wanted, rate, np.full(7, 400.0)))
+        measured = loop.tick().measurement
+        away = (limits.upper - measured.position if velocity > 0.0
+                else measured.position - limits.lower)[joint]
+        allowed = np.sqrt(2.0 * deceleration[joint] * max(away, 0.0)) - offset[joint]
+        speed = measured.velocity[joint] * np.sign(velocity)
+        assert speed < max(allowed, 0.0) + 0.02, (away, speed)
+        fastest, nearest = max(fastest, speed), min(nearest, away)
+    assert fastest > 1.0 and nearest < 0.2

@@ -23,7 +23,7 @@ def rows_at(arm, position, settings=SETTINGS):
     measured = arm.measure()
     rows, bounds = np.zeros((2 * n + OTHER_ROWS, n)), np.zeros(2 * n + OTHER_ROWS)
     ids = np.zeros(2 * n + OTHER_ROWS)
-    joints = np.array([arm.limits.lower, arm.limits.upper, arm.limits.speed])
+    joints = np.array([arm.limits.lower, arm.limits.upper, arm.limits.speed, *np.zeros((2, 7))])
     count, _ = limit_rows(position, measured.pose[:3], measured.jacobian, joints,
                           numbers(settings), rows, bounds, ids)
     return rows[:count], bounds[:count], [row_name(int(each), n, ()) for each in ids[:count]]
