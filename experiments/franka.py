@@ -24,11 +24,14 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
 from gdmp_ros.franka.protocol_server import HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
-from gdmp_ros.ros.arm_choice import ArmChoice
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.arm_client import identify_alone
+from gdmp_ros.ros.clients.testbed import MODULES
 
 #: Cycles of the client that only reads and writes; the first do not count.
 CYCLES, FIRST = 10_000, 200
+#: Letters beside a busy interpreter.
+BURDENED = 5
 #: What is asked: commands in time, cycles lost in a row, tracking and distance at rest [m]; CPU
 #: time at 99 %, and beyond that client at 50 and 99 % [µs].
 SHARE, LOST, TRACKING_M, REST_M, CPU_US, MORE_US = 0.99, 5, 0.004, 0.003, 300.0, (100.0, 150.0)
@@ -98,6 +101,15 @@ def _row(case: str, measured: float, asked: float) -> dict[str, Any]:
             'holds': bool(measured <= asked)}
 
 
+def burdened_letter(folder: Path, friction: Path) -> dict[str, Any]:
+    """`letter`, while another thread of the arm's node keeps the interpreter busy."""
+    before, MODULES[FRANKA] = MODULES[FRANKA], 'experiments.burdened_arm'
+    try:
+        return letter(folder, friction)
+    finally:
+        MODULES[FRANKA] = before
+
+
 def task(name: str, folder: Path, friction: Path) -> dict[str, Any]:
     """Report of a task, or why it failed."""
     choice = ArmChoice('franka', protocol_server=True, parameter_files=(friction,))
@@ -113,14 +125,14 @@ def measure(count: int, parts: Collection[str]) -> dict[str, Any]:
     Everything: ``identification``, ``bare_cpu_us``, ``runs``, ``page``, ``tasks`` and ``rows``.
 
     :param count: number of letters
-    :param parts: ``letters``, ``page``, ``tasks``
+    :param parts: ``letters``, ``burden``, ``tasks``, ``page``
     """
     document: dict[str, Any] = {'rows': []}
     with tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name:
         folder = Path(name)
         if 'letters' in parts:
             native = bare(folder)
-        if {'letters', 'tasks'} & set(parts):
+        if {'letters', 'burden', 'tasks'} & set(parts):
             friction, document['identification'] = identification(folder)
         if 'letters' in parts:
             runs = document['runs'] = []
@@ -129,6 +141,17 @@ def measure(count: int, parts: Collection[str]) -> dict[str, Any]:
                 runs.append(letter(folder / f'run{number}', friction))
             document['bare_cpu_us'] = {'p50': native[0], 'p99': native[1]}
             document['rows'] += rows(document['identification'], native, runs)
+        if 'burden' in parts:
+            print(f'{BURDENED} letters beside a busy interpreter', flush=True)
+            burdened = document['burdened'] = [
+                burdened_letter(folder / f'burdened{number}', friction)
+                for number in range(BURDENED)]
+            document['rows'] += [
+                _row('letters beside a busy interpreter that the robot ended',
+                     sum(bool(run['aborted']) for run in burdened), 0),
+                _row('cycles lost in a row there', max((
+                    run['lost_in_a_row'] for run in burdened if not run['aborted']),
+                    default=np.inf), LOST)]
         if 'tasks' in parts:
             document['tasks'] = {kind: task(kind, folder / kind, friction)
                                  for kind in ('pick', 'joints')}

@@ -4,8 +4,9 @@ The robot is the server of its protocol, which stops motions as the robot does. 
 a minute, the page of the first day eight minutes. Nothing else should use the machine.
 
   letters  identification, then the letter with its goal switch
-  page     the commands of docs/franka_first_skill.md; a scripted hand guides the arm
+  burden   five letters while a thread of the arm's node keeps the interpreter busy
   tasks    pick with the gripper, and the letter in joints
+  page     the commands of docs/franka_first_skill.md; a scripted hand guides the arm
 
 examples:
   python -m experiments franka
@@ -23,7 +24,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.util.files import write_json
 from gdmp_ros.util.terminal import table
 
-PARTS = ('letters', 'page', 'tasks')
+PARTS = ('letters', 'burden', 'tasks', 'page')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

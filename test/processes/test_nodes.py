@@ -256,5 +256,5 @@ def test_a_teaching_session_at_the_terminal(nodes, tmp_path):
                         given='\n\nd\nx\nd\nq\n')
     assert done.returncode == 0, done.stderr
     assert 'recording take_001' in done.stdout and 'dropped/take_001' in done.stdout
-    assert 'no take of this session' in done.stdout and 'start or stop a take' in done.stdout
+    assert 'no take of this session' in done.stdout and 'Enter: start a take' in done.stdout
     assert not list(folder.glob('take_*'))
