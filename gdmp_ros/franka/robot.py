@@ -200,8 +200,9 @@ class FrankaRobot:
 
         :raises ArmStopped: if the robot does not answer
         """
+        robot = self._present()
         with self._explained:
-            state, model = self._robot.read_once(), self._model
+            state, model = robot.read_once(), self._model
             return OwnModel(np.array(state.q),
                             np.array(model.zero_jacobian(state)).reshape(JOINTS, 6).T,
                             np.array(model.mass(state)).reshape(JOINTS, JOINTS))
@@ -213,12 +214,11 @@ class FrankaRobot:
         :param payload: in the frame of the end effector
         :raises ArmStopped: if the robot does not answer
         """
-        if self._robot is None:
-            raise ArmStopped(f'{self._settings.host}: the robot does not answer', False)
+        robot = self._present()
         # Zero, too: otherwise the robot keeps the load of the last run.
         load = payload.seen_from(self.end_effector)
         with self._explained:
-            self._robot.set_load(load.mass, list(load.center), load.matrix.ravel().tolist())
+            robot.set_load(load.mass, list(load.center), load.matrix.ravel().tolist())
 
     def begin(self) -> None:
         """
@@ -226,8 +226,9 @@ class FrankaRobot:
 
         :raises ArmStopped: if the robot refuses
         """
+        robot = self._present()
         with self._explained, own_priority():
-            self._control = self._robot.start_torque_control()
+            self._control = robot.start_torque_control()
         self.channel.begin()
         self._begun = True
 
@@ -296,6 +297,12 @@ class FrankaRobot:
     def close(self) -> None:
         """Disconnect."""
         self._robot = self._control = None
+
+    def _present(self) -> Any:
+        """:raises ArmStopped: if the robot has gone"""
+        if self._robot is None:
+            raise ArmStopped(f'{self._settings.host}: the robot does not answer', False)
+        return self._robot
 
     def _end(self, connected: bool) -> None:
         self._control = None

@@ -4,6 +4,8 @@ import json
 
 from gdmp_msgs.action import MoveGripper, MoveJoints
 from gdmp_msgs.msg import GripperState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -43,6 +45,19 @@ def test_the_arm_moves_home_and_survives_the_end_of_the_robot(bed):
     bed.robot.start()
     bed.spend(0.5)
     assert bed.status.mode == FAULT  # nothing begins by itself
+    bed.recover()
+
+
+def test_a_node_that_is_activated_without_its_robot_waits_for_recovery(bed):
+    for step in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        if step == Transition.TRANSITION_ACTIVATE:
+            bed.robot.kill()
+            bed.spend(2.0)
+        reply = bed.call(ChangeState, f'{FRANKA}/change_state', transition=Transition(id=step))
+        assert reply.success
+    bed.wait_mode(FAULT)
+    assert 'does not answer' in bed.status.reason
+    bed.robot.start()
     bed.recover()
 
 

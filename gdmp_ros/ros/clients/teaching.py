@@ -76,7 +76,7 @@ class Teacher(Client):
         super().__init__('teacher', check)
         self.frame, self._arm, self._recorder = frame, arm, recorder
         self.pose: np.ndarray | None = None
-        self.arm_state = self.arm_reason = ''
+        self.arm_state = self.arm_reason = self._told = ''
         self._states: deque[RecorderState] = deque(maxlen=2)
         self._topic = self.publisher(PoseStamped, f'{arm}/hand_pose', 1)
         self._hand = hand or self._publish_hand
@@ -128,6 +128,12 @@ class Teacher(Client):
     def recover(self) -> str:
         """Recover the arm from a fault."""
         return self.request(Trigger, f'{self._arm}/recover')
+
+    def news(self) -> str:
+        """State and reason of a stop or a fault of the arm, told once; empty without news."""
+        before, self._told = self._told, self.arm_reason
+        is_new = self.arm_reason not in ('', before)
+        return f'{self.arm_state}: {self.arm_reason}' if is_new else ''
 
     def recorder_status(self) -> str:
         """What the recorder does now."""
@@ -351,14 +357,10 @@ def press(teacher: Teacher, key: str | None) -> str:
 
 def _key(teacher: Teacher, keys: Keys) -> str | None:
     """Next key, while messages are received; what happens to the arm is said."""
-    said = ''
-
     def pressed() -> bool:
-        nonlocal said
-        if teacher.arm_reason != said:
-            said = teacher.arm_reason
-            if said:
-                print(f'the arm: {teacher.arm_state}: {said}', flush=True)
+        news = teacher.news()
+        if news:
+            print(f'the arm: {news}', flush=True)
         return keys.pressed()
     teacher.wait('a key', pressed, 86400.0, silent=True)
     return keys.read()
