@@ -54,8 +54,8 @@ def run_page(folder: Path) -> list[dict[str, Any]]:
         for block in blocks(PAGE.read_text()):
             command = over_protocol(block)
             print(command, flush=True)
-            if command.endswith('&'):
-                stack.enter_context(_background(command[:-1], folder, environment))
+            if command.startswith('gdmp up'):  # in a terminal of its own
+                stack.enter_context(_background(command, folder, environment))
                 continue
             if 'doctor' in command:  # the others start the server themselves
                 with ArmChoice('franka', protocol_server=True).robot(folder):
