@@ -198,10 +198,13 @@ def arm_choice(options: argparse.Namespace) -> ArmChoice:
 
     :raises GdmpError: if something is missing or contradicts something else
     """
+    from gdmp_ros.franka.greeting import check_answers
     from gdmp_ros.ros.arm_choice import ArmChoice
     choice = ArmChoice(options.arm, options.host, options.protocol_server,
                        tuple(options.friction))
     choice.check()
+    if choice.host:
+        check_answers(choice.host)
     return choice
 
 

@@ -14,14 +14,13 @@ import functools
 import os
 import socket
 import stat
-import struct
 import time
 from typing import NamedTuple
 
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.franka.settings import JOINTS, PORT
+from gdmp_ros.franka.settings import JOINTS
 from gdmp_ros.kernels import ask_c, kernel
 from gdmp_ros.realtime.native import addresses, clock_functions, steady_ns
 
@@ -34,12 +33,6 @@ CAME, SILENT = range(2)
 MOVES = 2
 #: Time between two states [s].
 CYCLE_S = 0.001
-
-#: Version of the protocol that this package speaks.
-VERSION = 10
-#: Connecting: header (command, its number, size), version and port for states; the answer: header,
-#: status, version.
-_GREETING, _ANSWER = struct.Struct('<IIIHH'), struct.Struct('<IIIBH')
 #: Parts of a state that are numbers, in their order, after the number of the message.
 _NUMBERS = (
     ('O_T_EE', 16), ('O_T_EE_d', 16), ('F_T_EE', 16), ('EE_T_K', 16), ('F_T_NE', 16),
@@ -317,31 +310,6 @@ class Channel:
     def passed(self) -> int:
         """Cycles since the state before the last one."""
         return int(passed(self.wire))
-
-
-def greet(host: str, patience_s: float) -> int:
-    """
-    Ask who answers at the port of a robot, as a client that leaves at once.
-
-    :param patience_s: longest time to wait for it [s]
-    :returns: version of the protocol that it speaks
-    :raises OSError: if nobody answers in time, or not as a robot does
-    """
-    with (socket.create_connection((host, PORT), timeout=patience_s) as asked,
-          socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as states):
-        asked.settimeout(patience_s)
-        states.bind(('', 0))
-        asked.sendall(_GREETING.pack(0, 1, _GREETING.size, VERSION, states.getsockname()[1]))
-        answer = b''
-        while len(answer) < _ANSWER.size:
-            part = asked.recv(_ANSWER.size - len(answer))
-            if not part:
-                raise OSError('it does not speak the protocol of a Franka')
-            answer += part
-        command, number, size, _, version = _ANSWER.unpack(answer)
-        if (command, number) != (0, 1) or size < _ANSWER.size:
-            raise OSError('it does not speak the protocol of a Franka')
-    return int(version)
 
 
 def datagram_sockets() -> set[int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +15,10 @@ from gdmp_ros.franka.channel import (
     channel_since,
     CYCLE_S,
     datagram_sockets,
-    greet,
     MOVES,
-    VERSION,
 )
-from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, JOINTS
+from gdmp_ros.franka.greeting import ANSWER_S, check_answers
+from gdmp_ros.franka.settings import FrankaSettings, JOINTS
 from gdmp_ros.sim.frames import pose_of, ToolTransform
 from gdmp_ros.sim.payload import moments_of, Payload
 from gdmp_ros.util.optional_imports import extra, optional_import
@@ -28,8 +26,6 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 with optional_import(extra('franka')):
     import pylibfranka as libfranka
 
-#: Time to answer a connection [s].
-ANSWER_S = 1.0
 #: Time without a state after which a robot does not answer [s].
 PATIENCE_S = 1.0
 #: What the binding raises; it knows no common base of these.
@@ -40,23 +36,13 @@ FAILURES = (libfranka.ControlException, libfranka.CommandException, libfranka.Ne
 
 def opened(host: str, config: Any) -> tuple[Any, Channel]:
     """
-    Connect to a robot; libfranka alone would wait for minutes, and keep the interpreter.
+    Connect to a robot.
 
     :param config: whether real-time priority is required
     :returns: the connection, and its real-time channel
     :raises ArmStopped: if nobody answers
     """
-    try:
-        version = greet(host, ANSWER_S)
-    except OSError as error:
-        raise ArmStopped(f'{host}: the robot does not answer: {error.strerror or error}', False
-                         ) from None
-    if version != VERSION:
-        raise ArmStopped(
-            f'{host}: the robot speaks version {version} of the protocol, this libfranka version '
-            f'{VERSION}: ' + ('an older Panda needs libfranka 0.9, which this package does not '
-                              'use' if version < VERSION else 'update pylibfranka'), False)
-    time.sleep(BETWEEN_CLIENTS_S)
+    check_answers(host)
     before = datagram_sockets()
     robot = libfranka.Robot(host, config)
     return robot, channel_since(before, ANSWER_S)
