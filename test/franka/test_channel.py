@@ -13,7 +13,7 @@ from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.plain_tick import controller_of
 from gdmp_ros.errors import DataError
-from gdmp_ros.franka import channel as channel_module
+from gdmp_ros.franka import greeting
 from gdmp_ros.franka.channel import (
     BEFORE,
     CERTAIN,
@@ -177,7 +177,7 @@ def test_a_kernel_measures_as_python_does(loop, rng):
 def answering(monkeypatch, answer):
     """A server at the port of a robot that gives one answer, None for silence."""
     with socket.create_server(('127.0.0.1', 0)) as server:
-        monkeypatch.setattr(channel_module, 'PORT', server.getsockname()[1])
+        monkeypatch.setattr(greeting, 'PORT', server.getsockname()[1])
 
         def serve():
             client, _ = server.accept()
