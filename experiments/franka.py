@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from experiments.franka_page import run_page
-from experiments.timing import in_loop_thread
 from gdmp_ros.demo.run import run_demo
 from gdmp_ros.demo.tasks import run_task
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
 from gdmp_ros.franka.protocol_server import HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
+from gdmp_ros.realtime.loop import in_loop_thread
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA
 from gdmp_ros.ros.clients.arm_client import identify_alone
 from gdmp_ros.ros.clients.testbed import MODULES

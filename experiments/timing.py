@@ -10,7 +10,6 @@ import os
 from pathlib import Path
 import platform
 import time
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
-from gdmp_ros.realtime.loop import Loop, LoopThread, SystemClock
 from gdmp_ros.util.profiles import minimum_jerk
 
 POSE = Product(Euclidean(3), UnitQuaternion(), names=('position', 'orientation'))
@@ -125,18 +123,3 @@ def environment() -> dict[str, object]:
     return {'gdmp_ros': __version__, 'python': platform.python_version(),
             'numpy': np.__version__, 'numba': version('numba'), 'machine': platform.machine(),
             'kernel': platform.release(), 'cpus': os.cpu_count()}
-
-
-def in_loop_thread(measure: Callable[[], Any]) -> Any:
-    """Result of a function that runs like the loop of a node."""
-    result: list[Any] = []
-
-    def loop() -> Loop:
-        result.append(measure())
-        yield 0
-    thread = LoopThread(loop(), SystemClock(), -1)
-    thread.start()
-    thread.end()
-    if thread.failure is not None:
-        raise thread.failure
-    return result[0]

@@ -17,6 +17,7 @@ from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.protocol_server import await_server, HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
+from gdmp_ros.realtime.loop import in_loop_thread
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.util.terminal import progress
 
@@ -40,10 +41,10 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     with (tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name, choice.robot(Path(name)),
           progress('clients', len(CLIENTS)) as step):
         await_server(lambda: None)
-        bare = timing.in_loop_thread(lambda: exchange(HOST, cycles))
+        bare = in_loop_thread(lambda: exchange(HOST, cycles))
         step()
         time.sleep(BETWEEN_CLIENTS_S)
-        own = timing.in_loop_thread(lambda: _follow_circle(cycles))
+        own = in_loop_thread(lambda: _follow_circle(cycles))
         step()
     return {'bare': _figures(*bare), 'loop': _figures(*own)}
 

@@ -1,13 +1,14 @@
-"""A compiled client of a Franka that only reads states and answers with zero torque."""
+"""Compiled clients of a Franka that only read states, or answer them with zero torque."""
 from __future__ import annotations
 
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.franka.channel import ARRIVED, CAME, in_time, passed, receive, send
+from gdmp_ros.franka.channel import ARRIVED, CAME, CYCLE_S, in_time, NUMBER, passed, receive, send
 from gdmp_ros.franka.robot import FrankaRobot, PATIENCE_S
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.kernels import kernel, local_zeros
+from gdmp_ros.realtime.loop import in_loop_thread
 from gdmp_ros.realtime.native import steady_ns, thread_cpu_ns
 
 
@@ -47,3 +48,28 @@ def exchange(host: str, cycles: int) -> tuple[np.ndarray, int]:
     robot.write(np.zeros(7), last=True)
     robot.close()
     return figures, lost
+
+
+@kernel
+def _watch(wire, patience_ms, figures):
+    """See `watch`; how many states came before the robot was silent."""
+    for k in range(figures.shape[0]):
+        if receive(wire, patience_ms) != CAME:
+            return k
+        figures[k, 0], figures[k, 1] = wire.integers[NUMBER], wire.integers[ARRIVED]
+    return figures.shape[0]
+
+
+def watch(robot: FrankaRobot, states: int) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Read states of a robot that is not controlled, as the loop of a node does.
+
+    :returns: times by the robot, and of arrival, steady time [s]
+    :raises GdmpError: if the robot does not answer
+    """
+    wire, figures = robot.channel.wire, np.empty((states, 2), dtype=np.int64)
+    _watch(wire, 1, figures[:0])  # compiled before it is needed
+    came = in_loop_thread(lambda: _watch(wire, round(1e3 * PATIENCE_S), figures))
+    if came < states:
+        raise GdmpError(f'the robot does not answer: no state within {PATIENCE_S:g} s')
+    return CYCLE_S * figures[:, 0], 1e-9 * figures[:, 1]

@@ -7,7 +7,9 @@ import time
 
 import numpy as np
 
-from gdmp_ros.control.arm_driver import ArmStopped
+from gdmp_ros.errors import GdmpError
+from gdmp_ros.franka.bare_client import watch
+from gdmp_ros.franka.channel import CYCLE_S
 from gdmp_ros.franka.robot import FrankaRobot
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S, FrankaSettings, PORT
 from gdmp_ros.realtime.doctor import BAD, FAIR, Finding, GOOD
@@ -43,7 +45,7 @@ def examine(host: str, seconds: float = 10.0) -> list[Finding]:
             return findings + _cycles(robot, seconds)
         finally:
             robot.close()
-    except ArmStopped as error:
+    except GdmpError as error:
         return [*findings, Finding('robot', BAD, str(error), 'another program may control it; an '
                                    'older system than 5.9 needs another libfranka')]
 
@@ -65,12 +67,7 @@ def _round_trips(host: str) -> list[float] | None:
 
 def _cycles(robot: FrankaRobot, seconds: float) -> list[Finding]:
     """States of the robot for a time: which came, and how regularly."""
-    robots, arrivals = [], []
-    ends = time.monotonic() + seconds
-    while time.monotonic() < ends:
-        robot.read()
-        robots.append(robot.seconds)
-        arrivals.append(time.monotonic())
+    robots, arrivals = watch(robot, round(seconds / CYCLE_S))
     steps = np.round(np.diff(robots) / 1e-3)
     lost = float(np.maximum(steps - 1.0, 0.0).sum())
     share = lost / max(lost + len(steps), 1.0)

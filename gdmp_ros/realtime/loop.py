@@ -10,7 +10,7 @@ import resource
 import sys
 import threading
 import time
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, TypeVar
 
 NS = 1_000_000_000
 #: How often Python may switch threads while a loop runs [s]; the default of 5 ms is five ticks.
@@ -23,6 +23,7 @@ RAISED_PRIORITY = 1
 #: Yields the time at which it is to be resumed [ns], again and again; a time that has passed means
 #: as soon as possible.
 Loop: TypeAlias = Generator[int, None, None]
+Result = TypeVar('Result')
 #: mlockall: MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: only pages that are used.
 _LOCKED = 1 | 2 | 4
 _real_time_threads: set[LoopThread] = set()
@@ -250,3 +251,18 @@ class LoopThread:
             self.failure = error
         finally:
             _real_time_threads.discard(self)
+
+
+def in_loop_thread(work: Callable[[], Result]) -> Result:
+    """Result of a function that runs like the loop of a node, with its priority."""
+    result: list[Result] = []
+
+    def loop() -> Loop:
+        result.append(work())
+        yield 0
+    thread = LoopThread(loop(), SystemClock(), -1)
+    thread.start()
+    thread.end()
+    if thread.failure is not None:
+        raise thread.failure
+    return result[0]
