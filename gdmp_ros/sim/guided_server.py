@@ -12,7 +12,6 @@ import struct
 import sys
 import time
 
-from franka_sim import run_server
 import mujoco
 import numpy as np
 
@@ -67,6 +66,7 @@ def _pulled(error: np.ndarray, velocity: np.ndarray, stiffness: float, damping: 
 
 def main() -> None:
     """Become the server."""
+    from franka_sim import run_server  # only its environment has it
     hand, step = Hand(int(sys.argv.pop(1))), mujoco.mj_step
 
     def guided_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
