@@ -54,7 +54,7 @@ def run_page(folder: Path) -> list[dict[str, Any]]:
         for block in blocks(PAGE.read_text()):
             command = over_protocol(block)
             print(command, flush=True)
-            if command.startswith('gdmp up'):  # in a terminal of its own
+            if command.startswith('gdmp up'):  # runs until the last command has ended
                 stack.enter_context(_background(command, folder, environment))
                 continue
             if 'doctor' in command:  # the others start the server themselves

@@ -15,7 +15,7 @@ import numpy as np
 from experiments import timing
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.franka.protocol_server import await_server, HOST
+from gdmp_ros.franka.protocol_server import HOST
 from gdmp_ros.franka.settings import BETWEEN_CLIENTS_S
 from gdmp_ros.realtime.loop import in_loop_thread
 from gdmp_ros.ros.arm_choice import ArmChoice
@@ -40,7 +40,6 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     cycles = FIRST + round(1000.0 * min(settings.seconds, LONGEST_S))
     with (tempfile.TemporaryDirectory(prefix='gdmp-franka-') as name, choice.robot(Path(name)),
           progress('clients', len(CLIENTS)) as step):
-        await_server(lambda: None)
         bare = in_loop_thread(lambda: exchange(HOST, cycles))
         step()
         time.sleep(BETWEEN_CLIENTS_S)

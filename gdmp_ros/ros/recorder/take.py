@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
-from gdmp_ros.data.bags import BagWriter
+from gdmp_ros.data.bags import BagWriter, ns_of
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.realtime.loop import NS
@@ -126,7 +126,7 @@ class Take:
 
     def _write_at_pause(self, message: _Message, last: _Message) -> None:
         """Write a message as if it had come with the last pose before the pause."""
-        self._put(message, self._cut[0] + _wall(message) - _stamp(last),
+        self._put(message, self._cut[0] + _stamp(message) - _stamp(last),
                   self._cut[1] + message.published - last.published)
 
     def _put(self, message: _Message, stamps: int, published: int) -> None:
@@ -137,28 +137,19 @@ class Take:
                          message.definition, message.digest)
 
 
-def _pose(message: _Message) -> Any:
+def _decoded(message: _Message) -> Any:
     return deserialize_message(message.data, message_class(message.kind))
 
 
 def _stamp(message: _Message) -> int:
-    """Stamp of a pose [ns]."""
-    return _nanoseconds(_pose(message).header.stamp)
-
-
-def _wall(message: _Message) -> int:
-    """Stamp of a message [ns]; that of its publication if it has none."""
-    header = getattr(_pose(message), 'header', None)
-    return message.published if header is None else _nanoseconds(header.stamp)
-
-
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * NS + int(stamp.nanosec)
+    """Stamp of a message [ns]; time of its publication if it has no header."""
+    header = getattr(_decoded(message), 'header', None)
+    return message.published if header is None else ns_of(header.stamp)
 
 
 def _between(first: _Message, second: _Message) -> tuple[float, float]:
     """Distance and angle between two poses [m, rad]."""
-    one, other = (messages.pose_numbers(_pose(message).pose) for message in (first, second))
+    one, other = (messages.pose_numbers(_decoded(message).pose) for message in (first, second))
     return (float(np.linalg.norm(one[:3] - other[:3])),
             float(rotation_angles(one[3:], other[3:])))
 
@@ -169,6 +160,6 @@ def _earlier(data: bytes, kind: Callable[[], Any], nanoseconds: int) -> bytes:
     for part in (message, *getattr(message, 'transforms', ())):
         header = getattr(part, 'header', None)
         # 0 is no stamp.
-        if header is not None and _nanoseconds(header.stamp):
-            header.stamp = messages.stamp_of(_nanoseconds(header.stamp) - nanoseconds)
+        if header is not None and ns_of(header.stamp):
+            header.stamp = messages.stamp_of(ns_of(header.stamp) - nanoseconds)
     return bytes(serialize_message(message))
