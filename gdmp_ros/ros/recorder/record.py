@@ -17,7 +17,7 @@ from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.loop import Loop, NS, run
 from gdmp_ros.ros.dds import current
-from gdmp_ros.ros.middleware import DEEP, Participant, reliable
+from gdmp_ros.ros.middleware import Participant, reliable
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
 
@@ -25,6 +25,9 @@ from gdmp_ros.util.processes import stop_event
 KEEP_FREE_MB = 64.0
 #: Interval at which the histories are read [s]: 20 messages of a 1 kHz topic.
 DRAIN_S = 0.02
+#: Messages of a topic, of all its publishers together, that wait for being read. It is the most
+#: that Fast DDS keeps: a busy machine may hold the recorder up for seconds.
+HISTORY = 5000
 
 
 class Sink(Protocol):
@@ -86,7 +89,7 @@ class Tap:
         self._expected = frozenset(topics) - frozenset(rare)
         self.waiting = set(self._expected)
         for topic, kind in topics.items():
-            quality = reliable(DEEP)
+            quality = reliable(HISTORY)
             if topic in best_effort:
                 quality.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = participant.subscription(message_class(kind), topic, quality)
