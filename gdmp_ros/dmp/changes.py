@@ -37,6 +37,7 @@ def between(primitive: P, start: np.ndarray | None = None, goal: np.ndarray | No
     :raises ManifoldError: if a point is not on the manifold
     :raises ParameterError: for another start of a rhythmic one
     """
+    primitive.check_plain('another start or goal')
     if primitive.rhythmic:
         return _around(primitive, start, goal)
     first, last = (own if given is None else primitive.manifold.align(
@@ -144,6 +145,7 @@ def turned(primitive: P, turn: np.ndarray) -> P:
     :raises ParameterError: if it is not orthogonal, or turns tangents out of the tangent space;
         for a skill with couplings
     """
+    primitive.check_plain('turning')
     if primitive.couplings:
         raise ParameterError('frame: a skill with couplings cannot be turned about its start: '
                              'each side would turn about its own')
@@ -242,6 +244,8 @@ def joined(first: P, second: P, names: Sequence[str] = ('first', 'second'),
     :raises ParameterError: if their gains or connections differ, or one is split at the cut locus,
         rhythmic, or has couplings or commands for a gripper
     """
+    for one in (first, second):
+        one.check_plain('joining')
     for name, item in zip(names, (first, second)):
         for what, given in (('is split at the cut locus', len(item.segments.ends)),
                             ('is rhythmic', item.rhythmic), ('has couplings', item.couplings),
@@ -278,6 +282,7 @@ def coupled(primitive: P, coupling: Coupling) -> P:
 
     :raises ParameterError: if it does not fit the manifold
     """
+    primitive.check_plain('a coupling')
     manifold = primitive.manifold
     coupling.check(manifold, primitive.steps)
     ends = [coupling.related(manifold, point) for point in (primitive.start, primitive.goal)]
@@ -336,6 +341,7 @@ def half(primitive: P, number: int) -> P:
 
     :raises ParameterError: if it has an odd number of factors
     """
+    primitive.check_plain('a part of the motion')
     factors = primitive.manifold.factors
     if len(factors) % 2:
         raise ParameterError(f'the skill is on {primitive.manifold!r}, which has no two halves')

@@ -1,14 +1,16 @@
 """A demonstration: stamped points on a manifold."""
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 import warnings
 
 import numpy as np
 
 from gdmp_ros.dmp.development import Development
+from gdmp_ros.dmp.frames import checked_frames
 from gdmp_ros.errors import DataError, GdmpWarning, InvalidPointError
 from gdmp_ros.manifolds import Manifold, UnitQuaternion
 from gdmp_ros.util.numeric import numbers
@@ -44,12 +46,17 @@ class Demonstration:
 
     :param times: increasing, shape ``(T,)`` [s]
     :param points: shape ``(T, *point_shape)``
+    :param frames: task frames by name: pose (x, y, z, qw, qx, qy, qz) [m], or a pair of rotation
+        (d, d) and origin (d,); with a leading axis of T for a frame that moved while this was
+        shown. Kept as poses, shape (7,) or (T, 7). What is made of this demonstration (`uniform`,
+        `smoothed`, …) has none
     :raises DataError: with the first invalid sample and the reason
     """
 
     times: np.ndarray
     points: np.ndarray
     manifold: Manifold
+    frames: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         times = np.array(numbers('times', self.times, DataError))
@@ -71,6 +78,7 @@ class Demonstration:
         times.flags.writeable = points.flags.writeable = False
         object.__setattr__(self, 'times', times)
         object.__setattr__(self, 'points', points)
+        object.__setattr__(self, 'frames', checked_frames(self.frames, self.manifold, len(times)))
 
     @staticmethod
     def _check_times(times: np.ndarray) -> None:

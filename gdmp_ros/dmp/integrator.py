@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from gdmp_ros.dmp.forcing import forcing, update_cycle
+from gdmp_ros.dmp.fusion import fuse, fusion_size, fusion_view, update_fused_arrival
 from gdmp_ros.dmp.goal import (
     BEFORE_END,
     carry_waypoint,
@@ -386,6 +387,33 @@ def _advance_to(motion, state):
     write_state(motion, state)
 
 
+@always_inline
+def _advance_views(memory, motion, state):
+    """`_advance_to` for a motion with task frames: one roll-out in each, at the same progress."""
+    noinline()
+    scalars, sizes = motion.scalars, motion.sizes
+    if scalars.held == 1:
+        scalars.time += state[0]
+    else:
+        pass_time(scalars, state[0])
+    fusion, width = fusion_view(memory, sizes), state_size(memory)
+    at, settled = sizes.own + fusion_size(sizes, int(fusion.settings[0])), True
+    for k in range(sizes.views):
+        view = motion_view(numbers_at(memory, at, sizes.total - at))
+        view.scalars.time, view.scalars.progress = scalars.time, scalars.progress
+        view.scalars.speed, view.scalars.speed_slope = scalars.speed, scalars.speed_slope
+        _step_to_present(view)
+        write_state(view, numbers_at(fusion.states, k * width, width))
+        if view.scalars.held == 1:
+            scalars.held, scalars.speed, scalars.speed_slope = 1, 0.0, 0.0
+        settled = settled and view.scalars.finished == 1
+        at += view.sizes.total
+    state[0] = scalars.time
+    state[1] = math.exp(-scalars.alpha_x * scalars.progress)
+    fuse(motion, fusion, state)
+    update_fused_arrival(motion, fusion, settled, numbers_at(state, 2, sizes.point))
+
+
 @kernel
 def advance(memory, out):
     """
@@ -409,6 +437,9 @@ def advance(memory, out):
         rest = numbers_at(memory, at, memory.size - at)
         motion, size = motion_view(rest), state_size(rest)
         for first in range(start, out.size, width):
-            _advance_to(motion, numbers_at(out, first, size))
+            if motion.sizes.views > 0:
+                _advance_views(rest, motion, numbers_at(out, first, size))
+            else:
+                _advance_to(motion, numbers_at(out, first, size))
         at += motion.sizes.total
         start += size

@@ -18,10 +18,11 @@ from gdmp_ros.manifolds.factors import FACTOR, work_size
 OBSTACLE_CAPACITY = 32
 
 #: Sizes of the parts. ``obstacle_factor``: the factor that avoids obstacles, -1 for none;
-#: ``position``: the size of that factor, or 0.
+#: ``position``: the size of that factor, or 0. ``views``: task frames that the motion is seen from
+#: (`gdmp_ros.dmp.fusion`); ``own``: where the numbers of their fusion begin.
 SIZES = np.dtype([(name, np.int64) for name in (
     'total', 'factors', 'basis', 'point', 'tangent', 'frame', 'waypoints', 'obstacle_factor',
-    'position', 'relations', 'work')])
+    'position', 'relations', 'work', 'views', 'own')])
 
 #: A relation between two factors (`gdmp_ros.dmp.relations`): its kind, numbers of the factors, and
 #: of the orientation that carries an offset, -1 for none; whether the first factor leads.
@@ -274,7 +275,7 @@ def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: in
              + _FRAMES * f + _POINTS * p + _TANGENTS * n + work)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (total, len(factors), n_basis, p, n, f, waypoints,
-                                      obstacle_factor, position, relations, work)
+                                      obstacle_factor, position, relations, work, 0, total)
     at = _SIZES + _SCALARS
     memory[at:at + len(factors) * _FACTOR].view(FACTOR)[:] = factors
     return memory

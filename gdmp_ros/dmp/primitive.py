@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.choices import CONNECTIONS
 from gdmp_ros.dmp.coupling import Coupling
+from gdmp_ros.dmp.frames import check_views, View
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import ParameterError
@@ -193,6 +194,8 @@ class Primitive:
     :ivar provenance: source of the skill, as text; no part of the computation
     :ivar rhythmic: whether it repeats a cycle; `parallel` only, without segments and via points
     :ivar couplings: what factors keep, such as two arms that carry something; `parallel` only
+    :ivar views: the motion as seen from task frames, that of the start first and that of the goal
+        last; the rest of the primitive is the motion with the frames where they were shown then
     """
 
     manifold: Manifold
@@ -212,6 +215,7 @@ class Primitive:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     rhythmic: bool = False
     couplings: tuple[Coupling, ...] = ()
+    views: tuple[View, ...] = ()
 
     def __post_init__(self) -> None:
         check_connection(self.connection)
@@ -225,6 +229,9 @@ class Primitive:
         object.__setattr__(self, 'events', checked_events(self.events))
         if self.variation is not None:
             self.variation.check(self.n_basis, self.manifold.tangent_size)
+        object.__setattr__(self, 'views', tuple(self.views))
+        if self.views:
+            check_views(self.views, self.manifold)
 
     def __repr__(self) -> str:
         return (f'{type(self).__name__}({self.manifold!r}, {self.n_basis} basis functions, '
@@ -264,6 +271,19 @@ class Primitive:
         """
         if self.rhythmic:
             raise ParameterError(f'{what}: a rhythmic skill repeats a cycle and has no end')
+
+    def check_plain(self, what: str) -> None:
+        """
+        Refuse something that a skill with task frames cannot do.
+
+        :param what: for the message
+        :raises ParameterError: if it has task frames
+        """
+        if self.views:
+            raise ParameterError(
+                f'{what}: the motion of a skill with task frames '
+                f'({", ".join(view.name for view in self.views)}) is made of one motion in each '
+                'frame; learn it from demonstrations without frames for that')
 
 
 #: A `Primitive`, or a `gdmp_ros.dmp.Skill`: functions that change one return the same kind.

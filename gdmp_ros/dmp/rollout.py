@@ -1,12 +1,14 @@
 """The execution of a skill: the only state that changes; and many of them in one call."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 import numpy as np
 
 from gdmp_ros.dmp.changes import turned
+from gdmp_ros.dmp.frame_motion import TaskFrames
 from gdmp_ros.dmp.goal import end_with, present_target, SETTLED, switch_goal
 from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, recover, Start
 from gdmp_ros.dmp.integrator import advance
@@ -43,6 +45,7 @@ class Rollout:
                  goal: np.ndarray | None = None, duration: float | None = None,
                  velocity: np.ndarray | None = None, *, acceleration: np.ndarray | None = None,
                  final_velocity: np.ndarray | None = None, frame: np.ndarray | None = None,
+                 frames: Mapping[str, Any] | None = None,
                  options: Options | None = None, **settings: float | Sequence[float] | None):
         """
         Begin at the skill's start, or elsewhere.
@@ -62,6 +65,8 @@ class Rollout:
             learned: none with ``end='rest'``
         :param frame: turns the whole skill about its start, its own goal too: an orthogonal matrix
             that acts on coordinates in the skill's frame (`gdmp_ros.dmp.changes`)
+        :param frames: where the task frames of the skill are, by name: pose (x, y, z, qw, qx, qy,
+            qz) [m], or a pair of rotation and origin; the others are where they were shown
         :param options: see `Options`; single ones may be given by name instead
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
@@ -72,10 +77,16 @@ class Rollout:
         self._options.check(skill.manifold)
         if final_velocity is not None:
             skill.check_ends('final velocity')
+            skill.check_plain('final velocity')
+        if frames is not None and not skill.views:
+            raise ParameterError('frames: the skill was learned without task frames')
+        self._goal_given = goal is not None
         self._goal = self._checked(goal, skill.goal)
         self._duration = (skill.duration if duration is None
                           else check_range('duration', duration, SHORTEST_DURATION, 1e6))
-        self.use_memory(new_memory(skill, self._options))
+        self._frames = TaskFrames(skill, frames, self._options) if skill.views else None
+        self.use_memory(new_memory(skill, self._options) if self._frames is None
+                        else self._frames.memory)
         point_end = 2 + self._manifold.point_size
         self.state_size = point_end + 2 * self._manifold.tangent_size
         self._point = slice(2, point_end)
@@ -99,9 +110,13 @@ class Rollout:
         """
         if speed is not None:
             check_range('speed', speed, 0.0, MAX_SPEED)
-        initialise(self.motion, self.skill, self._options, self._goal, self._duration,
-                   Start(None if start is None else self._checked(start, self.skill.start),
-                         velocity, acceleration, speed))
+        first = Start(None if start is None else self._checked(start, self.skill.start),
+                      velocity, acceleration, speed)
+        if self._frames is not None:
+            self._frames.begin(self._options, self._goal if self._goal_given else None,
+                               self._duration, first, lambda: self.advance(0.0))
+            return
+        initialise(self.motion, self.skill, self._options, self._goal, self._duration, first)
         if self._final_velocity is not None:
             end_with(self._manifold, self.motion, self._missing_velocity())
         self.advance(0.0)
@@ -174,7 +189,10 @@ class Rollout:
         """Make an independent roll-out at the same moment, for example to look ahead."""
         result = object.__new__(Rollout)
         result.__dict__.update(self.__dict__)
-        result.use_memory(self.memory.copy())
+        memory = self.memory.copy()
+        if self._frames is not None:
+            result._frames = self._frames.copy(memory)
+        result.use_memory(memory)
         return result
 
     def use_memory(self, memory: np.ndarray) -> None:
@@ -185,6 +203,8 @@ class Rollout:
         """
         self.memory = memory
         self.motion: Motion = parts(memory)
+        if self._frames is not None:
+            self._frames.bind(memory)
 
     def retarget(self, goal: np.ndarray, velocity: np.ndarray | None = None) -> None:
         """
@@ -197,6 +217,7 @@ class Rollout:
         Where the skill is split into segments (`gdmp_ros.dmp.segments`), a split factor keeps its
         targets on the way and goes to the new goal in its last segment. A goal exactly opposite to
         the present one is reached along one of the shortest ways, with the flag ``cut_locus``.
+        With task frames, the frame of the goal moves so that the motion ends there.
 
         :param goal: point; its representative (±q) nearest to the present goal is taken
         :param velocity: tangent at the goal [1/s], shape ``(tangent_size,)``
@@ -206,9 +227,40 @@ class Rollout:
         new = self._manifold.align(self._manifold.check_point(goal), self.goal)
         if velocity is not None:
             velocity = finite_tangent(self._manifold, 'velocity of the goal', velocity)
+        if self._frames is not None:
+            self._frames.retarget(new, velocity)
+            return
         if self.motion.scalars.held:
             recover(self._manifold, self.motion, self.state.point)
         switch_goal(self._manifold, self.motion, new, velocity, self._options.goal_speed)
+
+    def move_frame(self, name: str, pose: Any, twist: np.ndarray | None = None,
+                   stamp: float | None = None) -> None:
+        """
+        Take a measurement of a task frame; the motion follows it smoothly.
+
+        Between measurements a frame goes on with its twist, that which is given or, from several
+        measurements within a second, estimated; so the motion does not lag behind a frame that
+        moves at a constant velocity. Position, velocity and acceleration are continuous; what a
+        measurement has changed fades in about a second and a half. Measurements older than the
+        last one are not used.
+
+        :param name: of a frame of the skill
+        :param pose: as in the constructor
+        :param twist: velocity of the frame's origin [m/s] and angular velocity [rad/s], in the
+            base, shape (6,)
+        :param stamp: when it was measured, in the time of `state` [s]; now by default
+        :raises ParameterError: if there is no such frame, or it is no pose; nothing has changed
+            then
+        """
+        if self._frames is None:
+            raise ParameterError(f'frame {name!r}: the skill was learned without task frames')
+        self._frames.move(name, pose, twist, stamp)
+
+    @property
+    def frames(self) -> dict[str, np.ndarray]:
+        """Where the motion has its task frames now: poses (x, y, z, qw, qx, qy, qz) by name."""
+        return {} if self._frames is None else self._frames.poses()
 
     def observe(self, measured: np.ndarray) -> float:
         """
@@ -250,6 +302,7 @@ class Rollout:
         :param bound: largest acceleration of the avoidance at speed 1 [m/s²]
         :raises ParameterError: without such a factor of size 2 or 3, or for too many obstacles
         """
+        self.skill.check_plain('obstacles')
         store_obstacles(self.motion, positions, gain, reach, bound)
 
     @property
@@ -340,6 +393,8 @@ class Rollout:
     @property
     def goal(self) -> np.ndarray:
         """The goal that was asked for last, where it is now, shape ``point_shape``."""
+        if self._frames is not None:
+            return self._frames.goal().reshape(self._manifold.point_shape)
         return present_target(self._manifold, self.motion)
 
     @property
@@ -364,6 +419,7 @@ class Rollout:
 
     def current_frame(self) -> np.ndarray:
         """Frame at the present point, transported along the motion (`parallel`)."""
+        self.skill.check_plain('a frame along the motion')
         self.advance(0.0)
         return np.array(self.motion.frames.now)
 

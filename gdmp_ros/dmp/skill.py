@@ -37,12 +37,17 @@ class Skill(Primitive):
               fit: str = 'output', end: str | None = None, align: bool = True,
               demonstration_weights: Sequence[float] | None = None,
               contexts: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
+              start_frame: str | None = None, goal_frame: str | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
 
         Stamps may be irregular and have gaps. Where a demonstration meets the cut locus of its
         goal, the motion is split automatically (`gdmp_ros.dmp.segments`).
+
+        Where all demonstrations have task frames (`Demonstration.frames`), the motion is learned
+        in each of them, and how much each frame matters along the motion: ``Rollout(skill,
+        frames=…)`` then does it where the objects are (`gdmp_ros.learning.frames_fit`).
 
         :param n_basis: number of basis functions, at least 2; ``'auto'`` for the smallest that
             meets ``tolerance`` or, with ``fit='output'``, that cross-validation finds as good as
@@ -68,6 +73,8 @@ class Skill(Primitive):
         :param contexts: numbers that describe the situation of each demonstration, such as the
             height of an object: a name and one number for each demonstration, or rows of shape
             ``(demonstrations, m)``; with ``fit='output'`` only, see `Distribution.condition`
+        :param start_frame: task frame that the motion leaves; by default ``start``, else the first
+        :param goal_frame: task frame in which it ends; by default ``goal``, else the last
         :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, if their manifolds differ, if one lasts less
             than 50 ms, or if there are too few for their contexts
@@ -81,7 +88,7 @@ class Skill(Primitive):
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)
-        return learn(demonstrations, n_basis, settings, tolerance)
+        return learn(demonstrations, n_basis, settings, tolerance, start_frame, goal_frame)
 
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],

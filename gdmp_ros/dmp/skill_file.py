@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.coupling import Coupling
+from gdmp_ros.dmp.frames import View
 from gdmp_ros.dmp.primitive import Gains, GripperEvent, P, Primitive
 from gdmp_ros.dmp.segments import Segments
 from gdmp_ros.dmp.variation import ContextModel, Variation
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds import from_spec, KINDS, Manifold
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.util.files import read_text, write_text
 
 FORMAT = 'gdmp skill'
-#: A file of another version is refused.
-VERSION = 8
+#: A file of another version is refused. A skill with task frames has one of its own: programs that
+#: do not know frames must not execute it without them.
+VERSION, VERSION_WITH_FRAMES = 8, 9
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000
 #: Arrays of a `ContextModel`.
@@ -32,8 +35,17 @@ _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start'
 
 def write_primitive(skill: Primitive, path: Path) -> None:
     """Write a skill file, whole or not at all."""
+    try:
+        write_text(path, json.dumps(_document(skill), indent=1, allow_nan=False, default=_plain)
+                   + '\n')
+    except (OSError, TypeError, ValueError) as error:
+        raise DataError(f'{path}: cannot write the skill: {error}') from None
+
+
+def _document(skill: Primitive) -> dict[str, Any]:
     document = {
-        'format': FORMAT, 'version': VERSION, 'manifold': skill.manifold.spec(),
+        'format': FORMAT, 'version': VERSION_WITH_FRAMES if skill.views else VERSION,
+        'manifold': skill.manifold.spec(),
         'connection': skill.connection, 'gains': asdict(skill.gains), 'duration': skill.duration,
         'steps': skill.steps, 'start': skill.start.reshape(-1).tolist(),
         'goal': skill.goal.reshape(-1).tolist(), 'frame': skill.frame.tolist(),
@@ -47,11 +59,11 @@ def write_primitive(skill: Primitive, path: Path) -> None:
         'rhythmic': skill.rhythmic,
         'couplings': [asdict(coupling) for coupling in skill.couplings],
         'units': _UNITS, 'provenance': dict(skill.provenance)}
-    try:
-        write_text(path, json.dumps(document, indent=1, allow_nan=False, default=_plain)
-                   + '\n')
-    except (OSError, TypeError, ValueError) as error:
-        raise DataError(f'{path}: cannot write the skill: {error}') from None
+    if skill.views:
+        document['frames'] = [{'name': view.name, 'pose': view.pose.tolist(),
+                               'shares': view.shares.tolist(), 'motion': _document(view.skill)}
+                              for view in skill.views]
+    return document
 
 
 def _plain(value: object) -> object:
@@ -77,16 +89,17 @@ def read_primitive(path: Path, kind: type[P]) -> P:
     except (ValueError, RecursionError) as error:
         raise DataError(f'{path}: not a skill file: {error}') from None
     try:
-        return kind(**_parse(document))
+        return kind(**_parse(document, kind))
     except GdmpError as error:
         raise DataError(f'{path}: {error}') from None
 
 
-def _parse(document: Any) -> dict[str, Any]:
+def _parse(document: Any, kind: type[P]) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise DataError(f'not a skill file: "format" is not {FORMAT!r}')
-    if document.get('version') != VERSION:
-        raise DataError(f'format version is {document.get("version")!r}, expected {VERSION}')
+    if document.get('version') != (VERSION_WITH_FRAMES if 'frames' in document else VERSION):
+        raise DataError(f'format version is {document.get("version")!r}, expected {VERSION}, or '
+                        f'{VERSION_WITH_FRAMES} with frames')
     manifold = from_spec(document.get('manifold'))
     gains = document.get('gains')
     if not isinstance(gains, dict) or set(gains) != {'alpha_z', 'alpha_x', 'alpha_g'}:
@@ -114,7 +127,20 @@ def _parse(document: Any) -> dict[str, Any]:
         'velocity': _numbers(document, 'velocity', (manifold.tangent_size,)), 'weights': weights,
         'steps': steps, 'segments': _segments(document, manifold), 'via': _via(document),
         'variation': _variation(document), 'events': _events(document), 'provenance': provenance,
-        'rhythmic': rhythmic, 'couplings': _couplings(document)}
+        'rhythmic': rhythmic, 'couplings': _couplings(document),
+        'views': _views(document, kind)}
+
+
+def _views(document: dict[str, Any], kind: type[P]) -> tuple[View, ...]:
+    given = document.get('frames', [])
+    if not isinstance(given, list) or not all(
+            isinstance(one, dict) and set(one) == {'name', 'pose', 'shares', 'motion'}
+            for one in given):
+        raise DataError(f'frames: expected objects with name, pose, shares and motion, got '
+                        f'{given!r:.100}')
+    return tuple(View(str(one['name']), _numbers(one, 'pose', (POSE_SIZE,)),
+                      _numbers(one, 'shares', (None, None)), kind(**_parse(one['motion'], kind)))
+                 for one in given)
 
 
 def _numbers(document: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -40,6 +40,7 @@ def through(skill: P, points: Sequence[tuple[float, np.ndarray]],
     :raises ParameterError: if s is out of range, a name unknown, or a point cannot be met; for a
         rhythmic skill
     """
+    skill.check_plain('via points')
     skill.check_ends('via points')
     manifold = skill.manifold
     moments = numbers('progress of via points', [s for s, _ in points])

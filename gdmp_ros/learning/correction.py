@@ -123,6 +123,7 @@ def correction(primitive: Skill, followed: FollowedMotion, *, least: float = LEA
     :raises DataError: if there is no push
     :raises ParameterError: if the primitive is rhythmic, or not one of the tool
     """
+    primitive.check_plain('a correction')
     primitive.check_ends('corrections')
     factors = primitive.manifold.factors
     if not (len(factors) > 1 and factors[0].is_flat and factors[0].size == 3

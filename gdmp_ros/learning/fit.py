@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.evaluation import deviation, mean_distance, relative
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.alignment import aligned, SAMPLES
 from gdmp_ros.learning.forcing_fit import fit_forcing
+from gdmp_ros.learning.frames_fit import frame_names, learn_in_frames
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 from gdmp_ros.learning.rhythmic_fit import learn_cycle
@@ -29,12 +30,18 @@ PASSES = 2
 
 @one_thread
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
-          settings: FitSettings, tolerance: float) -> Skill:
+          settings: FitSettings, tolerance: float, start_frame: str | None = None,
+          goal_frame: str | None = None) -> Skill:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""
     if not isinstance(n_basis, (int, np.integer, str)) or isinstance(n_basis, bool) or (
             isinstance(n_basis, str) and n_basis != 'auto'):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
-    demos = prepared(demonstrations, settings.smoothing)
+    given = as_list(demonstrations)
+    names = frame_names(given, start_frame, goal_frame) if given else []
+    if names:
+        return learn_in_frames(given, names, settings, lambda one: learn(
+            one, n_basis, settings, tolerance))
+    demos = prepared(given, settings.smoothing)
     settings.contexts_of(len(demos))
     if settings.fit == 'output':
         return _fit_output(demos, n_basis, settings, tolerance)

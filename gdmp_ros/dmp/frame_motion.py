@@ -1,0 +1,430 @@
+"""Task frames of a roll-out: where they are measured, and how the motion follows."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gdmp_ros.dmp.frames import actions_of, placed, poses_of
+from gdmp_ros.dmp.fusion import (
+    FADE_TERMS,
+    FRAME_ROW,
+    fusion_size,
+    fusion_view,
+    Fusion,
+    MOVES,
+    OFFSET,
+    pose_at,
+    RATE,
+    SINCE,
+    STAMP,
+    TURNS_QUATERNION,
+    TURNS_ROTATION,
+    TWIST,
+    write_goal,
+)
+from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, Start
+from gdmp_ros.dmp.layout import Motion, parts
+from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.primitive import Primitive, State
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.poses import compose, inverse, POSE_SIZE
+from gdmp_ros.util.numeric import numbers
+
+#: Rate at which an offset of a frame fades [1/s]: a faster one costs more acceleration.
+FADE_RATE = 3.5
+#: Progress at which the offset of a start elsewhere has faded out.
+START_FADES = 0.7
+#: Half of the time of a difference, as a part of the duration, and at most [s].
+_SHORT, _SHORTEST = 1e-5, 1e-4
+#: Time of differences of where a frame is [s].
+_MOMENT = 1e-4
+#: Iterations that match an initial velocity and acceleration.
+_MATCHES = 6
+#: Poses from which a twist is estimated: within this time [s], at least so many, over this time.
+_WINDOW, _FEWEST, _LEAST_SPAN = 1.0, 4, 0.1
+#: A pose this far from where the ones before lead is a jump [m, rad], and in their deviations.
+_JUMP, _JUMP_DEVIATIONS = np.array([0.005, 0.03]), 5.0
+
+
+class Seen(NamedTuple):
+    """
+    A measured pose of a frame.
+
+    :ivar stamp: time of the roll-out [s]
+    :ivar pose: shape (7,)
+    """
+
+    stamp: float
+    pose: np.ndarray
+
+
+class TaskFrames:
+    """
+    The task frames of one roll-out.
+
+    :ivar memory: of the roll-out, with the fusion and the motions in the frames
+    """
+
+    def __init__(self, skill: Primitive, given: Mapping[str, Any] | None, options: Options):
+        """
+        Make the memory.
+
+        :param given: poses by name; the others are where they were shown
+        :raises ParameterError: if a frame is not one of the skill, or no pose
+        """
+        self._skill = skill
+        self._dimension, self._actions = actions_of(skill.manifold)
+        self._names = [view.name for view in skill.views]
+        self._poses = {view.name: view.pose for view in skill.views}
+        for name, pose in (given or {}).items():
+            self._check_name(name)
+            self._poses[name] = poses_of(name, pose, self._dimension)
+        self._seen: dict[str, tuple[Seen, ...]] = {}
+        own = new_memory(skill, options)
+        sizes, knots = parts(own).sizes, len(skill.views[0].shares)
+        sizes.views, sizes.own = len(skill.views), len(own)
+        size: Any = fusion_size
+        fusion = np.zeros(size.py_func(sizes, knots))
+        fusion[0] = knots
+        views = [new_memory(view.skill, options) for view in skill.views]
+        sizes.total = len(own) + len(fusion) + sum(map(len, views))
+        self.bind(np.concatenate([own, fusion, *views]))
+
+    def bind(self, memory: np.ndarray) -> None:
+        """Use another memory with the same content."""
+        self.memory = memory
+        self._motion: Motion = parts(memory)
+        view: Any = fusion_view
+        self._fusion: Fusion = view.py_func(memory, self._motion.sizes)
+        size: Any = fusion_size
+        at = self._motion.sizes.own + size.py_func(self._motion.sizes, int(self._fusion.settings[0]))
+        self._views: list[Motion] = []
+        for _ in self._names:
+            self._views.append(parts(memory[at:]))
+            at += self._views[-1].sizes.total
+
+    def copy(self, memory: np.ndarray) -> TaskFrames:
+        """The same for a copy of the memory."""
+        result = object.__new__(TaskFrames)
+        result.__dict__.update(self.__dict__)
+        result.bind(memory)
+        return result
+
+    def _check_name(self, name: str) -> None:
+        if name not in self._names:
+            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
+                                 f'{", ".join(self._names)}')
+
+    def begin(self, options: Options, goal: np.ndarray | None, duration: float, start: Start,
+              advance: Callable[[], State]) -> None:
+        """
+        Write everything as it is at the beginning; see `gdmp_ros.dmp.initial.initialise`.
+
+        :param goal: point at which the goal's frame puts the end of the motion; None for that of
+            the frames
+        :param advance: evaluates the present state
+        """
+        skill, fusion = self._skill, self._fusion
+        plain = Start(speed=start.speed)
+        initialise(self._motion, skill, options, skill.goal, duration, plain)
+        for motion, view in zip(self._views, skill.views):
+            initialise(motion, view.skill, options, view.skill.goal, duration, plain)
+        self._seen = {}
+        fusion.settings[1:] = self._dimension, 0.0, min(_SHORT * duration, _SHORTEST)
+        fusion.actions[:] = self._actions
+        fusion.shares[:] = np.stack([view.shares for view in skill.views], axis=1).ravel()
+        fusion.goals[:] = np.concatenate([view.skill.goal.ravel() for view in skill.views])
+        fusion.signs[:] = 1.0
+        for number, name in enumerate(self._names):
+            self._row(number)[:] = 0.0
+            self._row(number)[:POSE_SIZE] = self._poses[name]
+        self._choose_signs()
+        if goal is not None:
+            self._row(len(self._names) - 1)[:POSE_SIZE] = self.pose_of_goal(goal)
+            self._choose_signs()
+        if start.point is not None or start.velocity is not None:
+            self._begin_elsewhere(start, advance)
+        elif start.acceleration is not None:
+            raise ParameterError('an initial acceleration needs an initial velocity')
+
+    def _row(self, number: int) -> np.ndarray:
+        rows: np.ndarray = self._fusion.frames
+        return rows[number * FRAME_ROW:(number + 1) * FRAME_ROW]
+
+    def _choose_signs(self) -> None:
+        """Choose ±q of each frame's orientations, once: near those of the first frame."""
+        manifold, views = self._skill.manifold, self._skill.views
+        signs = self._fusion.signs.reshape(len(views), -1)
+        signs[:] = 1.0
+        ends = [placed(manifold, self._row(number)[:POSE_SIZE],
+                       np.array([view.skill.start, view.skill.goal])).reshape(2, -1)
+                for number, view in enumerate(views)]
+        for number in range(1, len(views)):
+            for factor in np.flatnonzero(self._actions == TURNS_QUATERNION):
+                part = manifold.point_slices[factor]
+                likeness = sum(float(first[part] @ other[part])
+                               for first, other in zip(ends[0], ends[number]))
+                signs[number, factor] = -1.0 if likeness < 0.0 else 1.0
+
+    def _begin_elsewhere(self, start: Start, advance: Callable[[], State]) -> None:
+        """Write the offset of a start that is not the fused one, or of another velocity."""
+        manifold, scalars = self._skill.manifold, self._motion.scalars
+        state = advance()
+        point = (state.point if start.point is None
+                 else manifold.align(start.point, state.point))
+        home = manifold.frame(state.point)
+        self._fusion.home[:] = home
+        self._fusion.settings[2] = START_FADES
+        terms = np.zeros((3, manifold.tangent_size))  # offset and derivatives by s
+        terms[0] = manifold.log_in_frame(home, point)[0]
+        self._write_fade(terms)
+        if start.velocity is None:
+            return
+        if not scalars.speed > 0.0:
+            raise ParameterError('an initial velocity needs an initial speed above 0')
+        wanted = [finite_tangent(manifold, f'initial {name}', np.zeros(manifold.tangent_size)
+                                 if given is None else given)
+                  for name, given in (('velocity', start.velocity),
+                                      ('acceleration', start.acceleration))]
+        carried = manifold.transport_frame(home, terms[0])
+        rate = scalars.speed / scalars.duration
+        for _ in range(_MATCHES):
+            state = advance()
+            missing = [manifold.to_frame(carried, want - have)
+                       for want, have in zip(wanted, (state.velocity, state.acceleration))]
+            terms[1] += missing[0] / rate
+            terms[2] += missing[1] / rate ** 2
+            self._write_fade(terms)
+
+    def _write_fade(self, terms: np.ndarray) -> None:
+        """Write the polynomial of fifth order from these derivatives by s to rest at 0."""
+        first = terms[0]
+        second, third = START_FADES * terms[1], 0.5 * START_FADES ** 2 * terms[2]
+        self._fusion.fade[:] = np.concatenate([
+            first, second, third, -10.0 * first - 6.0 * second - 3.0 * third,
+            15.0 * first + 8.0 * second + 3.0 * third, -6.0 * first - 3.0 * second - third])
+
+    def move(self, name: str, pose: Any, twist: Any = None, stamp: float | None = None) -> None:
+        """
+        Take a measurement of a frame; see `gdmp_ros.dmp.Rollout.move_frame`.
+
+        :raises ParameterError: if it is none; nothing has changed then
+        """
+        self._check_name(name)
+        now = float(self._motion.scalars.time)
+        measured = poses_of(name, pose, self._dimension)
+        given = None if twist is None else self._twist(name, twist)
+        at = now if stamp is None else stamp
+        if not (isinstance(at, (int, float, np.number)) and math.isfinite(at) and at <= now + 1.0):
+            raise ParameterError(f'frame {name}: stamp is {at!r} s, expected a time of the '
+                                 f'roll-out, now {now:.6g} s')
+        number = self._names.index(name)
+        seen = self._seen.get(name, ())
+        if seen and at < seen[-1].stamp:
+            return  # older than what is known
+        measured[3:] *= -1.0 if measured[3:] @ self._row(number)[3:POSE_SIZE] < 0.0 else 1.0
+        seen = _with(seen, Seen(float(at), measured))
+        self._seen = {**self._seen, name: seen}
+        if given is not None:
+            target = np.concatenate([measured, given])
+        else:
+            target = _estimate(seen)
+        self._aim(number, target, float(at), now)
+
+    def _twist(self, name: str, given: Any) -> np.ndarray:
+        twist = numbers(f'twist of frame {name}', given)
+        if self._dimension == 2 and twist.shape == (3,):
+            twist = np.array([twist[0], twist[1], 0.0, 0.0, 0.0, twist[2]])
+        if twist.shape != (6,) or not np.isfinite(twist).all():
+            raise ParameterError(f'twist of frame {name}: expected 6 finite numbers (velocity of '
+                                 f'the origin, angular velocity), got {given!r}')
+        return twist
+
+    def _aim(self, number: int, target: np.ndarray, stamp: float, now: float) -> None:
+        """Let a frame go on from where it is, smoothly, to a pose that moves with a twist."""
+        row = self._row(number)
+        moments = now + np.array([-_MOMENT, 0.0, _MOMENT])
+        before = [_where(row, moment) for moment in moments]
+        expected = _where(row, now, offset=False)
+        row[:TWIST + 6], row[STAMP], row[RATE] = target, stamp, 0.0
+        if row[3:POSE_SIZE] @ expected[3:] < 0.0:
+            row[3:POSE_SIZE] *= -1.0
+        offsets = np.array([_offset(_where(row, moment), old)
+                            for moment, old in zip(moments, before)])
+        first = offsets[1]
+        slope = (offsets[2] - offsets[0]) / (2.0 * _MOMENT)
+        bend = (offsets[2] - 2.0 * first + offsets[0]) / _MOMENT ** 2
+        second = slope + FADE_RATE * first
+        third = 0.5 * (bend + 2.0 * FADE_RATE * second - FADE_RATE ** 2 * first)
+        row[OFFSET:OFFSET + 18] = np.concatenate([first, second, third])
+        row[SINCE], row[RATE] = now, FADE_RATE
+        scalars = self._motion.scalars
+        jump = _offset(_where(row, now, offset=False), expected)
+        if (np.abs(jump) > self._tolerances()).any():
+            scalars.finished = scalars.not_settled = 0
+            scalars.settle_by = max(scalars.settle_by, scalars.progress + 1.0
+                                    + 10.0 / (FADE_RATE * scalars.duration))
+
+    def _tolerances(self) -> np.ndarray:
+        """How far a frame may jump beside a motion that has finished."""
+        tolerances = self._motion.tolerances
+        return np.repeat([tolerances[self._actions == MOVES].min(initial=math.inf),
+                          tolerances[self._actions != MOVES].min(initial=math.inf)], 3)
+
+    def pose_of_goal(self, goal: np.ndarray) -> np.ndarray:
+        """
+        Where the goal's frame has to be for a goal.
+
+        :raises ParameterError: if no pose of the frame gives this goal
+        """
+        manifold, view = self._skill.manifold, self._skill.views[-1]
+        if not (view.shares[-1] == 1.0).all():
+            raise ParameterError(f'the goal is not that of frame {view.name} alone: move the '
+                                 'frames, not the goal')
+        wanted, own = _split(manifold, goal), _split(manifold, view.skill.goal)
+        pose = np.array(self._row(len(self._names) - 1)[:POSE_SIZE])
+        turning = np.flatnonzero((self._actions == TURNS_QUATERNION)
+                                 | (self._actions == TURNS_ROTATION))
+        for i in turning[:1]:
+            pose[3:] = _rotation_between(self._dimension, own[i], wanted[i])
+        for i in np.flatnonzero(self._actions == MOVES)[:1]:
+            turned = compose(np.concatenate([np.zeros(3), pose[3:]]), _position(own[i]))
+            pose[:3] = _position(wanted[i])[:3] - turned[:3]
+        return pose
+
+    def retarget(self, goal: np.ndarray, velocity: np.ndarray | None) -> None:
+        """Move the goal's frame to where its motion ends at a goal."""
+        pose, twist = self.pose_of_goal(goal), np.zeros(6)
+        if velocity is not None:
+            manifold = self._skill.manifold
+            for i in np.flatnonzero(self._actions == TURNS_QUATERNION)[:1]:
+                twist[3:] = 2.0 * velocity[manifold.tangent_slices[i]]
+            for i in np.flatnonzero(self._actions == MOVES)[:1]:
+                part = velocity[manifold.tangent_slices[i]]
+                twist[:len(part)] = part
+                at = _position(_split(manifold, goal)[i])[:3]
+                twist[:3] -= np.cross(twist[3:], at - pose[:3])
+        name = self._names[-1]
+        self._seen = {key: one for key, one in self._seen.items() if key != name}
+        self.move(name, pose, twist)
+
+    def goal(self) -> np.ndarray:
+        """The fused goal, flat."""
+        point = np.empty(self._skill.manifold.point_size)
+        write_goal(self.memory, point)
+        return point
+
+    def poses(self) -> dict[str, np.ndarray]:
+        """Where the motion has the frames now, shape (7,) each."""
+        now = float(self._motion.scalars.time)
+        return {name: _where(self._row(i), now) for i, name in enumerate(self._names)}
+
+
+def _where(row: np.ndarray, time: float, offset: bool = True) -> np.ndarray:
+    pose = np.empty(POSE_SIZE)
+    pose_at(row, time, int(offset), pose)
+    return pose
+
+
+def _offset(to: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Offset of a pose from another: of the position, and as rotation vector in the other."""
+    turn = compose(inverse(to), pose)[3:]
+    return np.concatenate([pose[:3] - to[:3], _vector(turn)])
+
+
+def _vector(q: np.ndarray) -> np.ndarray:
+    """Rotation vector of a unit quaternion, with its sign: up to a full turn [rad]."""
+    length = float(np.linalg.norm(q[1:]))
+    if length < 1e-300:
+        return np.zeros(3)
+    return np.asarray(q[1:] * (2.0 * math.atan2(length, q[0]) / length))
+
+
+def _quaternion(vector: np.ndarray) -> np.ndarray:
+    angle = float(np.linalg.norm(vector))
+    return np.concatenate([[math.cos(0.5 * angle)],
+                           0.5 * np.sinc(0.5 * angle / math.pi) * vector])
+
+
+def _with(seen: tuple[Seen, ...], new: Seen) -> tuple[Seen, ...]:
+    """The poses that tell of a twist, with a new one: those before a jump do not."""
+    recent = tuple(one for one in seen if one.stamp > new.stamp - _WINDOW)
+    if len(recent) >= _FEWEST:
+        line = _line(recent)
+        if line is not None:
+            expected, spread = line
+            far = _lengths(_offset(_led(expected, new.stamp - recent[-1].stamp), new.pose))
+            if (far > np.maximum(_JUMP, _JUMP_DEVIATIONS * spread)).any():
+                return (new,)
+    return (*recent, new)
+
+
+def _lengths(offset: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(offset.reshape(2, 3), axis=1)
+
+
+def _led(target: np.ndarray, passed: float) -> np.ndarray:
+    """Where a pose with a twist is after a time."""
+    row = np.zeros(FRAME_ROW)
+    row[:TWIST + 6] = target
+    return _where(row, passed)
+
+
+def _estimate(seen: tuple[Seen, ...]) -> np.ndarray:
+    """Pose and twist of a frame at its last measurement, shape (13,)."""
+    line = _line(seen)
+    return np.concatenate([seen[-1].pose, np.zeros(6)]) if line is None else line[0]
+
+
+def _line(seen: tuple[Seen, ...]) -> tuple[np.ndarray, np.ndarray] | None:
+    """
+    Straight line through measured poses; None for too few.
+
+    :returns: pose and twist at the last stamp; deviations of position and rotation, RMS
+    """
+    last = seen[-1]
+    times = np.array([one.stamp - last.stamp for one in seen])
+    if len(seen) < _FEWEST or -times[0] < _LEAST_SPAN:
+        return None
+    back = inverse(last.pose)
+    values = np.array([np.concatenate([
+        one.pose[:3] - last.pose[:3], _vector(_near(compose(one.pose, back)[3:]))])
+                       for one in seen])
+    design = np.stack([np.ones(len(times)), times], axis=1)
+    fitted = np.linalg.lstsq(design, values, rcond=None)[0]
+    deviations = values - design @ fitted
+    spread = np.sqrt((deviations.reshape(len(times), 2, 3) ** 2).sum(axis=2).mean(axis=0))
+    turned = compose(np.concatenate([np.zeros(3), _quaternion(fitted[0, 3:])]),
+                     np.concatenate([np.zeros(3), last.pose[3:]]))
+    return np.concatenate([last.pose[:3] + fitted[0, :3], turned[3:], fitted[1]]), spread
+
+
+def _near(q: np.ndarray) -> np.ndarray:
+    return -q if q[0] < 0.0 else q
+
+
+def _split(manifold: Manifold, point: np.ndarray) -> list[np.ndarray]:
+    """The points of the factors."""
+    flat = point.reshape(-1)
+    return [flat[part].reshape(factor.point_shape)
+            for factor, part in zip(manifold.factors, manifold.point_slices)]
+
+
+def _position(point: np.ndarray) -> np.ndarray:
+    """A position, of the plane too, as a pose that is not turned."""
+    result = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    result[:len(point)] = point
+    return result
+
+
+def _rotation_between(dimension: int, own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """The quaternion that turns an orientation in the frame to one in the base."""
+    if own.ndim == 1:
+        zero = np.zeros(3)
+        return compose(np.concatenate([zero, wanted]),
+                       inverse(np.concatenate([zero, own])))[3:]
+    return poses_of('goal', (wanted @ own.T, np.zeros(dimension)), dimension)[3:]
