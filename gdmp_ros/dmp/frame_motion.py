@@ -9,11 +9,10 @@ import numpy as np
 
 from gdmp_ros.dmp.frames import actions_of, placed, poses_of
 from gdmp_ros.dmp.fusion import (
-    FADE_TERMS,
     FRAME_ROW,
+    Fusion,
     fusion_size,
     fusion_view,
-    Fusion,
     MOVES,
     OFFSET,
     pose_at,
@@ -99,9 +98,10 @@ class TaskFrames:
         self.memory = memory
         self._motion: Motion = parts(memory)
         view: Any = fusion_view
-        self._fusion: Fusion = view.py_func(memory, self._motion.sizes)
+        sizes = self._motion.sizes
+        self._fusion: Fusion = view.py_func(memory, sizes)
         size: Any = fusion_size
-        at = self._motion.sizes.own + size.py_func(self._motion.sizes, int(self._fusion.settings[0]))
+        at = sizes.own + size.py_func(sizes, int(self._fusion.settings[0]))
         self._views: list[Motion] = []
         for _ in self._names:
             self._views.append(parts(memory[at:]))

@@ -222,7 +222,7 @@ def _place(factors, actions, d, pose, point, out, rotation, work):
     for i in range(factors.size):
         factor = factors[i]
         action, first, end = int(actions[i]), factor.point, factor.point_end
-        if action == MOVES or action == TURNS:  # noqa: PLR1714  kernels have no tuples of choices
+        if action in (MOVES, TURNS):
             for block in range(first, end, d):
                 for row in range(d):
                     total = pose[row] if action == MOVES else 0.0

@@ -1,9 +1,9 @@
 """
 Learn from demonstrations with task frames: one motion in each frame, and where which one matters.
 
-In each frame the mean of the takes, aligned in time for all frames together, is learned as one
-demonstration: takes that a frame does not explain differ in it, and their differences are no noise
-of a recording. How much a frame counts along the motion is its precision, (n0 + n) /
+In each frame the mean of the takes, each aligned in time with what the skill would do in its
+situation, is learned as one demonstration: takes that a frame does not explain differ in it, and
+their differences are no noise of a recording. How much a frame counts along the motion is its precision, (n0 + n) /
 (n0 σ0² + w S): S is the scatter of n takes in it, n0 and σ0 are a prior, and w is a weight that
 leads from the frame of the start to that of the goal with minimum jerk. So a single take is
 blended with w, and the takes are heard as they come. A frame that is neither counts where the
@@ -13,28 +13,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 import warnings
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.stats import f as f_distribution
 
-from gdmp_ros.dmp.demonstration import as_list, Demonstration
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.frames import BASE, base_pose, mean_pose, placed, seen_from, View
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.alignment import align, mean_path
 from gdmp_ros.learning.preparation import FitSettings, prepared
-from gdmp_ros.manifolds import Manifold, Product
+from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span.
 PRIOR_TAKES, PRIOR_DEVIATION = 10.0, 0.1
 #: Standard deviation of the smoothing of the scatter, in durations.
 SMOOTHING = 0.05
-#: Knots of the shares, and samples of the scatter.
-KNOTS, SAMPLES = 51, 101
+#: Knots of the shares.
+KNOTS = 51
+#: Alignments of the takes with what the skill would do in their situations.
+PASSES = 2
+#: They are used if they leave at most this part of the squared differences: a warp always finds
+#: something, in takes of different shape and the same timing a third.
+NEEDED = 0.5
 #: A share below the first number is 0, above the second one as it is: a hundredth of a frame that
 #: moved half a metre misses a hole by 5 mm.
 LEAST_SHARE, FULL_SHARE = 0.02, 0.05
@@ -43,6 +50,10 @@ LEAST_SHARE, FULL_SHARE = 0.02, 0.05
 CHANCE, NO_CHANCE = 2e-3, 2e-4
 #: Fewest and most samples of the mean of several takes.
 _FEWEST, _MOST = 200, 1000
+#: Iterations of a mean of points in the base.
+_ITERATIONS = 4
+#: Smallest scatter in a ratio.
+_TINY = 1e-18
 
 Learn = Callable[[Demonstration], Skill]
 
@@ -69,8 +80,8 @@ def frame_names(demonstrations: Sequence[Demonstration], start: str | None, goal
         return []
     for name in (start, goal):
         if name is not None and name not in (*common, BASE):
-            raise ParameterError(f'frame {name!r}: expected one of {", ".join(common)}, the frames '
-                                 'that all demonstrations have')
+            raise ParameterError(f'frame {name!r}: expected one of {", ".join(common)}, which all '
+                                 'demonstrations have')
     left = sorted({name for d in demonstrations for name in d.frames} - set(common))
     if left:
         warnings.warn(f'frames {", ".join(left)}: not in all demonstrations, and not used',
@@ -104,92 +115,150 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
     :param learn: learns a plain skill from one demonstration
     :raises ParameterError: for what frames are not combined with
     """
-    for what, given in (('contexts', settings.contexts), ("end='moving'", settings.end == 'moving'),
-                        ('demonstration_weights', settings.demonstration_weights)):
+    for what, given in (('contexts', settings.contexts is not None),
+                        ("end='moving'", settings.end == 'moving'),
+                        ('demonstration_weights', settings.demonstration_weights is not None)):
         if given:
             raise ParameterError(f'{what}: not together with task frames')
-    demos = as_list(demonstrations)
-    manifold, count = demos[0].manifold, len(names)
-    takes = prepared([_seen_from_all(d, names) for d in demos], settings.smoothing)
-    paths, mean = _on_common_time(takes, settings.align)
-    duration = float(np.mean([take.duration for take in takes]))
-    columns = np.split(np.arange(mean.shape[-1]), count)
-    skills = []
-    for part in columns:
-        shown = (Demonstration(takes[0].times, takes[0].flat_points[:, part].reshape(
-            -1, *manifold.point_shape), manifold) if len(takes) == 1
-                 else Demonstration(np.linspace(0.0, duration, len(mean)), mean[:, part].reshape(
-                     -1, *manifold.point_shape), manifold))
-        skills.append(learn(shown))
-    grid = np.linspace(0, len(mean) - 1, SAMPLES).round().astype(int)
-    scatter, spans = _scatter(takes[0].manifold, paths[:, grid], mean[grid])
-    spans = spans.reshape(count, -1).mean(axis=0)
-    scatter = scatter.reshape(SAMPLES, count, -1)
-    poses = [[_pose(d, name) for name in names] for d in demos]
-    shares = _shares(scatter, np.maximum(PRIOR_DEVIATION * spans, [
-        factor.goal_tolerance for factor in manifold.factors]), len(takes))
-    if count > 2 and len(takes) > 1:
-        rest = _unexplained(manifold, [columns[0], columns[-1]], [poses_of_take[::count - 1]
-                            for poses_of_take in poses], paths[:, grid], mean[grid],
-                            shares[:, [0, -1]])
-        shares = _with_others(scatter, rest, shares, manifold, len(takes))
-    shares = _without_traces(shares)
-    views = [View(name, mean_pose([one[k] for one in poses]), shares[:, k], skill)
-             for k, (name, skill) in enumerate(zip(names, skills))]
-    return _as_shown(views, skills[0], learn, settings)
+    takes = [_Take(demo, [_poses(given, name) for name in names]) for demo, given in zip(
+        prepared(demonstrations, settings.smoothing), demonstrations)]
+    count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
+    progress = np.linspace(0.0, 1.0, count)
+    found = _found(takes, [progress] * len(takes))
+    if len(takes) > 1 and settings.align:
+        as_timed = found.left(takes, [progress] * len(takes))
+        for _ in range(PASSES):
+            expected = [found.expected(i, take.demo) for i, take in enumerate(takes)]
+            alignment = align([take.demo for take in takes], expected=expected)
+            own = [np.interp(progress, alignment.progress, warp) for warp in alignment.warps]
+            warped = _found(takes, own)
+            if warped.left(takes, own) > NEEDED * as_timed:
+                break
+            found = warped
+    shown = ([takes[0].seen_from(k) for k in range(len(names))] if len(takes) == 1 else
+             [Demonstration(float(np.mean([take.demo.duration for take in takes])) * progress,
+                            found.manifold.unflat(mean), found.manifold) for mean in found.means])
+    views = [View(name, mean_pose(found.poses[:, -1, k]), found.shares[:, k], learn(one))
+             for k, (name, one) in enumerate(zip(names, shown))]
+    return _as_shown(views, learn, settings)
 
 
-def _pose(demonstration: Demonstration, name: str) -> np.ndarray:
-    """Pose of a frame, of one that moved at the end."""
+def _poses(demonstration: Demonstration, name: str) -> np.ndarray:
+    """Poses of a frame, shape (7,) or (samples, 7)."""
     if name == BASE and name not in demonstration.frames:
         return base_pose()
-    pose = np.asarray(demonstration.frames[name])
-    return pose if pose.ndim == 1 else pose[-1]
+    return np.asarray(demonstration.frames[name])
 
 
-def _seen_from_all(demonstration: Demonstration, names: list[str]) -> Demonstration:
-    """A demonstration as seen from all frames, on a product with one part for each."""
-    manifold, points = demonstration.manifold, []
-    for name in names:
-        pose = (base_pose() if name == BASE and name not in demonstration.frames
-                else np.asarray(demonstration.frames[name]))
-        points.append(seen_from(manifold, pose, demonstration.points).reshape(
-            len(demonstration.times), -1))
-    product = Product(*[factor for _ in names for factor in manifold.factors],
-                      names=[f'{name}: {factor}' for name in names for factor in manifold.names])
-    return Demonstration(demonstration.times, np.hstack(points), product)
+class _Take:
+    """A demonstration, and the poses of all frames while it was shown."""
+
+    def __init__(self, demo: Demonstration, poses: list[np.ndarray]):
+        self.demo, self._poses = demo, poses
+
+    def seen_from(self, k: int) -> Demonstration:
+        """The demonstration as seen from frame ``k``."""
+        demo = self.demo
+        return Demonstration(demo.times, seen_from(demo.manifold, self._poses[k], demo.points),
+                             demo.manifold)
+
+    def at(self, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Flat points seen from each frame, shape (K, samples, p), and poses (samples, K, 7)."""
+        demo = self.demo
+        times = demo.times[0] + progress * demo.duration
+        points, poses = demo.at(times), np.empty((len(times), len(self._poses), POSE_SIZE))
+        for k, given in enumerate(self._poses):
+            poses[:, k] = given if given.ndim == 1 else np.stack(
+                [np.interp(times, demo.times, column) for column in given.T], axis=1)
+            poses[:, k, 3:] /= np.linalg.norm(poses[:, k, 3:], axis=1, keepdims=True)
+        return np.array([seen_from(demo.manifold, poses[:, k], points).reshape(len(times), -1)
+                         for k in range(len(self._poses))]), poses
 
 
-def _on_common_time(takes: list[Demonstration], warped: bool) -> tuple[np.ndarray, np.ndarray]:
+class _Found(NamedTuple):
     """
-    Paths of the takes at equal progress, and their mean.
+    What was learned of several takes at equal progress.
 
-    :returns: shapes (takes, samples, point_size) and (samples, point_size)
+    :ivar means: of the takes in each frame, flat, shape (K, samples, p)
+    :ivar poses: of the frames, shape (takes, samples, K, 7)
+    :ivar shares: shape (knots, K, F)
     """
-    count = int(np.clip(max(len(take.times) for take in takes), _FEWEST, _MOST))
-    progress = np.linspace(0.0, 1.0, count)
-    own = [progress] * len(takes)
-    if warped and len(takes) > 1:
-        alignment = align(takes, moved=False)
-        own = [np.interp(progress, alignment.progress, warp) for warp in alignment.warps]
-    first = takes[0].points[0]
-    paths = np.array([take.aligned(first).at(take.times[0] + moments * take.duration)
-                      for take, moments in zip(takes, own)])
-    return paths, mean_path(takes[0].manifold, paths, paths[0])
+
+    manifold: Manifold
+    means: np.ndarray
+    poses: np.ndarray
+    shares: np.ndarray
+
+    def fused(self, take: int, shares: np.ndarray) -> np.ndarray:
+        """The means, fused where the frames are in a take; flat points."""
+        manifold, knots = self.manifold, np.linspace(0.0, 1.0, len(shares))
+        s = np.linspace(0.0, 1.0, self.means.shape[1])
+        here = np.array([placed(manifold, self.poses[take, :, k], mean)
+                         for k, mean in enumerate(self.means)])
+        here = np.array([manifold.flat(manifold.continuous(manifold.unflat(np.concatenate(
+            [here[0, :1], path]))))[1:] for path in here])
+        widths = [part.stop - part.start for part in manifold.tangent_slices]
+        share = np.array([[np.interp(s, knots, column) for column in one.T]
+                          for one in np.moveaxis(shares, 1, 0)])
+        share = np.repeat(np.moveaxis(share, 1, 2), widths, axis=2)
+        point = manifold.unflat(here[-1])
+        for _ in range(_ITERATIONS):
+            way = sum(part * manifold.log_anyway(point, manifold.unflat(path))[0]
+                      for part, path in zip(share, here))
+            point = manifold.exp(point, way)
+        return manifold.flat(point)
+
+    def left(self, takes: list[_Take], progress: list[np.ndarray]) -> float:
+        """Sum of the squared distances of the takes from what the skill would do."""
+        total = 0.0
+        for i, (take, own) in enumerate(zip(takes, progress)):
+            points = take.demo.at(take.demo.times[0] + own * take.demo.duration)
+            total += float(np.sum(self.manifold.factor_distances(
+                self.fused(i, self.shares), self.manifold.flat(points)) ** 2))
+        return total
+
+    def expected(self, take: int, demo: Demonstration) -> Demonstration:
+        """What the skill would do in the situation of a take."""
+        path = self.fused(take, self.shares)
+        return Demonstration(np.linspace(demo.times[0], demo.times[-1], len(path)),
+                             self.manifold.unflat(path), self.manifold)
 
 
-def _scatter(manifold: Manifold, paths: np.ndarray, mean: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray]:
+def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
     """
-    Sum of the squared distances of the takes from their mean, for each factor, per dimension.
+    Means, and shares of the frames.
 
-    :returns: shapes (samples, factors) and, the span of each factor, (factors,)
+    :param progress: of each take's own time at equal progress of the motion
     """
+    manifold, count = takes[0].demo.manifold, len(takes)
+    sampled = [take.at(own) for take, own in zip(takes, progress)]
+    paths = np.array([points for points, _ in sampled])
+    for k in range(paths.shape[1]):  # of ±q, the one that is near that of the first take
+        for i in range(count):
+            joined = np.concatenate([paths[0, k, :1], paths[i, k]])
+            paths[i, k] = manifold.flat(manifold.continuous(manifold.unflat(joined)))[1:]
+    means = np.array([mean_path(manifold, paths[:, k], paths[0, k])
+                      for k in range(paths.shape[1])])
     dims = np.array([factor.dim for factor in manifold.factors])
-    squares = sum(manifold.factor_distances(mean, path) ** 2 for path in paths) / dims
-    spans = np.mean([manifold.factor_distances(np.ascontiguousarray(np.broadcast_to(
-        path[0], path.shape)), path).max(axis=0) for path in paths], axis=0)
-    return _smoothed(squares), spans
+    scatter = np.stack([_smoothed(sum(manifold.factor_distances(mean, path) ** 2
+                                      for path in paths[:, k]) / dims)
+                        for k, mean in enumerate(means)], axis=1)
+    span = np.mean([manifold.factor_distances(np.ascontiguousarray(np.broadcast_to(
+        path[0], path.shape)), path).max(axis=0) for path in paths[:, 0]], axis=0)
+    deviation = np.maximum(PRIOR_DEVIATION * span,
+                           [factor.goal_tolerance for factor in manifold.factors])
+    precision = _precisions(scatter, deviation, count)
+    found = _Found(manifold, means, np.array([poses for _, poses in sampled]),
+                   _without_traces(precision))
+    if count == 1 or len(means) == 2:
+        return found
+    two = _Found(manifold, means[[0, -1]], found.poses[:, :, [0, -1]],
+                 precision[:, [0, -1]] / precision[:, [0, -1]].sum(axis=1, keepdims=True))
+    rest = _smoothed(sum(manifold.factor_distances(
+        two.fused(i, two.shares), manifold.flat(placed(manifold, found.poses[i, :, 0], path[0])))
+        ** 2 for i, path in enumerate(paths)) / dims)
+    return found._replace(shares=_without_traces(
+        _where_they_agree(precision, scatter, rest, dims, count)))
 
 
 def _smoothed(along: np.ndarray) -> np.ndarray:
@@ -197,72 +266,43 @@ def _smoothed(along: np.ndarray) -> np.ndarray:
                                         mode='nearest'))
 
 
-def _precision(scatter: np.ndarray, deviation: np.ndarray, takes: int, weight: np.ndarray
-               ) -> np.ndarray:
-    return np.asarray(weight * (PRIOR_TAKES + takes)
-                      / (PRIOR_TAKES * deviation ** 2 + weight * scatter))
-
-
-def _shares(scatter: np.ndarray, deviation: np.ndarray, takes: int) -> np.ndarray:
+def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int) -> np.ndarray:
     """
-    Shares of the frames of start and goal; the others have their precision without a gate.
+    Precision of each frame along the motion, of one take without those between.
 
-    :param scatter: shape (samples, frames, factors)
-    :returns: precisions, shape (knots, frames, factors)
+    :param scatter: shape (samples, K, F)
+    :param deviation: of the prior, for each factor
+    :returns: shape (knots, K, F)
     """
-    s = np.linspace(0.0, 1.0, KNOTS)
-    late = minimum_jerk(s)[:, None]
-    at = np.linspace(0, len(scatter) - 1, KNOTS).round().astype(int)
-    result = np.empty((KNOTS, *scatter.shape[1:]))
-    for k in range(scatter.shape[1]):
-        weight = (1.0 - late if k == 0 else late if k == scatter.shape[1] - 1
-                  else np.ones_like(late))
-        result[:, k] = _precision(scatter[at, k], deviation, takes, weight)
-    if takes == 1:
-        result[:, 1:-1] = 0.0
+    late, scatter = minimum_jerk(np.linspace(0.0, 1.0, KNOTS))[:, None], _at_knots(scatter)
+    last, result = scatter.shape[1] - 1, np.zeros_like(scatter)
+    for k in range(last + 1):
+        if takes == 1 and 0 < k < last:
+            continue
+        weight = 1.0 - late if k == 0 else late if k == last else 1.0
+        result[:, k] = weight * (PRIOR_TAKES + takes) / (PRIOR_TAKES * deviation ** 2
+                                                         + weight * scatter[:, k])
     return result
 
 
-def _unexplained(manifold: Manifold, columns: list[np.ndarray], poses: list[list[np.ndarray]],
-                 paths: np.ndarray, mean: np.ndarray, precision: np.ndarray) -> np.ndarray:
+def _at_knots(along: np.ndarray) -> np.ndarray:
+    return np.asarray(along[np.linspace(0, len(along) - 1, KNOTS).round().astype(int)])
+
+
+def _where_they_agree(precision: np.ndarray, scatter: np.ndarray, rest: np.ndarray,
+                      dims: np.ndarray, takes: int) -> np.ndarray:
     """
-    Squared distances of the takes from what the frames of start and goal make of their means.
+    Precisions, those between only where chance does not explain how the takes agree.
 
-    :param columns: of the two frames in the points
-    :param poses: of the two frames, for each take
-    :param precision: of the two, shape (knots, 2, factors)
-    :returns: smoothed, per dimension, shape (samples, factors)
+    :param rest: what the frames of start and goal leave of the takes, squared, as ``scatter``
     """
-    share = precision[:, 1] / precision.sum(axis=1)
-    s = np.linspace(0.0, 1.0, len(mean))
-    late = np.stack([np.interp(s, np.linspace(0.0, 1.0, KNOTS), one) for one in share.T], axis=1)
-    widths = [part.stop - part.start for part in manifold.tangent_slices]
-    scale = np.repeat(late, widths, axis=1)
-    dims = np.array([factor.dim for factor in manifold.factors])
-    total = np.zeros((len(mean), len(dims)))
-    for path, (first, last) in zip(paths, poses):
-        here = [placed(manifold, pose, mean[:, part].reshape(-1, *manifold.point_shape))
-                for pose, part in zip((first, last), columns)]
-        way, _ = manifold.log_anyway(*here)
-        fused = manifold.exp(here[0], scale * way)
-        shown = placed(manifold, first, path[:, columns[0]].reshape(-1, *manifold.point_shape))
-        total += manifold.factor_distances(fused.reshape(len(mean), -1),
-                                           shown.reshape(len(mean), -1)) ** 2 / dims
-    return _smoothed(total)
-
-
-def _with_others(scatter: np.ndarray, rest: np.ndarray, precision: np.ndarray, manifold: Manifold,
-                 takes: int) -> np.ndarray:
-    """Precisions, those of the other frames only where chance does not explain their agreement."""
-    result, at = precision.copy(), np.linspace(0, len(rest) - 1, KNOTS).round().astype(int)
-    for f, factor in enumerate(manifold.factors):
-        freedom = (takes - 1) * factor.dim
-        zero, full = (float(f_distribution.isf(p, freedom, freedom)) for p in (CHANCE, NO_CHANCE))
-        for k in range(1, precision.shape[1] - 1):
-            ratio = rest[at, f] / np.maximum(scatter[at, k, f], 1e-300)
-            # By the logarithm, on which the distribution of a ratio is symmetric.
-            u = (np.log(np.maximum(ratio, 1e-300)) - np.log(zero)) / (np.log(full) - np.log(zero))
-            result[:, k, f] *= minimum_jerk(np.clip(u, 0.0, 1.0))
+    result, scatter, rest = precision.copy(), _at_knots(scatter), _at_knots(rest)
+    freedom = (takes - 1) * dims
+    zero, full = (np.log(f_distribution.isf(p, freedom, freedom)) for p in (CHANCE, NO_CHANCE))
+    for k in range(1, precision.shape[1] - 1):
+        # By the logarithm, in which the distribution of a ratio is symmetric.
+        ratio = np.log(np.maximum(rest, _TINY) / np.maximum(scatter[:, k], _TINY))
+        result[:, k] *= minimum_jerk(np.clip((ratio - zero) / (full - zero), 0.0, 1.0))
     return result
 
 
@@ -273,8 +313,9 @@ def _without_traces(precision: np.ndarray) -> np.ndarray:
     return np.asarray(shares / shares.sum(axis=1, keepdims=True))
 
 
-def _as_shown(views: list[View], first: Skill, learn: Learn, settings: FitSettings) -> Skill:
+def _as_shown(views: list[View], learn: Learn, settings: FitSettings) -> Skill:
     """The skill: the motion with the frames where they were shown, and the views."""
+    first: Skill = views[0].skill
     begins, ends = (placed(view.skill.manifold, view.pose, np.array([point]))[0]
                     for view, point in ((views[0], views[0].skill.start),
                                         (views[-1], views[-1].skill.goal)))
