@@ -47,20 +47,46 @@ def deviation(skill: Primitive, demonstration: Demonstration, times: np.ndarray)
     """
     Geodesic distance in each factor between a demonstration and its reproduction.
 
+    A skill with task frames is rolled out with the frames of the demonstration.
+
     :param times: since the start [s]
     :returns: shape ``(len(times), factors)``
     """
     manifold = skill.manifold
-    # From the skill's own start the frame needs no transport, and to its own goal no switch.
-    start, goal = (None if np.array_equal(point, own) else point for point, own in (
-        (demonstration.points[0], skill.start), (demonstration.points[-1], skill.goal)))
-    path = Rollout(skill, start=start, goal=goal, duration=demonstration.duration).sample(times)
+    path = (_among_objects(skill, demonstration, times) if skill.views
+            else _between_ends(skill, demonstration, times))
     points = demonstration.at(demonstration.times[0] + times)
     # The roll-out may use the other representative (-q) of the same motion.
-    other = manifold.align(points[0], path.points[0])
+    other = manifold.align(points[0], path[0])
     if not np.array_equal(other, points[0]):
         points[0] = other
         for i in range(1, len(points)):
             points[i] = manifold.align(points[i], points[i - 1])
-    return manifold.factor_distances(path.points.reshape(len(times), -1),
-                                     points.reshape(len(times), -1))
+    return manifold.factor_distances(path.reshape(len(times), -1), points.reshape(len(times), -1))
+
+
+def _between_ends(skill: Primitive, demonstration: Demonstration, times: np.ndarray) -> np.ndarray:
+    # From the skill's own start the frame needs no transport, and to its own goal no switch.
+    start, goal = (None if np.array_equal(point, own) else point for point, own in (
+        (demonstration.points[0], skill.start), (demonstration.points[-1], skill.goal)))
+    return Rollout(skill, start=start, goal=goal,
+                   duration=demonstration.duration).sample(times).points
+
+
+def _among_objects(skill: Primitive, demonstration: Demonstration, times: np.ndarray
+                   ) -> np.ndarray:
+    """The roll-out of a skill with task frames, where the objects were in the demonstration."""
+    names = [view.name for view in skill.views if view.name in demonstration.frames]
+    poses = {name: np.atleast_2d(demonstration.frames[name]) for name in names}
+    rollout = Rollout(skill, start=demonstration.points[0], duration=demonstration.duration,
+                      frames={name: given[0] for name, given in poses.items()})
+    moving = [name for name in names if len(poses[name]) > 1]
+    if not moving:
+        return rollout.sample(times).points
+    stamps, points = demonstration.times - demonstration.times[0], []
+    for step, time in zip(np.diff(times, prepend=0.0), times):
+        points.append(rollout.advance(float(step)).point)
+        for name in moving:
+            at = int(np.searchsorted(stamps, time, side='right')) - 1
+            rollout.move_frame(name, poses[name][at], stamp=float(stamps[at]))
+    return np.array(points)

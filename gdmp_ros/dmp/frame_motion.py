@@ -364,7 +364,7 @@ def _with(seen: tuple[Seen, ...], new: Seen) -> tuple[Seen, ...]:
 
 
 def _lengths(offset: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(offset.reshape(2, 3), axis=1)
+    return np.asarray(np.linalg.norm(offset.reshape(2, 3), axis=1))
 
 
 def _led(target: np.ndarray, passed: float) -> np.ndarray:
@@ -425,6 +425,6 @@ def _rotation_between(dimension: int, own: np.ndarray, wanted: np.ndarray) -> np
     """The quaternion that turns an orientation in the frame to one in the base."""
     if own.ndim == 1:
         zero = np.zeros(3)
-        return compose(np.concatenate([zero, wanted]),
-                       inverse(np.concatenate([zero, own])))[3:]
+        turn = compose(np.concatenate([zero, wanted]), inverse(np.concatenate([zero, own])))
+        return np.asarray(turn[3:])
     return poses_of('goal', (wanted @ own.T, np.zeros(dimension)), dimension)[3:]

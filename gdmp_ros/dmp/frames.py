@@ -231,8 +231,8 @@ def placed(manifold: Manifold, poses: np.ndarray, points: np.ndarray) -> np.ndar
     return out.reshape(points.shape)
 
 
-def mean_pose(poses: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean of poses that are not opposite each other."""
+def mean_pose(poses: np.ndarray) -> np.ndarray:
+    """Mean of poses, shape (count, 7), that are not opposite each other."""
     array = np.array(poses)
     array[:, 3:] *= np.where(array[:, 3:] @ array[0, 3:] < 0.0, -1.0, 1.0)[:, None]
     result = array.mean(axis=0)

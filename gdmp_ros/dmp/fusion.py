@@ -326,7 +326,7 @@ def _add_start_offset(motion, fusion, s, point):
     end, n = fusion.settings[2], motion.sizes.tangent
     if s >= end:
         return
-    u = max(s, 0.0) / end
+    u = s / end
     way = numbers_at(fusion.tangents, 0, n)
     copy_numbers(motion.sizes.frame, fusion.home, fusion.moved)
     log_in_frame(motion.factors, fusion.moved, point, way, motion.work)

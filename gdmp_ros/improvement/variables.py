@@ -63,6 +63,7 @@ class Weights:
 
     def names(self, skill: Skill) -> list[str]:
         """Names of its numbers, for people."""
+        skill.check_plain('improvement')
         columns, _ = _coordinates(skill.manifold, self.deviations, self.axes)
         return [f'weight {k + 1} {name}' for k in range(self.count) for name in columns]
 
@@ -104,6 +105,7 @@ class Spiral:
 
     def names(self, skill: Skill) -> list[str]:
         """Name of its number, for people."""
+        skill.check_plain('improvement')
         _coordinates(skill.manifold, {self.factor: self.deviation}, self.axes)
         least = math.ceil(FUNCTIONS_PER_TURN * self.turns / (self.last - self.first))
         if skill.n_basis < least:

@@ -3,11 +3,11 @@ Learn from demonstrations with task frames: one motion in each frame, and where 
 
 In each frame the mean of the takes, each aligned in time with what the skill would do in its
 situation, is learned as one demonstration: takes that a frame does not explain differ in it, and
-their differences are no noise of a recording. How much a frame counts along the motion is its precision, (n0 + n) /
-(n0 σ0² + w S): S is the scatter of n takes in it, n0 and σ0 are a prior, and w is a weight that
-leads from the frame of the start to that of the goal with minimum jerk. So a single take is
-blended with w, and the takes are heard as they come. A frame that is neither counts where the
-takes agree in it more than chance explains.
+their differences are no noise of a recording. How much a frame counts along the motion is its
+precision, (n0 + n) / (n0 σ0² + w S): S is the scatter of n takes in it, n0 and σ0 are a prior, and
+w is a weight that leads from the frame of the start to that of the goal with minimum jerk. So a
+single take is blended with w, and the takes are heard as they come. A frame that is neither counts
+where the takes agree in it more than chance explains.
 """
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.alignment import align, mean_path
 from gdmp_ros.learning.preparation import FitSettings, prepared
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span.
@@ -48,12 +47,14 @@ LEAST_SHARE, FULL_SHARE = 0.02, 0.05
 #: Probability that chance alone makes takes agree so much: a frame that is neither the start's nor
 #: the goal's does not count above the first, and counts in full below the second.
 CHANCE, NO_CHANCE = 2e-3, 2e-4
+#: Part of the prior that is left where the takes surely agree in a frame that it does not know.
+LEAST_PRIOR = 0.01
 #: Fewest and most samples of the mean of several takes.
 _FEWEST, _MOST = 200, 1000
 #: Iterations of a mean of points in the base.
 _ITERATIONS = 4
-#: Smallest scatter in a ratio.
-_TINY = 1e-18
+#: Smallest scatter in a ratio, and beside its largest one.
+_TINY, _FLOOR = 1e-18, 1e-4
 
 Learn = Callable[[Demonstration], Skill]
 
@@ -120,8 +121,8 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
                         ('demonstration_weights', settings.demonstration_weights is not None)):
         if given:
             raise ParameterError(f'{what}: not together with task frames')
-    takes = [_Take(demo, [_poses(given, name) for name in names]) for demo, given in zip(
-        prepared(demonstrations, settings.smoothing), demonstrations)]
+    takes = [_Take(demo, given.times, [_poses(given, name) for name in names])
+             for demo, given in zip(prepared(demonstrations, settings.smoothing), demonstrations)]
     count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
     progress = np.linspace(0.0, 1.0, count)
     found = _found(takes, [progress] * len(takes))
@@ -153,24 +154,30 @@ def _poses(demonstration: Demonstration, name: str) -> np.ndarray:
 class _Take:
     """A demonstration, and the poses of all frames while it was shown."""
 
-    def __init__(self, demo: Demonstration, poses: list[np.ndarray]):
-        self.demo, self._poses = demo, poses
+    def __init__(self, demo: Demonstration, times: np.ndarray, poses: list[np.ndarray]):
+        """:param times: of the poses of frames that moved"""
+        self.demo, self._times, self._poses = demo, times, poses
+
+    def _poses_at(self, k: int, times: np.ndarray) -> np.ndarray:
+        given = self._poses[k]
+        if given.ndim == 1:
+            return np.tile(given, (len(times), 1))
+        poses = np.stack([np.interp(times, self._times, column) for column in given.T], axis=1)
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        return poses
 
     def seen_from(self, k: int) -> Demonstration:
         """The demonstration as seen from frame ``k``."""
         demo = self.demo
-        return Demonstration(demo.times, seen_from(demo.manifold, self._poses[k], demo.points),
-                             demo.manifold)
+        return Demonstration(demo.times, seen_from(
+            demo.manifold, self._poses_at(k, demo.times), demo.points), demo.manifold)
 
     def at(self, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Flat points seen from each frame, shape (K, samples, p), and poses (samples, K, 7)."""
         demo = self.demo
         times = demo.times[0] + progress * demo.duration
-        points, poses = demo.at(times), np.empty((len(times), len(self._poses), POSE_SIZE))
-        for k, given in enumerate(self._poses):
-            poses[:, k] = given if given.ndim == 1 else np.stack(
-                [np.interp(times, demo.times, column) for column in given.T], axis=1)
-            poses[:, k, 3:] /= np.linalg.norm(poses[:, k, 3:], axis=1, keepdims=True)
+        poses = np.stack([self._poses_at(k, times) for k in range(len(self._poses))], axis=1)
+        points = demo.at(times)
         return np.array([seen_from(demo.manifold, poses[:, k], points).reshape(len(times), -1)
                          for k in range(len(self._poses))]), poses
 
@@ -257,31 +264,42 @@ def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
     rest = _smoothed(sum(manifold.factor_distances(
         two.fused(i, two.shares), manifold.flat(placed(manifold, found.poses[i, :, 0], path[0])))
         ** 2 for i, path in enumerate(paths)) / dims)
-    return found._replace(shares=_without_traces(
-        _where_they_agree(precision, scatter, rest, dims, count)))
+    return found._replace(shares=_without_traces(_precisions(
+        scatter, deviation, count, _agreed(scatter, rest, dims, count))))
 
 
 def _smoothed(along: np.ndarray) -> np.ndarray:
-    return np.asarray(gaussian_filter1d(along, SMOOTHING * (len(along) - 1), axis=0,
-                                        mode='nearest'))
-
-
-def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int) -> np.ndarray:
     """
-    Precision of each frame along the motion, of one take without those between.
+    Geometric mean over neighbouring moments.
+
+    The arithmetic one would hide a moment at which an object decides behind those beside it.
+    """
+    floor = _FLOOR * along.max(axis=0) + _TINY
+    return np.asarray(np.exp(gaussian_filter1d(
+        np.log(along + floor), SMOOTHING * (len(along) - 1), axis=0, mode='nearest')))
+
+
+def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int, agreed: np.ndarray | None
+                = None) -> np.ndarray:
+    """
+    Precision of each frame along the motion.
 
     :param scatter: shape (samples, K, F)
     :param deviation: of the prior, for each factor
+    :param agreed: how surely the takes agree in the frames between, shape (knots, K - 2, F): these
+        count with it, and the prior, which does not know them, without it
     :returns: shape (knots, K, F)
     """
     late, scatter = minimum_jerk(np.linspace(0.0, 1.0, KNOTS))[:, None], _at_knots(scatter)
     last, result = scatter.shape[1] - 1, np.zeros_like(scatter)
+    prior = np.full_like(scatter[:, 0], PRIOR_TAKES)
+    if agreed is not None:
+        prior *= 1.0 - (1.0 - LEAST_PRIOR) * agreed.max(axis=1)
     for k in range(last + 1):
-        if takes == 1 and 0 < k < last:
-            continue
-        weight = 1.0 - late if k == 0 else late if k == last else 1.0
-        result[:, k] = weight * (PRIOR_TAKES + takes) / (PRIOR_TAKES * deviation ** 2
-                                                         + weight * scatter[:, k])
+        weight = 1.0 - late if k == 0 else late if k == last else np.ones_like(late)
+        result[:, k] = weight * (prior + takes) / (prior * deviation ** 2
+                                                   + weight * scatter[:, k])
+    result[:, 1:last] *= 0.0 if agreed is None else agreed
     return result
 
 
@@ -289,21 +307,18 @@ def _at_knots(along: np.ndarray) -> np.ndarray:
     return np.asarray(along[np.linspace(0, len(along) - 1, KNOTS).round().astype(int)])
 
 
-def _where_they_agree(precision: np.ndarray, scatter: np.ndarray, rest: np.ndarray,
-                      dims: np.ndarray, takes: int) -> np.ndarray:
+def _agreed(scatter: np.ndarray, rest: np.ndarray, dims: np.ndarray, takes: int) -> np.ndarray:
     """
-    Precisions, those between only where chance does not explain how the takes agree.
+    How surely the takes agree in the frames between: 0 where chance explains it, up to 1.
 
     :param rest: what the frames of start and goal leave of the takes, squared, as ``scatter``
+    :returns: shape (knots, K - 2, F)
     """
-    result, scatter, rest = precision.copy(), _at_knots(scatter), _at_knots(rest)
-    freedom = (takes - 1) * dims
+    scatter, rest, freedom = _at_knots(scatter), _at_knots(rest), (takes - 1) * dims
     zero, full = (np.log(f_distribution.isf(p, freedom, freedom)) for p in (CHANCE, NO_CHANCE))
-    for k in range(1, precision.shape[1] - 1):
-        # By the logarithm, in which the distribution of a ratio is symmetric.
-        ratio = np.log(np.maximum(rest, _TINY) / np.maximum(scatter[:, k], _TINY))
-        result[:, k] *= minimum_jerk(np.clip((ratio - zero) / (full - zero), 0.0, 1.0))
-    return result
+    # By the logarithm, in which the distribution of a ratio is symmetric.
+    ratio = np.log(np.maximum(rest[:, None], _TINY) / np.maximum(scatter[:, 1:-1], _TINY))
+    return np.asarray(minimum_jerk(np.clip((ratio - zero) / (full - zero), 0.0, 1.0)))
 
 
 def _without_traces(precision: np.ndarray) -> np.ndarray:

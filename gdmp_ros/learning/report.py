@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -113,7 +114,8 @@ def _cycle_report(skill: Skill, demos: list[Demonstration]) -> Fit:
 
 
 def _fit(skill: Skill, recorded: Demonstration, used: Demonstration) -> DemonstrationFit:
-    distances = deviation(skill, used, used.times - used.times[0])
+    shown = replace(used, frames=recorded.frames) if skill.views else used
+    distances = deviation(skill, shown, used.times - used.times[0])
     error = relative(mean_distance(distances), used.span())
     return DemonstrationFit(used.duration, len(recorded.times),
                             tuple(distances.mean(axis=0).tolist()),

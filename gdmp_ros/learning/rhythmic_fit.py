@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.demonstration import as_list, Demonstration
 from gdmp_ros.dmp.forcing import periodic_basis, periodic_design
 from gdmp_ros.dmp.options import check_range, SHORTEST_DURATION
 from gdmp_ros.dmp.primitive import Gains, MIN_STEPS
@@ -48,6 +48,9 @@ def learn_cycle(demonstrations: Demonstration | Sequence[Demonstration], n_basis
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer from 4 to {MOST} or "
                              "'auto'")
     check_tolerance(tolerance)
+    if any(item.frames for item in as_list(demonstrations)):
+        raise ParameterError('task frames: a rhythmic skill has none; leave the frames of its '
+                             'demonstrations away')
     demos = [thinned(item.uniform()) for item in prepared(demonstrations, settings.smoothing)]
     weights = settings.weights(len(demos))
     fitted = CycleFit(demos, weights, period).fitted()
