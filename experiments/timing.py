@@ -39,6 +39,7 @@ class TimingSettings:
     :ivar dask: address of a Dask scheduler to use instead
     :ivar resume: file with finished parts of `accuracy`
     :ivar robottasks: folder with the data for `takes`
+    :ivar frames: folder with the data for `generalise`
     """
 
     repetitions: int = 9
@@ -49,6 +50,7 @@ class TimingSettings:
     classes: tuple[str, ...] = field(default_factory=lambda: lasa.CLASSES)
     n_basis: int = 60
     robottasks: Path | None = None
+    frames: Path | None = None
 
 
 def pose_with_stiffness(size: int) -> Product:

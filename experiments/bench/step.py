@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import time
 from typing import Any
 
@@ -55,6 +56,14 @@ def measure_peer(repetitions: int) -> float:
     return timing.median_time(prepare, CALLS // 3, repetitions) * 1e6
 
 
+def _with_frames() -> Skill:
+    """The pose skill with two task frames."""
+    shown = timing.demonstration(timing.POSE, DURATION)
+    return Skill.learn(replace(shown, frames={
+        name: np.concatenate([point[:3], [1.0, 0.0, 0.0, 0.0]])
+        for name, point in (('start', shown.points[0]), ('goal', shown.points[-1]))}), 50)
+
+
 def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; the keys are those of the file."""
     count = settings.repetitions
@@ -63,6 +72,7 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     with timing.one_core():
         return {
             'pose_us': measure_step(pose, count),
+            'pose_frames_us': measure_step(_with_frames(), count),
             'pose_stiffness_us': measure_step(three, count),
             'pose_stiffness6_us': measure_step(six, count),
             'pose_stiffness6_moving_us': measure_step(six, count, moving=True),
@@ -75,7 +85,8 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
     """Table: heading, then lines."""
-    ours = [('pose', 'pose_us'), ('pose + SPD(3) stiffness', 'pose_stiffness_us'),
+    ours = [('pose', 'pose_us'), ('… with two task frames', 'pose_frames_us'),
+            ('pose + SPD(3) stiffness', 'pose_stiffness_us'),
             ('pose + SPD(6) stiffness', 'pose_stiffness6_us'),
             ('… with the goal moving', 'pose_stiffness6_moving_us'),
             (f'{BATCH} × pose + SPD(3) in one call', 'batch200_us')]

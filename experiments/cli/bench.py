@@ -7,6 +7,8 @@ goal-switch  accelerations after a goal switch, compared with movement_primitive
 tempo        the path when the tempo changes, compared with movement_primitives
 noise        demonstrations with noise on R³, S³ and SPD(3)
 takes        several takes of real tasks, each left out once (needs the data: --robottasks)
+generalise   task frames: takes between two frames, done in the frames of others, beside the
+             published results of other methods (needs the data: --frames)
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
 improve      improvement from the cost of roll-outs: two demonstrations of dmpbbo, and CMA-ES
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
     from experiments.timing import TimingSettings
 
 #: Benches; the module of each in `experiments.bench` has its name.
-SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes', 'spd',
-            'improve', 'stream', 'tick', 'franka')
+SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes',
+            'generalise', 'spd', 'improve', 'stream', 'tick', 'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='basis functions for accuracy (default %(default)s)')
     parser.add_argument('--robottasks', type=Path, metavar='DIR',
                         help='folder of RoboTasks9 for takes (default: GDMP_ROBOTTASKS)')
+    parser.add_argument('--frames', type=Path, metavar='DIR',
+                        help='folder with reach_target.npz for generalise (default: GDMP_FRAMES)')
     add_parallel(parser)
 
 
@@ -70,10 +74,12 @@ def run(options: argparse.Namespace) -> None:
         check_lasa_class(name)
     from experiments.timing import environment, TimingSettings
     from gdmp_ros.util.parallel import scheduler_address
-    given = options.robottasks or os.environ.get('GDMP_ROBOTTASKS')
+    robottasks, frames = (Path(given) if given else None for given in (
+        options.robottasks or os.environ.get('GDMP_ROBOTTASKS'),
+        options.frames or os.environ.get('GDMP_FRAMES')))
     settings = TimingSettings(options.repetitions, options.seconds, options.jobs,
                         scheduler_address(options.backend), options.resume, classes,
-                        options.n_basis, Path(given) if given else None)
+                        options.n_basis, robottasks, frames)
     if options.what != 'all':
         document = _measure(options.what, settings)
         if options.json:

@@ -1,15 +1,17 @@
 """A primitive changed: between other ends, turned, joined to another, with more functions."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import functools
+from typing import Any
 import warnings
 
 import numpy as np
 
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.forcing import basis, design_matrix
+from gdmp_ros.dmp.frames import actions_of, placed, poses_of
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, P, Primitive
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
@@ -131,6 +133,31 @@ def _turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -
         return np.asarray(result.reshape(rows.shape))
 
     return variation.mapped(turned)
+
+
+def with_frames(primitive: P, frames: Mapping[str, Any]) -> P:
+    """
+    Return a skill with its task frames somewhere else: as if it had been shown there.
+
+    A roll-out of it begins and ends where these frames have the start and the goal; a player, a
+    server or a check executes it there without knowing of frames.
+
+    :param frames: poses by name, as `gdmp_ros.dmp.Rollout` takes them; the others stay
+    :raises ParameterError: if a frame is not one of the skill, or no pose
+    """
+    names = [view.name for view in primitive.views]
+    for name in frames:
+        if name not in names:
+            raise ParameterError(f'frame {name!r}: expected one of '
+                                 f'{", ".join(names) or "none: the skill has no task frames"}')
+    manifold = primitive.manifold
+    dimension, _ = actions_of(manifold)
+    views = [view if view.name not in frames else replace(
+        view, pose=poses_of(view.name, frames[view.name], dimension)) for view in primitive.views]
+    start, goal = (placed(manifold, view.pose, point[None])[0] for view, point in (
+        (views[0], views[0].skill.start), (views[-1], views[-1].skill.goal)))
+    return replace(primitive, views=tuple(views), start=start, frame=manifold.frame(start),
+                   goal=manifold.align(goal, primitive.goal))
 
 
 def turned(primitive: P, turn: np.ndarray) -> P:

@@ -80,7 +80,7 @@ class Rollout:
             skill.check_plain('final velocity')
         if frames is not None and not skill.views:
             raise ParameterError('frames: the skill was learned without task frames')
-        self._goal_given = goal is not None
+        self._goal_given = goal is not None and not np.array_equal(goal, skill.goal)
         self._goal = self._checked(goal, skill.goal)
         self._duration = (skill.duration if duration is None
                           else check_range('duration', duration, SHORTEST_DURATION, 1e6))

@@ -149,6 +149,7 @@ class Skill(Primitive):
     joined = staticmethod(changes.joined)
     coupled = changes.coupled
     related = changes.related
+    with_frames = changes.with_frames
 
     def through(self, points: Sequence[tuple[float, np.ndarray]],
                 factors: Sequence[str] | None = None) -> Skill:

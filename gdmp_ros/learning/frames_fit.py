@@ -331,11 +331,7 @@ def _without_traces(precision: np.ndarray) -> np.ndarray:
 def _as_shown(views: list[View], learn: Learn, settings: FitSettings) -> Skill:
     """The skill: the motion with the frames where they were shown, and the views."""
     first: Skill = views[0].skill
-    begins, ends = (placed(view.skill.manifold, view.pose, np.array([point]))[0]
-                    for view, point in ((views[0], views[0].skill.start),
-                                        (views[-1], views[-1].skill.goal)))
-    model = replace(first, views=tuple(views), start=begins, frame=first.manifold.frame(begins),
-                    goal=ends)
+    model = replace(first, views=tuple(views)).with_frames({})
     times = np.linspace(0.0, model.duration, _MOST)
     shown = learn(Demonstration(times, Rollout(model).sample(times).points, model.manifold))
     return replace(shown, views=tuple(views), provenance=settings.provenance)

@@ -1,6 +1,7 @@
 """Scenes with the Panda: a watering can and a tray of water, open boxes, a table."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -22,8 +23,8 @@ _THIN = 0.006
 CUBE_EDGE, CUBE_MASS = 0.04, 0.1
 #: Peg: half width, half length, distance of its centre below the tool [m].
 PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
-#: Height of the top of the hole above the floor [m].
-HOLE_TOP = 0.2
+#: Height of the top of the hole above the floor, depth of one that stands anywhere [m].
+HOLE_TOP, HOLE_DEPTH = 0.2, 0.06
 
 
 def watering() -> mujoco.MjSpec:
@@ -69,11 +70,12 @@ def _tray(spec: mujoco.MjSpec) -> None:
 
 
 def _walls(body: mujoco.MjsBody, half: tuple[float, float], height: float, colour: list[float],
-           name: str) -> None:
+           name: str, below: float = 0.0) -> None:
+    """:param below: where they begin, below the body [m]"""
     for axis in (0, 1):
         for side in (-1.0, 1.0):
             size = [half[0] + _THIN, half[1] + _THIN, 0.5 * height]
-            position = [0.0, 0.0, 0.5 * height]
+            position = [0.0, 0.0, 0.5 * height - below]
             size[axis], position[axis] = _THIN, side * (half[axis] + _THIN)
             body.add_geom(name=f'{name}_wall_{axis}{"-+"[side > 0]}', type=_BOX, size=size,
                           pos=position, rgba=colour, **_SOLID)
@@ -177,6 +179,21 @@ def peg_and_hole(where: tuple[float, float], angle: float, clearance: float,
     hole = spec.worldbody.add_body(name='hole', pos=[*where, 0.0], quat=[
         np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
     _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_TOP, _WOOD, 'hole')
+    return spec
+
+
+def peg_and_holes(where: Sequence[np.ndarray], clearance: float, friction: float = 0.3
+                  ) -> mujoco.MjSpec:
+    """
+    Panda with a square peg in its hand, and square holes that stand anywhere, turned and tilted.
+
+    :param where: poses of the middle of the top of each hole; it goes down along -z
+    :param clearance: on each side of the peg [m]
+    """
+    spec = peg_and_hole((5.0, 5.0), 0.0, clearance, friction)
+    for number, pose in enumerate(where):
+        hole = spec.worldbody.add_body(name=f'hole_{number}', pos=pose[:3], quat=pose[3:])
+        _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_DEPTH, _WOOD, f'hole_{number}', HOLE_DEPTH)
     return spec
 
 
