@@ -1,9 +1,9 @@
 """
 Two tasks with objects, shown in a few situations and executed in others on the simulated arm.
 
-A peg goes out of a rack into a turned hole, 1 mm wider on each side; a spout is held over a cup and
-tilted. The objects are moved and turned in every situation; the takes go between them as hands do,
-each with another arc. A skill with task frames is compared with one that only gets the goal.
+A peg goes out of a rack into a turned hole, 1 mm wider on each side; a spout is held over a cup
+and tilted. The objects are moved and turned in every situation; the takes go between them as hands
+do, each with another arc. A skill with task frames is compared with one that only gets the goal.
 """
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose, tool_manifold
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.execution import Execution, execute
-from gdmp_ros.sim.scenes import PEG_BELOW, PEG_HALF_LENGTH, peg_and_holes
+from gdmp_ros.sim.execution import execute, Execution
+from gdmp_ros.sim.scenes import peg_and_holes, PEG_BELOW, PEG_HALF_LENGTH
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: Objects are moved by up to this [m], turned about the vertical and tilted [rad].
 REACH, YAW, TILT = 0.15, 0.5 * np.pi, np.radians(20.0)
-DURATION, SAMPLES = 8.0, 400
+DURATION, SAMPLES = 10.0, 500
 #: Samples of a way and their noise [m, rad], as of a hand that is measured.
 NOISE = 2e-4
 #: Peg: clearance on each side and depth [m].
@@ -34,7 +34,7 @@ STIFFNESS = (1200.0, 1200.0, 1200.0, 60.0, 60.0, 60.0)
 #: Spout in the tool [m]; how near the axis of the cup it has to stay, and the tilt to be [m, rad].
 SPOUT, NEAR, SAME_TILT = np.array([0.08, 0.0, 0.0]), 0.015, 0.15
 #: Tilt of the tool at which something pours, and that of the shown one [rad].
-POURS, SHOWN_TILT = 0.7, 1.3
+POURS, SHOWN_TILT = 0.6, 1.0
 _MANIFOLD = tool_manifold(6)
 _DOWN = Rotation.from_quat([0.0, 1.0, 0.0, 0.0], scalar_first=True)
 
@@ -116,10 +116,10 @@ _TIP = PEG_BELOW + PEG_HALF_LENGTH
 
 
 def _peg_shown(where: Situation, rng: np.random.Generator) -> Demonstration:
+    deep = _tool(where.goal, _TIP - DEPTH - 0.004)
     return _way([(0.0, _tool(where.start, _TIP + 0.02)), (0.2, _tool(where.start, _TIP + 0.10)),
-                 (0.62, _tool(where.goal, _TIP + 0.06)), (0.75, _tool(where.goal, _TIP + 0.01)),
-                 (0.97, _tool(where.goal, _TIP - DEPTH - 0.004)),
-                 (1.0, _tool(where.goal, _TIP - DEPTH - 0.004))], where, rng)
+                 (0.7, _tool(where.goal, _TIP + 0.06)), (0.86, _tool(where.goal, _TIP + 0.012)),
+                 (0.97, deep), (1.0, deep)], where, rng)
 
 
 def _peg_arm(where: Situation) -> Arm:
@@ -137,8 +137,8 @@ def _pouring_shown(where: Situation, rng: np.random.Generator) -> Demonstration:
     over = np.array([0.0, 0.0, 0.12])
     held = _DOWN.apply(SPOUT)
     points = [(0.0, _tool(where.start, 0.12)), (0.2, _tool(where.start, 0.2)),
-              (0.55, _tool(where.goal, 0.0, None, over - held))]
-    for at, share in ((0.65, 0.25), (0.75, 0.5), (0.85, 0.75), (0.95, 1.0), (1.0, 1.0)):
+              (0.75, _tool(where.goal, 0.0, None, over - held))]
+    for at, share in ((0.81, 0.25), (0.86, 0.5), (0.91, 0.75), (0.96, 1.0), (1.0, 1.0)):
         turn = Rotation.from_rotvec(share * tilt.as_rotvec())
         points.append((at, _tool(where.goal, 0.0, turn, over - turn.apply(held))))
     return _way(points, where, rng)
@@ -150,8 +150,8 @@ def _poured(where: Situation, done: Execution) -> bool:
     cup = Rotation.from_quat(where.goal[3:], scalar_first=True)
     inside = cup.inv().apply(spout - where.goal[:3])
     shown = cup * Rotation.from_euler('y', SHOWN_TILT) * _DOWN
-    level = cup * _DOWN
-    tilted = (level.inv() * turns).magnitude() > POURS
+    upright = turns.apply([0.0, 0.0, -1.0])[:, 2]
+    tilted = np.arccos(np.clip(upright, -1.0, 1.0)) > POURS
     away = np.linalg.norm(inside[:, :2], axis=1) > NEAR
     off = float((shown.inv() * turns[-1]).magnitude())
     return bool(not (tilted & away).any() and off < SAME_TILT and not away[-1])

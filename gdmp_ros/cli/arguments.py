@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 import math
 import os
@@ -14,6 +14,7 @@ from gdmp_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:
     from gdmp_ros.data.columns import Import
+    from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.ros.arm_choice import ArmChoice
 
 T = TypeVar('T', int, float)
@@ -134,6 +135,32 @@ def add_context(parser: argparse.ArgumentParser) -> None:
                         metavar='NAME=NUMBER',
                         help='use the skill in this context, of a skill that was learned with '
                              'contexts')
+
+
+def add_objects(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--object``, a list of names with the numbers of a pose."""
+    parser.add_argument('--object', nargs=8, action='append', default=[], dest='objects',
+                        metavar=('NAME', 'X', 'Y', 'Z', 'QW', 'QX', 'QY', 'QZ'),
+                        help='where an object is, of a skill with task frames [m]; may be '
+                             'repeated (default: where it was shown)')
+
+
+def among_objects(skill: Skill, given: Sequence[Sequence[str]]) -> Skill:
+    """
+    The skill with the objects of ``--object``.
+
+    :raises ParameterError: if it has no such frames, or they are no poses
+    """
+    if not given:
+        return skill
+    poses = {}
+    for name, *words in given:
+        try:
+            poses[name] = [float(word) for word in words]
+        except ValueError:
+            raise ParameterError(f'--object {name}: {" ".join(words)!r} are not 7 numbers'
+                                 ) from None
+    return skill.with_frames(poses)
 
 
 class _NamedNumbers(argparse.Action):

@@ -6,6 +6,7 @@ dynamics and other objects are not checked. The exit code is 1 if it cannot foll
 examples:
   gdmp check skill.json
   gdmp check skill.json --goal-position 0.4 0.3 0.3 --plot check.png
+  gdmp check insert.json --object hole 0.5 0.1 0.2 0.92 0 0 0.38
   gdmp check skill.json --model menagerie:franka_fr3
 """
 from __future__ import annotations
@@ -14,7 +15,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import check_output
+from gdmp_ros.cli.arguments import add_objects, among_objects, check_output
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import table
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('skill', type=Path, metavar='SKILL')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                         help='with the goal at another position [m]')
+    add_objects(parser)
     parser.add_argument('--model', default='', metavar='MODEL',
                         help='MJCF file, menagerie:NAME or robot_descriptions:NAME; the built-in '
                              'Panda by default')
@@ -39,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     """Check, print, draw."""
     check_output(options.plot, '.png', '.pdf', '.svg')
     from gdmp_ros.dmp.skill import Skill
-    skill = Skill.load(options.skill)
+    skill = among_objects(Skill.load(options.skill), options.objects)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.path_check import check_skill, PathChecker

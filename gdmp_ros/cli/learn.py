@@ -8,6 +8,9 @@ demonstrations may have different starts, goals and durations. A folder stands f
 With --rhythmic the skill repeats a cycle, such as wiping or stirring. Each bag shows two cycles or
 more; the period is found, and the way to the first cycle and from the last one is left out.
 
+With --frames the motion belongs to objects: it is learned as seen from each of them, and how much
+each one matters along the way (gdmp rollout --object, gdmp check --object).
+
 Files of other programs are read too: what their columns and arrays mean is told by their names and
 printed. Where two readings fit, the error names the option to give.
 
@@ -22,6 +25,7 @@ examples:
   gdmp learn first.bag second.bag -o skill.json --weights 1 3
   gdmp learn takes -o skill.json --joints
   gdmp learn takes -o skill.json --contexts heights.csv
+  gdmp learn takes -o insert.json --frames box hole
   gdmp learn wiping.bag -o wipe.json --rhythmic
   gdmp learn optitrack.csv -o skill.json --drop-bad
   gdmp learn takes --suggest --write tuned.yaml
@@ -112,6 +116,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--contexts', type=Path, metavar='CSV',
                         help='table of what was different in each take: a column "take" with the '
                              'names of the bags, and a column for each number, such as height')
+    objects = parser.add_argument_group('task frames')
+    objects.add_argument('--frames', nargs='+', default=[], metavar='NAME',
+                         help='objects, by the names of their frames in /tf and /tf_static: the '
+                              'skill is then done where they are')
+    objects.add_argument('--moving', nargs='+', default=[], metavar='NAME',
+                         help='those of them that move while they are shown')
+    objects.add_argument('--start-frame', metavar='NAME',
+                         help='the object that the motion leaves (default: start, or the first)')
+    objects.add_argument('--goal-frame', metavar='NAME',
+                         help='the object where it ends (default: goal, or the last)')
     parser.add_argument('--fit', choices=FITS, default='output',
                         help='output (default): fit the motion, for recorded data; forcing: fit '
                              'the forcing term, as in the paper, for clean data')
@@ -159,7 +173,8 @@ def run(options: argparse.Namespace) -> None:
         options.joint_topic, fit=options.fit,
         end=options.end, weights=options.weights and tuple(options.weights),
         rhythmic=options.rhythmic, period=options.period, contexts=options.contexts,
-        source=import_settings(options))
+        objects=tuple(options.frames), moving=tuple(options.moving),
+        ends=(options.start_frame, options.goal_frame), source=import_settings(options))
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
                              'demonstrations of one skill, expected one for each')

@@ -6,6 +6,7 @@ row-major).
 examples:
   gdmp rollout skill.json --dt 0.01 > path.csv
   gdmp rollout skill.json --context height=0.03 > path.csv
+  gdmp rollout insert.json --object hole 0.5 0.1 0.2 0.92 0 0 0.38 > path.csv
   gdmp rollout skill.json --goal-position 0.5 0.1 0.4 --switch-at 2.0 -o path.csv
 """
 from __future__ import annotations
@@ -17,7 +18,14 @@ from pathlib import Path
 import sys
 from typing import TextIO, TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_context, add_output, check_output, number
+from gdmp_ros.cli.arguments import (
+    add_context,
+    add_objects,
+    add_output,
+    among_objects,
+    check_output,
+    number,
+)
 from gdmp_ros.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -39,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--cycles', type=number(above=0.0), default=3.0, metavar='N',
                         help='of a rhythmic skill (default %(default)g)')
     add_context(parser)
+    add_objects(parser)
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
@@ -52,7 +61,8 @@ def run(options: argparse.Namespace) -> None:
     check_output(options.output)
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
-    skill = Skill.load(options.skill).in_context(options.context)
+    skill = among_objects(Skill.load(options.skill).in_context(options.context),
+                          options.objects)
     goal = _goal(skill, options)
     from_the_start = options.switch_at <= 0.0
     rollout = Rollout(skill, goal=goal if from_the_start else None, duration=options.duration)

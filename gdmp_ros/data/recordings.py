@@ -168,6 +168,7 @@ class Recording:
         if none was read
     :ivar events: commands for a gripper
     :ivar joints: names of the joints, of a demonstration of the joints (`read_joints`)
+    :ivar begins: stamp of the first sample [ns]; 0 in files of other programs
     """
 
     demonstration: Demonstration
@@ -177,6 +178,7 @@ class Recording:
     wrench: np.ndarray | None = None
     joints: tuple[str, ...] = ()
     events: tuple[GripperEvent, ...] = ()
+    begins: int = 0
 
 
 def with_stiffness(recordings: Sequence[Recording], source: str = 'auto', k_min: float = 200.0,
@@ -261,7 +263,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
     wrench = None if felt is None else -_wrench_at(felt, poses, poses.stamps[kept])
     stamps = poses.stamps[kept]
     return Recording(demonstration, str(bag), poses.frame, block, wrench,
-                     events=during(commands, stamps[0], stamps[-1]))
+                     events=during(commands, stamps[0], stamps[-1]), begins=int(stamps[0]))
 
 
 def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None) -> Recording:

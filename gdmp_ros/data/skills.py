@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from gdmp_ros.data import recordings
 from gdmp_ros.data.columns import Import
+from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.recordings import common_events
 from gdmp_ros.data.takes import read_contexts
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -33,6 +34,9 @@ class LearningSettings:
     :ivar contexts: table of the takes (`gdmp_ros.data.takes`); None without contexts
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
+    :ivar objects: names of task frames, from the transforms of the bags
+    :ivar moving: those of them that move while they are shown
+    :ivar ends: the frames of start and goal; None for those of `Skill.learn`
     :ivar source: what is said about files of other programs
     """
 
@@ -56,6 +60,9 @@ class LearningSettings:
     rhythmic: bool = False
     period: float | None = None
     contexts: Path | None = None
+    objects: tuple[str, ...] = ()
+    moving: tuple[str, ...] = ()
+    ends: tuple[str | None, str | None] = (None, None)
     source: Import = field(default_factory=Import)
 
     @property
@@ -113,9 +120,14 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         if settings.rhythmic and stiffness == 'auto' and not all(
                 take.demonstration.manifold.point_size > 7 for take in takes):
             stiffness = 'none'
+        if settings.objects:
+            stiffness = _stiffness_among_objects(stiffness, takes)
         demonstrations, source = recordings.with_stiffness(takes, stiffness, settings.k_min,
                                                            settings.k_max)
         demonstrations = recordings.with_wrench(takes, demonstrations)
+        if settings.objects:
+            demonstrations = with_objects(takes, demonstrations, settings.objects,
+                                          settings.moving)
     provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,
                   'stiffness': source,
                   **({'joints': list(takes[0].joints)} if takes[0].joints else {})}
@@ -126,10 +138,26 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                         regularization=settings.regularization,
                         alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, contexts=contexts,
+                        start_frame=settings.ends[0], goal_frame=settings.ends[1],
                         provenance=provenance)
     events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
                            [take.events for take in takes])
     return LearnedSkill(skill.with_events(events), demonstrations, source)
+
+
+def _stiffness_among_objects(stiffness: str, takes: Sequence[recordings.Recording]) -> str:
+    """
+    Source of the stiffness of takes among objects, which vary because the objects do.
+
+    :raises ParameterError: for the variance of the takes
+    """
+    if stiffness == 'variance':
+        raise ParameterError('stiffness from variance: not with task frames: the takes vary where '
+                             'the objects do, not where the motion may')
+    if stiffness == 'auto' and not any(take.demonstration.manifold.point_size > 7
+                                       for take in takes):
+        return 'none'
+    return stiffness
 
 
 def _cycle(demos: list[Demonstration], settings: LearningSettings, provenance: dict[str, Any]

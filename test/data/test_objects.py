@@ -1,0 +1,118 @@
+"""Task frames from the transforms of bags."""
+import numpy as np
+import pytest
+from rosbags.typesys import get_typestore, Stores
+
+from gdmp_ros import DataError, Demonstration, GdmpWarning, ParameterError, Rollout, Skill
+from gdmp_ros.data import bags, recordings
+from gdmp_ros.data.objects import with_objects
+from gdmp_ros.data.skills import LearningSettings, skill_from_bags
+from gdmp_ros.manifolds.poses import compose, tool_manifold
+from gdmp_ros.util.profiles import minimum_jerk
+from test.dmp.test_frames import apart, ELSEWHERE, ENTERS, pose, SHOWN, shown
+
+BEGINS = 1_700_000_000_000_000_000
+CLOCK = np.arange(-0.5, 6.0, 1.0 / 30.0)
+
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def message(kind, **parts):
+    return STORE.types[kind](**parts)
+
+
+def transform(writer, topic, name, stamp, at):
+    """Write a transform of a frame in ``base``."""
+    x, y, z, qw, qx, qy, qz = map(float, at)
+    item = message(
+        'geometry_msgs/msg/TransformStamped',
+        header=message('std_msgs/msg/Header', frame_id='base', stamp=message(
+            'builtin_interfaces/msg/Time', sec=stamp // bags.NS, nanosec=stamp % bags.NS)),
+        child_frame_id=name, transform=message(
+            'geometry_msgs/msg/Transform',
+            translation=message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
+            rotation=message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw)))
+    kind = 'tf2_msgs/msg/TFMessage'
+    writer.raw(topic, kind, stamp, bytes(STORE.serialize_cdr(
+        message(kind, transforms=[item]), kind)))
+
+
+def record(bag, demo, static=None, seen=None):
+    """A bag with the poses of a demonstration, and frames from /tf_static and /tf."""
+    with bags.BagWriter(bag) as writer:
+        for name, at in (static or {}).items():
+            transform(writer, '/tf_static', name, BEGINS - bags.NS, at)
+        for name, where in (seen or {}).items():
+            for time in CLOCK:
+                at = where(time)
+                if at is not None:
+                    transform(writer, '/tf', name, BEGINS + round(time * bags.NS), at)
+        for time, point in zip(demo.times, demo.points):
+            writer.pose('/pose', BEGINS + round(time * bags.NS), point[:7], 'base')
+    return bag
+
+
+def with_noise(at):
+    rng = np.random.default_rng(0)
+    return lambda time: at + np.append(rng.normal(0.0, 3e-4, 3), np.zeros(4))
+
+
+def test_a_skill_is_learned_from_the_transforms_of_its_bags(tmp_path):
+    demo = shown(count=200)
+    bag = record(tmp_path / 'take', demo, {'box': SHOWN['start']},
+                 {'hole': with_noise(SHOWN['goal'])})
+    skill = skill_from_bags([bag], LearningSettings(
+        60, objects=('box', 'hole'), ends=('box', 'hole'))).skill
+    assert [view.name for view in skill.views] == ['box', 'hole']
+    rollout = Rollout(skill, frames={'box': ELSEWHERE['start'], 'hole': ELSEWHERE['goal']})
+    end = rollout.sample(np.linspace(0.0, 8.0, 20)).points[-1]
+    assert max(apart(end, compose(ELSEWHERE['goal'], ENTERS))) < 1e-3
+
+
+def test_a_frame_that_moves_is_told_and_one_that_is_declared_moving_is_followed(tmp_path):
+    demo, velocity = shown(count=200), np.array([0.03, 0.0, 0.0])
+    late = minimum_jerk(demo.times / 5.0)[:, None]
+    points = demo.points.copy()
+    points[:, :3] += late * demo.times[:, None] * velocity
+    moved = Demonstration(demo.times, points, demo.manifold)
+
+    def where(time):
+        return SHOWN['goal'] + np.append(time * velocity, np.zeros(4))
+    bag = record(tmp_path / 'take', moved, {'start': SHOWN['start']}, {'goal': where})
+    recording = recordings.read(bag)
+    known, _ = recordings.with_stiffness([recording], 'none')
+    with pytest.warns(GdmpWarning, match='goal moved by .* not declared moving'):
+        with_objects([recording], known, ['start', 'goal'])
+    followed = with_objects([recording], known, ['start', 'goal'], ['goal'])[0]
+    assert followed.frames['goal'].shape == (len(followed.times), 7)
+    offset = (recording.begins - BEGINS) / bags.NS
+    assert np.abs(followed.frames['goal'][-1] - where(followed.times[-1] + offset)).max() < 1e-6
+    skill = Skill.learn(followed)
+    still = Rollout(skill, frames=SHOWN).sample(np.linspace(0.0, 8.0, 20)).points[-1]
+    assert max(apart(still, compose(SHOWN['goal'], ENTERS))) < 3e-3
+
+
+def test_a_frame_that_was_lost_is_an_error_with_the_time(tmp_path):
+    bag = record(tmp_path / 'take', shown(count=200), {'start': SHOWN['start']}, {
+        'goal': lambda time: None if 2.0 < time < 3.0 else SHOWN['goal']})
+    recording = recordings.read(bag)
+    known, _ = recordings.with_stiffness([recording], 'none')
+    with pytest.raises(DataError, match=r'goal was lost for 1\.\d+ s at t = [12]\.\d+ s'):
+        with_objects([recording], known, ['start', 'goal'], ['goal'])
+    with pytest.raises(DataError, match="'cup' is declared moving"):
+        with_objects([recording], known, ['start', 'goal'], ['cup'])
+    with pytest.raises(DataError, match='no transforms lead from cup to base'):
+        with_objects([recording], known, ['cup'])
+
+
+def test_stiffness_from_variance_is_refused_among_objects(tmp_path):
+    found = [record(tmp_path / f'take_{k}', shown(frames, count=200),
+                    dict(zip(('start', 'goal'), frames.values())))
+             for k, frames in enumerate((SHOWN, ELSEWHERE))]
+    learned = skill_from_bags(found, LearningSettings(60, objects=('start', 'goal')))
+    assert learned.source == 'none' and learned.skill.manifold == tool_manifold(None)
+    with pytest.raises(ParameterError, match='takes vary where the objects do'):
+        skill_from_bags(found, LearningSettings(60, objects=('start', 'goal'),
+                                                stiffness='variance'))
+    assert pose([0.0, 0.0, 0.0])[3] == 1.0
