@@ -40,6 +40,7 @@ class TimingSettings:
     :ivar resume: file with finished parts of `accuracy`
     :ivar robottasks: folder with the data for `takes`
     :ivar frames: folder with the data for `generalise`
+    :ivar situations: of each task of `generalise` on the simulated arm; 0: none
     """
 
     repetitions: int = 9
@@ -51,6 +52,7 @@ class TimingSettings:
     n_basis: int = 60
     robottasks: Path | None = None
     frames: Path | None = None
+    situations: int = 0
 
 
 def pose_with_stiffness(size: int) -> Product:

@@ -161,12 +161,22 @@ def run(settings: timing.TimingSettings) -> dict[str, Any]:
     """Figures; no planar ones without the data set."""
     published = {name: {count: dict(zip(MEASURES, row)) for count, row in rows.items()}
                  for name, rows in PUBLISHED.items()}
-    document = {'draws': DRAWS, 'seed': SEED, 'published': published}
-    if settings.frames is None:
-        return document
-    takes = read(settings.frames)
-    with progress('takes between frames', 2 + len(COUNTS)) as step:
-        return {**document, **compare(takes, step)}
+    document: dict[str, Any] = {'draws': DRAWS, 'seed': SEED, 'published': published}
+    if settings.frames is not None:
+        takes = read(settings.frames)
+        with progress('takes between frames', 2 + len(COUNTS)) as step:
+            document.update(compare(takes, step))
+    document['tasks'] = _tasks(settings)
+    return document
+
+
+def _tasks(settings: timing.TimingSettings) -> dict[str, Any]:
+    """Successes of the tasks on the simulated arm; none if no situations are asked for."""
+    if not settings.situations:
+        return {}
+    from experiments.frame_tasks import measure, SKILLS, TASKS
+    with progress('tasks with objects', len(TASKS) * len(SKILLS) * settings.situations) as step:
+        return {name: measure(name, settings.situations, SEED, step) for name in TASKS}
 
 
 def rows(document: dict[str, Any]) -> list[list[str]]:
@@ -182,8 +192,12 @@ def rows(document: dict[str, Any]) -> list[list[str]]:
         lines += [[names[name], '1', *_cells(one)] for name, one in document['one_take'].items()]
         lines += [[names[name], count, *_cells(one)]
                   for count, found in document['several'].items() for name, one in found.items()]
+    tasks = [[f'{name} on the simulated arm, {found["situations"]} situations', kind.replace(
+        '_', ' '), f'{100.0 * found[kind]:.0f} %', '', '', '']
+             for name, found in document['tasks'].items()
+             for kind in found if kind != 'situations']
     return [['method', 'takes', 'Fréchet', 'warping', 'final position', 'final angle [rad]'],
-            *sorted(lines, key=lambda line: line[1])]
+            *sorted(lines, key=lambda line: line[1]), *tasks]
 
 
 def _cells(one: Mapping[str, float]) -> list[str]:

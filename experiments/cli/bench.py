@@ -64,6 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder of RoboTasks9 for takes (default: GDMP_ROBOTTASKS)')
     parser.add_argument('--frames', type=Path, metavar='DIR',
                         help='folder with reach_target.npz for generalise (default: GDMP_FRAMES)')
+    parser.add_argument('--situations', type=integer(0), default=100, metavar='N',
+                        help='of each task of generalise on the simulated arm, 10 s each; 0: no '
+                             'tasks (default %(default)s)')
     add_parallel(parser)
 
 
@@ -79,7 +82,7 @@ def run(options: argparse.Namespace) -> None:
         options.frames or os.environ.get('GDMP_FRAMES')))
     settings = TimingSettings(options.repetitions, options.seconds, options.jobs,
                         scheduler_address(options.backend), options.resume, classes,
-                        options.n_basis, robottasks, frames)
+                        options.n_basis, robottasks, frames, options.situations)
     if options.what != 'all':
         document = _measure(options.what, settings)
         if options.json:

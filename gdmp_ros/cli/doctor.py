@@ -90,7 +90,9 @@ def compile_motion() -> None:
     import numpy as np
 
     from gdmp_ros.data.gallery import learned
+    from gdmp_ros.dmp.frames import seen_from
     from gdmp_ros.dmp.rollout import Batch, Rollout
+    from gdmp_ros.manifolds.poses import IDENTITY
     from gdmp_ros.playback.player import Player
     from gdmp_ros.playback.prediction import prediction
     from gdmp_ros.playback.settings import PlayerSettings
@@ -100,6 +102,7 @@ def compile_motion() -> None:
     rollout.retarget(skill.goal)
     rollout.sample(np.array([0.02, 0.03]))
     Batch([rollout, Rollout(skill)]).advance(0.01)
+    seen_from(skill.manifold, IDENTITY, skill.start[None])
     prediction(rollout, 2)
     player = Player(skill, PlayerSettings())
     player.start(skill.start[:7])

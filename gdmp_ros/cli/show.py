@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from gdmp_ros.data.columns import Import
+    from gdmp_ros.dmp.frames import View
     from gdmp_ros.dmp.skill import Skill
 
 PICTURES, FILMS, PAGES = ('.png', '.pdf', '.svg'), ('.mp4', '.webp', '.gif'), ('.html',)
@@ -266,8 +267,20 @@ def _print_skill(path: Path) -> None:
               f'{", ".join(coupling.second)} to {", ".join(coupling.first)}: '
               f'{" ".join(f"{number:.4g}" for number in coupling.relation)}']
              for coupling in skill.couplings]
+    rows += [[f'task frame {view.name}', _matters(skill, view)] for view in skill.views]
     rows += [[key, value] for key, value in skill.provenance.items()]
     table(str(path), ['', 'value'], rows)
+
+
+def _matters(skill: Skill, view: View) -> str:
+    """Where a frame was shown, and where it matters most."""
+    import numpy as np
+    heaviest = [view.shares >= other.shares for other in skill.views if other is not view]
+    places = np.linspace(0.0, 1.0, len(view.shares))
+    at = places[np.logical_and.reduce(heaviest)[:, 0]]
+    most = (f'matters most for s = {min(at):.2f} … {max(at):.2f}' if len(at)
+            else 'never matters most')
+    return f'{_numbers(view.pose)}; {most}'
 
 
 def _segments(skill: Skill) -> str:

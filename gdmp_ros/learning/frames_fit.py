@@ -41,9 +41,9 @@ PASSES = 2
 #: They are used if they leave at most this part of the squared differences: a warp always finds
 #: something, in takes of different shape and the same timing a third.
 NEEDED = 0.5
-#: A share below the first number is 0, above the second one as it is: a hundredth of a frame that
-#: moved half a metre misses a hole by 5 mm.
-LEAST_SHARE, FULL_SHARE = 0.02, 0.05
+#: A share below the first number is 0, and from the second one on it counts with its slope: a
+#: hundredth of a frame that moved half a metre misses a hole by 5 mm.
+LEAST_SHARE, FULL_SHARE = 0.015, 0.03
 #: Probability that chance alone makes takes agree so much: a frame that is neither the start's nor
 #: the goal's does not count above the first, and counts in full below the second.
 CHANCE, NO_CHANCE = 2e-3, 2e-4
@@ -322,9 +322,15 @@ def _agreed(scatter: np.ndarray, rest: np.ndarray, dims: np.ndarray, takes: int)
 
 
 def _without_traces(precision: np.ndarray) -> np.ndarray:
-    """Shares: normalised precisions, without those that are too small to matter."""
+    """
+    Shares: normalised precisions, less a little, so that traces of a frame are exactly 0.
+
+    The slope is continuous: cutting them off would cost acceleration.
+    """
     shares = precision / precision.sum(axis=1, keepdims=True)
-    shares *= minimum_jerk(np.clip((shares - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0))
+    u = np.clip((shares - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0)
+    shares = ((FULL_SHARE - LEAST_SHARE) * u ** 3 * (1.0 - 0.5 * u)
+              + np.maximum(shares - FULL_SHARE, 0.0))
     return np.asarray(shares / shares.sum(axis=1, keepdims=True))
 
 

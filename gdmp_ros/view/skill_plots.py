@@ -158,7 +158,8 @@ def skill_figure(skill: Skill, demos: Sequence[Demonstration] = ()) -> Figure:
     """
     Draw a roll-out: every factor over time, and the path if the first factor is a position.
 
-    For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes.
+    For a skill of several takes, bands that contain 95 % of `SAMPLES` skills like the takes. Of a
+    skill with task frames, how much each frame matters.
 
     :param demos: demonstrations to draw below it, stretched to its duration; of a rhythmic skill
         all samples by their phase, on the skill's manifold
@@ -184,12 +185,26 @@ def skill_figure(skill: Skill, demos: Sequence[Demonstration] = ()) -> Figure:
                 axes.plot(times, item.flat_points[:, places], color='0.7', lw=0.7, zorder=1.0)
         if band is not None:
             plots.bands(axes, trajectory.times, band[:, :, places])
+    if skill.views:
+        _draw_shares(skill, [axes for axes, _ in drawn.factors])
     if drawn.space is not None:
         for take in takes:
             drawn.space.plot(*take.points[:, :3].T, '.', color='0.7', ms=1.0, zorder=1.0)
         for item in demos if not takes else ():
             drawn.space.plot(*item.flat_points[:, :3].T, color='0.7', lw=0.7, zorder=1.0)
     return drawn.figure
+
+
+def _draw_shares(skill: Skill, panels: Sequence[Any]) -> None:
+    """Draw how much each task frame matters along the motion, over every factor."""
+    for factor, axes in enumerate(panels):
+        beside = axes.twinx()
+        for number, view in enumerate(skill.views):
+            times = np.linspace(0.0, skill.duration, len(view.shares))
+            beside.plot(times, view.shares[:, factor], ls=(0, (2 + 2 * number, 1)), lw=0.9,
+                        color='0.3', label=f'share of {view.name}')
+        beside.set(ylim=(-0.02, 1.5), yticks=[0.0, 0.5, 1.0])
+        beside.legend(fontsize=6, loc='upper left')
 
 
 def correction_figure(skill: Skill, result: Correction) -> Figure:

@@ -1,4 +1,5 @@
 """The figures that ``python -m experiments bench`` writes; not the speed of this machine."""
+from dataclasses import replace
 from functools import partial
 import json
 import sys
@@ -6,13 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-from experiments import timing
-from experiments.bench import accuracy, goal_switch, peers, tempo, tick
+from experiments import frame_tasks, timing
+from experiments.bench import accuracy, generalise, goal_switch, peers, tempo, tick
 from experiments.cli.bench import SUBJECTS
 from gdmp_ros.data import lasa
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.sim.execution import Execution
+from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import experiments
 
 SETTINGS = timing.TimingSettings(repetitions=7, classes=('GShape', 'Sine'))
@@ -143,3 +147,68 @@ def test_subjects_are_smooth_and_at_rest_at_both_ends():
     shown = timing.demonstration(timing.pose_with_stiffness(3), 2.0)
     skill = timing.skill(timing.pose_with_stiffness(3), 2.0)
     assert np.linalg.norm(skill.velocity) < 1e-2 and len(shown.times) == 1000
+
+
+def frame_takes(folder, count=4):
+    """A planar set as the published one: out of a start frame, into a goal frame."""
+    rng, arrays, s = np.random.default_rng(3), {}, np.linspace(0.0, 1.0, 40)[:, None]
+    for k in range(count):
+        angles, origins = rng.uniform(-1.0, 1.0, 2), np.array([[0.0, 0.0], [60.0, 30.0]])
+        origins = origins + rng.uniform(-15.0, 15.0, (2, 2))
+        turns = np.array([[[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in angles])
+        ways = [np.hstack([0.0 * s, 40.0 * s]) @ turns[0].T + origins[0],
+                np.hstack([0.0 * s, 40.0 * (s - 1.0)]) @ turns[1].T + origins[1]]
+        late = minimum_jerk(s)
+        arrays |= {f'take{k}_points': (1.0 - late) * ways[0] + late * ways[1],
+                   f'take{k}_rotations': turns, f'take{k}_origins': origins}
+    np.savez(folder / generalise.FILE, **arrays)
+    return folder
+
+
+def test_generalise_compares_takes_in_the_frames_of_others(tmp_path):
+    found = generalise.run(replace(SETTINGS, frames=frame_takes(tmp_path)))
+    assert found['pairs'] == 12 and list(found['several']) == ['2', '3']
+    ours, switched = found['one_take']['frames'], found['one_take']['goal_switch']
+    assert ours['frechet'] < 0.5 * switched['frechet']
+    assert ours['final_angle'] < 0.05 < switched['final_angle']
+    assert found['several']['3']['frames']['warping'] <= 1.03 * found['several']['3'][
+        'single_takes']['warping'] + 1.0
+    assert any('task frames' in row[0] for row in generalise.rows(found))
+    (tmp_path / generalise.FILE).write_bytes(b'PK not an archive')
+    with pytest.raises(DataError, match='not the takes'):
+        generalise.run(replace(SETTINGS, frames=tmp_path))
+
+
+def test_generalise_says_what_was_not_measured():
+    found = generalise.run(SETTINGS)
+    assert 'one_take' not in found
+    assert any('not measured' in row[0] for row in generalise.rows(found))
+
+
+def test_the_measures_of_generalise_are_those_published():
+    take = Demonstration(np.linspace(0.0, 1.0, 11), np.linspace([0.0, 0.0], [10.0, 0.0], 11),
+                         generalise.PLANE, frames={'goal': (np.eye(2), [10.0, 0.0])})
+    assert np.allclose(generalise.measures(take.points, take), 0.0)
+    beside = take.points + [0.0, 2.0]
+    assert np.allclose(generalise.measures(beside, take), [2.0, 22.0, 2.0, 0.0])
+    back = generalise.measures(take.points[::-1], take)
+    assert back[2] == 10.0 and np.isclose(back[3], np.pi)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name', frame_tasks.TASKS)
+def test_a_task_with_objects_is_done_where_they_are(name):
+    found = frame_tasks.measure(name, 3, 1, lambda: None)
+    assert found['five_takes'] == found['one_take'] == 1.0
+    assert found['without_frames'] < 1.0
+
+
+def test_a_peg_beside_its_hole_has_not_succeeded(rng):
+    task = frame_tasks.TASKS['peg']
+    where = frame_tasks.situation(rng, task.places)
+    skill = Skill.learn(task.shown(where, rng))
+    poses = np.array([skill.goal[:7]])
+    assert task.succeeded(where, Execution(np.zeros((1, 7)), poses, poses))
+    for offset in ([0.003, 0.0, 0.0], [0.0, 0.0, 0.01]):
+        moved = poses + np.append(offset, np.zeros(4))
+        assert not task.succeeded(where, Execution(np.zeros((1, 7)), moved, moved))
