@@ -9,7 +9,9 @@ from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.manifolds.poses import compose, tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
+from test.commands import gdmp
 from test.dmp.test_frames import apart, ELSEWHERE, ENTERS, SHOWN, shown
+from test.pictures import drawn
 
 BEGINS = 1_700_000_000_000_000_000
 CLOCK = np.arange(-0.5, 6.0, 1.0 / 30.0)
@@ -115,3 +117,24 @@ def test_stiffness_from_variance_is_refused_among_objects(tmp_path):
     with pytest.raises(ParameterError, match='takes vary where the objects do'):
         skill_from_bags(found, LearningSettings(60, objects=('start', 'goal'),
                                                 stiffness='variance'))
+
+
+def test_the_command_line_learns_among_objects_and_goes_where_they_are(tmp_path):
+    bag = record(tmp_path / 'take', shown(count=200), {'box': SHOWN['start'],
+                                                       'hole': SHOWN['goal']})
+    skill = tmp_path / 'skill.json'
+    done = gdmp('learn', bag, '-o', skill, '--n-basis', 60, '--frames', 'box', 'hole',
+                '--start-frame', 'box')
+    assert done.returncode == 0, done.stderr
+    told = gdmp('show', skill).stdout
+    assert 'task frame box' in told and 'matters most for s = 0.00 … 0.5' in told
+    assert gdmp('show', skill, '-o', tmp_path / 'skill.png').returncode == 0
+    assert drawn(tmp_path / 'skill.png') > 0.01
+    goal = [f'{number:.9f}' for number in ELSEWHERE['goal']]
+    done = gdmp('rollout', skill, '--object', 'hole', *goal, '--dt', 0.5)
+    last = np.array(done.stdout.splitlines()[-1].split(',')[2:], dtype=float)
+    assert max(apart(last, compose(ELSEWHERE['goal'], ENTERS))) < 1e-3
+    refused = gdmp('rollout', skill, '--object', 'cup', *goal)
+    assert refused.returncode == 1 and 'expected one of box, hole' in refused.stderr
+    refused = gdmp('check', skill, '--object', 'hole', *goal[:6], 'w')
+    assert refused.returncode == 1 and 'are not 7 numbers' in refused.stderr

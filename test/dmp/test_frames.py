@@ -1,4 +1,8 @@
 """Task frames: a motion that was shown once is done where the objects are, moving or not."""
+import json
+from pathlib import Path
+
+import jsonschema
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -316,9 +320,31 @@ def test_a_copy_and_a_batch_go_on_alike(skill):
     assert set(first.frames) == {'start', 'goal'}
 
 
+def test_a_skill_with_its_frames_elsewhere_is_the_one_shown_there(skill):
+    here = skill.with_frames(ELSEWHERE)
+    times = np.linspace(0.0, DURATION, 100)
+    assert np.abs(Rollout(here).sample(times).points - Rollout(
+        skill, frames=ELSEWHERE).sample(times).points).max() < 1e-12
+    assert max(apart(here.goal, goal_in(ELSEWHERE['goal']))) < 1e-6
+    path = Rollout(here).sample(times).points
+    assert np.abs(path[0] - here.start).max() < 1e-12
+    with pytest.raises(ParameterError, match="'hole'.*start, goal"):
+        skill.with_frames({'hole': LEAVES})
+
+
+def test_the_change_from_frame_to_frame_costs_little_acceleration(skill):
+    """Shares that ended abruptly would cost seven times the acceleration of the motion."""
+    shown_peak, moved_peak = (np.linalg.norm(numbers(
+        Rollout(skill, frames=frames), DURATION)[:, 15:18], axis=1).max()
+                              for frames in (SHOWN, ELSEWHERE))
+    assert moved_peak < 4.0 * shown_peak
+
+
 def test_a_skill_file_keeps_the_frames(skill, tmp_path):
     skill.save(tmp_path / 'skill.json')
     loaded = Skill.load(tmp_path / 'skill.json')
+    jsonschema.validate(json.loads((tmp_path / 'skill.json').read_text()), json.loads(
+        (Path(__file__).parents[2] / 'docs' / 'skill.schema.json').read_text()))
     times = np.linspace(0.0, DURATION, 50)
     assert np.array_equal(*(Rollout(one, frames=ELSEWHERE).sample(times).points
                             for one in (skill, loaded)))
