@@ -122,7 +122,7 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
         if given:
             raise ParameterError(f'{what}: not together with task frames')
     takes = [_Take(demo, given.times, [_poses(given, name) for name in names])
-             for demo, given in zip(prepared(demonstrations, settings.smoothing), demonstrations)]
+             for demo, given in zip(prepared(demonstrations, None), demonstrations)]
     count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
     progress = np.linspace(0.0, 1.0, count)
     found = _found(takes, [progress] * len(takes))
