@@ -14,18 +14,28 @@ examples:
   gdmp run skill.json --tempo 0.5 --server left/trajectory_server
   gdmp run wipe.json --cycles 5
   gdmp run skill.json --context height=0.03
+  gdmp run insert.json --object hole 0.5 0.1 0.2 0.92 0 0 0.38
   gdmp run sequence.yaml --first-step 2
   gdmp run out/demo/run --node franka_arm
 """
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from gdmp_ros.choices import SEQUENCES
-from gdmp_ros.cli.arguments import add_arm_node, add_context, integer, number
-from gdmp_ros.errors import DataError
+from gdmp_ros.cli.arguments import (
+    add_arm_node,
+    add_context,
+    add_objects,
+    among_objects,
+    integer,
+    number,
+)
+from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import optional_import, ROS
 
 
@@ -50,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     skill.add_argument('--first-step', type=integer(1), default=1, metavar='N',
                        help='begin with this step of the sequence (default %(default)s)')
     add_context(parser)
+    add_objects(parser)
     recorded = parser.add_argument_group('recorded runs')
     recorded.add_argument('--topic', default='', metavar='TOPIC',
                           help='of the references in the bag (default: the only one)')
@@ -65,8 +76,25 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f'{source}: no such skill, sequence or bag')
     if source is not None and (source.is_dir() or source.suffix == '.mcap'):
         return _replay(options)
-    file = '' if source is None else str(source.absolute())
     is_sequence = source is not None and source.suffix in SEQUENCES
+    if options.objects and (source is None or is_sequence):
+        raise ParameterError('--object: name the skill file that is to be executed among objects')
+    with TemporaryDirectory() as folder:
+        if options.objects:
+            source = _placed(source, options.objects, Path(folder))
+        return _execute(source, is_sequence, options)
+
+
+def _placed(source: Path, objects: Sequence[Sequence[str]], folder: Path) -> Path:
+    """A file with the skill, its objects where they are now."""
+    from gdmp_ros.dmp.skill import Skill
+    placed = folder / source.name
+    among_objects(Skill.load(source), objects).save(placed)
+    return placed
+
+
+def _execute(source: Path | None, is_sequence: bool, options: argparse.Namespace) -> int:
+    file = '' if source is None else str(source.absolute())
     from gdmp_ros.util.dds_network import default_environment
     os.environ.update(default_environment())
     with optional_import(ROS):

@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pytest
 
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
@@ -46,6 +47,28 @@ def test_it_executes_switches_the_goal_and_prints_the_result(running, skill_file
     assert code == 2 and '--tempo: is 7, expected' in err
     code, _, err = execute('nowhere.json')
     assert code == 1 and 'nowhere.json: no such skill, sequence or bag' in err
+
+
+def test_a_skill_among_objects_is_executed_where_they_are(running, skill_file, execute, tmp_path):
+    letter = Skill.load(skill_file)
+    path = letter.reproduce(0.02)
+    among = Skill.learn(Demonstration(path.times, path.points, letter.manifold, frames={
+        'start': letter.start[:7], 'goal': letter.goal[:7]}))
+    among.save(tmp_path / 'among.json')
+    board = letter.goal[:7].copy()
+    board[:3] += [0.02, 0.03, 0.02]
+    numbers = [f'{value:.6f}' for value in board]
+    code, out, err = execute(tmp_path / 'among.json', '--tempo', '1', '--object', 'goal', *numbers)
+    assert code == 0 and 'the goal was reached' in out, err
+    assert np.linalg.norm(running.tool()[:3] - board[:3]) < 0.01
+    board[1] -= 0.04
+    code, out, err = execute(tmp_path / 'among.json', '--goal-position', *[
+        f'{value:.6f}' for value in board[:3]], '--switch-at', '0.5')
+    assert code == 0 and 'the goal is switched to' in out, err
+    running.wait('the tool to be there',
+                 lambda: np.linalg.norm(running.tool()[:3] - board[:3]) < 0.01)
+    code, _, err = execute('--object', 'goal', *numbers)
+    assert code == 1 and 'name the skill file' in err
 
 
 def test_after_a_motion_the_arm_goes_home_and_executes_again(running, execute):
