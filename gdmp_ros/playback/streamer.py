@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -76,14 +76,18 @@ class Streamer:
     def __init__(self, period_ns: int, inputs: MeasuredInputs, settings: StreamSettings,
                  player_settings: PlayerSettings, robot_settings: RobotSettings | None = None,
                  kinematics: ArmKinematics | None = None, gripper: GripperLink | None = None,
-                 second_base: Callable[[], np.ndarray] = no_second_arm):
+                 second_base: Callable[[], np.ndarray] = no_second_arm,
+                 objects: Callable[[Sequence[str]], Mapping[str, np.ndarray]] = lambda names: {}):
         """
         Prepare to stream.
 
         :param inputs: where the robot is; their clock is that of the streamer
         :param gripper: for skills with commands for a gripper
         :param second_base: see `GoalCheck`
+        :param objects: gives where task frames are when a motion begins, those of these names
+            that it looks up
         """
+        self._objects = objects
         self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
@@ -183,6 +187,9 @@ class Streamer:
             raise ParameterError('the node is not active')
         if cycles is not None and not player.tool.skill.rhythmic:
             raise ParameterError('cycles: the skill is not rhythmic')
+        frames = self._objects([view.name for view in player.tool.skill.views])
+        if frames:
+            player.load(player.tool.skill.with_frames(frames))
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 from geometry_msgs.msg import TransformStamped
 import numpy as np
 from rclpy.time import Time
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data.bags import ns_of
@@ -204,6 +205,19 @@ class BaseFrame:
         numbers = checked_numbers(message.pose)
         place = self.place_of(message.header)
         return numbers if place is None else compose(place, numbers)
+
+    def listen(self) -> None:
+        """Read transforms from now on, before a pose in another frame comes."""
+        self._wanted = True
+
+    def pose_of(self, frame: str) -> np.ndarray:
+        """
+        Newest pose of a frame in the base.
+
+        :raises FrameError: if it is not known
+        """
+        pose = self.place_of(Header(frame_id=frame))
+        return IDENTITY.copy() if pose is None else pose
 
     def moving(self, message: Any, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """

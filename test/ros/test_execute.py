@@ -10,6 +10,7 @@ from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from test.commands import gdmp
 from test.ros.nodes import ACTIVATE, CONFIGURE
+from test.ros.test_frames import static_broadcaster, transform
 
 
 @pytest.fixture
@@ -69,6 +70,25 @@ def test_a_skill_among_objects_is_executed_where_they_are(running, skill_file, e
                  lambda: np.linalg.norm(running.tool()[:3] - board[:3]) < 0.01)
     code, _, err = execute('--object', 'goal', *numbers)
     assert code == 1 and 'name the skill file' in err
+
+
+def test_objects_are_looked_up_in_tf_when_a_motion_begins(running, skill_file, execute, tmp_path):
+    letter = Skill.load(skill_file)
+    path = letter.reproduce(0.02)
+    Skill.learn(Demonstration(path.times, path.points, letter.manifold, frames={
+        'start': letter.start[:7], 'board': letter.goal[:7]}), start_frame='start',
+        goal_frame='board').save(tmp_path / 'among.json')
+    assert running.set_parameters(SERVER, objects=['board']).successful
+    code, _, err = execute(tmp_path / 'among.json')
+    assert code == 1 and "frame 'board' is not connected to 'panda_link0'" in err
+    for offset in (0.03, -0.02):
+        board = letter.goal[:7] + np.array([0.0, offset, 0.02, 0.0, 0.0, 0.0, 0.0])
+        static_broadcaster(running, transform('panda_link0', 'board', board, messages.stamp_of(
+            running.client.clock.wall())))
+        running.client.spend(0.3)
+        code, out, err = execute(tmp_path / 'among.json')
+        assert code == 0 and 'the goal was reached' in out, err
+        assert np.linalg.norm(running.tool()[:3] - board[:3]) < 0.01
 
 
 def test_after_a_motion_the_arm_goes_home_and_executes_again(running, execute):

@@ -9,7 +9,7 @@ from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import ArmStatus, ServerState
 import numpy as np
 from rclpy.task import Future
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.data.sequences import read_sequence
@@ -251,6 +251,7 @@ class ExecuteAction(ServerAction):
     async def _execute(self, handle: Any) -> ExecuteSkill.Result:
         result = ExecuteSkill.Result()
         try:
+            await self._wait_for_objects()
             motion = self._begin(handle.request, await self._goal_of(handle.request))
         except GdmpError as error:
             return self._refused(handle, error)
@@ -271,6 +272,16 @@ class ExecuteAction(ServerAction):
         result.robot_distance = state.robot_distance
         end_goal(handle, result.error_code == result.SUCCESSFUL)
         return result
+
+    async def _wait_for_objects(self) -> None:
+        """Wait until it is known where the objects are, but not for ever."""
+        names = [name for name in self._node.get_parameter('objects').value if name]
+        if names and not self._know(names):
+            await self._node.wait_until(lambda: self._know(names), 0.02,
+                                        self._node.get_parameter('tf_timeout').value)
+
+    def _know(self, names: list[str]) -> bool:
+        return all(self._base.knows(Header(frame_id=name)) for name in names)
 
     async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
         """

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 import shutil
@@ -58,6 +58,9 @@ SPECS = (
          'one are transformed by /tf'),
     Spec('tf_timeout', 1.0, 'a goal in a frame of which nothing is known yet waits this long', 's',
          0.0, 60.0, changes='live'),
+    Spec('objects', [''], 'task frames of skills that are looked up in /tf when a motion begins, '
+         'which is refused if they are not known; the others are where the skill has them',
+         changes='motion'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
     Spec('reach_model', '', 'arm with which goals, and skills when they are loaded, are checked: '
@@ -158,7 +161,9 @@ class TrajectoryServer(ManagedNode):
                                               second.pose if second else None),
             stream_settings(parameters), player_settings(parameters), robot_settings(parameters),
             reach, GripperTopics(self, parameters.gripper),
-            second.base if second else no_second_arm)
+            second.base if second else no_second_arm, self._where_objects_are)
+        if any(parameters.objects):
+            self._base.listen()
         self.inputs.connect(self.streamer)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
@@ -306,6 +311,15 @@ class TrajectoryServer(ManagedNode):
                 self._second.end()
 
     # Interfaces
+
+    def _where_objects_are(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """
+        Poses of those of these task frames that are looked up, in the base.
+
+        :raises FrameError: if one is not known
+        """
+        return {name: self._base.pose_of(name) for name in names
+                if name in self.parameters.objects}
 
     def _add_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], object]) -> None:
