@@ -263,6 +263,7 @@ class TaskFrames:
         row[OFFSET:OFFSET + 18] = np.concatenate([first, second, third])
         row[SINCE], row[RATE] = now, FADE_RATE
         scalars = self._motion.scalars
+        scalars.switched_at = scalars.progress  # what was computed ahead is no longer true
         jump = _offset(_where(row, now, offset=False), expected)
         if (np.abs(jump) > self._tolerances()).any():
             scalars.finished = scalars.not_settled = 0
