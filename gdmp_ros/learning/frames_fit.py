@@ -6,8 +6,9 @@ situation, is learned as one demonstration: takes that a frame does not explain 
 their differences are no noise of a recording. How much a frame counts along the motion is its
 precision, (n0 + n) / (n0 σ0² + w S): S is the scatter of n takes in it, n0 and σ0 are a prior, and
 w is a weight that leads from the frame of the start to that of the goal with minimum jerk. So a
-single take is blended with w, and the takes are heard as they come. A frame that is neither counts
-where the takes agree in it more than chance explains.
+single take is blended with w, and the takes are heard as they come: n0 is what foretells each take
+best from the others. A frame that is neither counts where the takes agree in it more than chance
+explains.
 """
 from __future__ import annotations
 
@@ -30,8 +31,9 @@ from gdmp_ros.learning.preparation import FitSettings, prepared
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.util.profiles import minimum_jerk
 
-#: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span.
-PRIOR_TAKES, PRIOR_DEVIATION = 10.0, 0.1
+#: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span. Of
+#: three takes and more, each left out once decides how many; two cannot tell.
+PRIORS, OF_FEW, PRIOR_DEVIATION = (10.0, 30.0, 100.0, 1000.0), 30.0, 0.1
 #: Standard deviation of the smoothing of the scatter, in durations.
 SMOOTHING = 0.05
 #: Knots of the shares.
@@ -125,9 +127,10 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
              for demo, given in zip(prepared(demonstrations, None), demonstrations)]
     count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
     progress = np.linspace(0.0, 1.0, count)
-    found = _found(takes, [progress] * len(takes))
+    own_progress = [progress] * len(takes)
+    found = _found(takes, own_progress)
     if len(takes) > 1 and settings.align:
-        as_timed = found.left(takes, [progress] * len(takes))
+        as_timed = found.left(takes, own_progress)
         for _ in range(PASSES):
             expected = [found.expected(i, take.demo) for i, take in enumerate(takes)]
             alignment = align([take.demo for take in takes], expected=expected)
@@ -135,7 +138,10 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
             warped = _found(takes, own)
             if warped.left(takes, own) > NEEDED * as_timed:
                 break
-            found = warped
+            found, own_progress = warped, own
+    prior = _best_prior(takes, own_progress)
+    if prior != OF_FEW:
+        found = _found(takes, own_progress, prior)
     shown = ([takes[0].seen_from(k) for k in range(len(names))] if len(takes) == 1 else
              [Demonstration(float(np.mean([take.demo.duration for take in takes])) * progress,
                             found.manifold.unflat(mean), found.manifold) for mean in found.means])
@@ -231,11 +237,26 @@ class _Found(NamedTuple):
                              self.manifold.unflat(path), self.manifold)
 
 
-def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
+def _best_prior(takes: list[_Take], progress: list[np.ndarray]) -> float:
+    """The prior with which the skill of all takes but one is nearest to that one."""
+    if len(takes) < 3:
+        return OF_FEW
+    errors = np.zeros(len(PRIORS))
+    for i, (out, own) in enumerate(zip(takes, progress)):
+        rest = [k for k in range(len(takes)) if k != i]
+        _, poses = out.at(own)
+        for j, prior in enumerate(PRIORS):
+            found = _found([takes[k] for k in rest], [progress[k] for k in rest], prior)
+            errors[j] += found._replace(poses=poses[None]).left([out], [own])
+    return PRIORS[int(np.argmin(errors))]
+
+
+def _found(takes: list[_Take], progress: list[np.ndarray], prior: float = OF_FEW) -> _Found:
     """
     Means, and shares of the frames.
 
     :param progress: of each take's own time at equal progress of the motion
+    :param prior: one of `PRIORS`
     """
     manifold, count = takes[0].demo.manifold, len(takes)
     sampled = [take.at(own) for take, own in zip(takes, progress)]
@@ -254,7 +275,7 @@ def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
         path[0], path.shape)), path).max(axis=0) for path in paths[:, 0]], axis=0)
     deviation = np.maximum(PRIOR_DEVIATION * span,
                            [factor.goal_tolerance for factor in manifold.factors])
-    precision = _precisions(scatter, deviation, count)
+    precision = _precisions(scatter, deviation, count, prior)
     found = _Found(manifold, means, np.array([poses for _, poses in sampled]),
                    _without_traces(precision))
     if count == 1 or len(means) == 2:
@@ -265,7 +286,7 @@ def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
         two.fused(i, two.shares), manifold.flat(placed(manifold, found.poses[i, :, 0], path[0])))
         ** 2 for i, path in enumerate(paths)) / dims)
     return found._replace(shares=_without_traces(_precisions(
-        scatter, deviation, count, _agreed(scatter, rest, dims, count))))
+        scatter, deviation, count, prior, _agreed(scatter, rest, dims, count))))
 
 
 def _smoothed(along: np.ndarray) -> np.ndarray:
@@ -279,8 +300,8 @@ def _smoothed(along: np.ndarray) -> np.ndarray:
         np.log(along + floor), SMOOTHING * (len(along) - 1), axis=0, mode='nearest')))
 
 
-def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int, agreed: np.ndarray | None
-                = None) -> np.ndarray:
+def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int, prior_takes: float,
+                agreed: np.ndarray | None = None) -> np.ndarray:
     """
     Precision of each frame along the motion.
 
@@ -292,7 +313,7 @@ def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int, agreed: 
     """
     late, scatter = minimum_jerk(np.linspace(0.0, 1.0, KNOTS))[:, None], _at_knots(scatter)
     last, result = scatter.shape[1] - 1, np.zeros_like(scatter)
-    prior = np.full_like(scatter[:, 0], PRIOR_TAKES)
+    prior = np.full_like(scatter[:, 0], prior_takes)
     if agreed is not None:
         prior *= 1.0 - (1.0 - LEAST_PRIOR) * agreed.max(axis=1)
     for k in range(last + 1):

@@ -169,10 +169,13 @@ def test_generalise_compares_takes_in_the_frames_of_others(tmp_path):
     found = generalise.run(replace(SETTINGS, frames=frame_takes(tmp_path)))
     assert found['pairs'] == 12 and list(found['several']) == ['2', '3']
     ours, switched = found['one_take']['frames'], found['one_take']['goal_switch']
-    assert ours['frechet'] < 0.5 * switched['frechet']
-    assert ours['final_angle'] < 0.05 < switched['final_angle']
-    assert found['several']['3']['frames']['warping'] <= 1.03 * found['several']['3'][
-        'single_takes']['warping'] + 1.0
+    assert ours['frechet'] < 0.7 * switched['frechet']
+    assert ours['final_angle'] < 0.3 * switched['final_angle']
+    # Takes that are exactly blends of single ones: nothing is better than their mean.
+    for count in ('2', '3'):
+        taken, single = (found['several'][count][name] for name in ('frames', 'single_takes'))
+        assert taken['frechet'] <= 1.03 * single['frechet']
+        assert taken['warping'] <= 1.03 * single['warping']
     assert any('task frames' in row[0] for row in generalise.rows(found))
     (tmp_path / generalise.FILE).write_bytes(b'PK not an archive')
     with pytest.raises(DataError, match='not the takes'):
