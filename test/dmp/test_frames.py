@@ -301,6 +301,13 @@ def test_a_frame_that_turns_once_around_comes_back_the_same_way(skill):
         @ goal_in(ELSEWHERE['goal'])[3:]) < 0.0
 
 
+def test_a_pose_and_the_same_with_the_other_quaternion_are_one_frame(skill):
+    times = np.linspace(0.0, DURATION, 100)
+    paths = [Rollout(skill, frames={**ELSEWHERE, 'goal': ELSEWHERE['goal'] * np.repeat(
+        [1.0, sign], [3, 4])}).sample(times).points for sign in (1.0, -1.0)]
+    assert np.abs(paths[0] - paths[1]).max() < 1e-12
+
+
 def test_a_copy_and_a_batch_go_on_alike(skill):
     first = Rollout(skill, frames=ELSEWHERE)
     first.advance(1.0)
