@@ -56,6 +56,14 @@ takes = lasa.robot_demonstrations('GShape')[:4]
 first, second, third, _ = takes
 start, goal, via = first.points[0], first.points[-1], motion.points[4]
 covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
+""", 'docs/frames.md': """
+import numpy as np
+from gdmp_ros.data import lasa
+one = lasa.robot_demonstrations('GShape')[0]
+times, points, manifold = one.times, one.points, one.manifold
+box, hole = points[0, :7], points[-1, :7]
+hole_now = seen = hole + [0.0, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0]
+seconds, conveyor = 0.0, [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]
 """, 'docs/rhythmic.md': """
 import numpy as np
 from gdmp_ros import *
