@@ -41,8 +41,6 @@ PUBLISHED: dict[str, dict[str, tuple[float, ...]]] = {
     'TP-GMM': {'5': (15.5, 418.0, 13.2, 0.25), '7': (12.1, 312.0, 10.2, 0.20)},
     'HMM': {'5': (16.3, 569.0, 12.8, 0.34), '7': (14.9, 466.0, 10.3, 0.28)}}
 
-Situation = Mapping[str, np.ndarray]
-
 
 def read(folder: Path) -> list[Demonstration]:
     """
@@ -73,19 +71,12 @@ def measures(path: np.ndarray, take: Demonstration) -> np.ndarray:
     :param take: what was shown in the same situation
     """
     distances = np.linalg.norm(path[:, None] - take.points[None], axis=2)
-    (x, y), cosine, sine = take.frames['goal'][:2], *_turn(take.frames['goal'])
-    into = np.array([[cosine, sine], [-sine, cosine]])
-    ends = [into @ (points[-1] - [x, y]) for points in (path, take.points)]
-    ways = [into @ way for way in (path[-1] - path[-5], take.points[-1] - take.points[-2])]
+    # As seen from the goal frame, which changes neither: both are differences.
+    ways = path[-1] - path[-5], take.points[-1] - take.points[-2]
     angle = np.arctan2(*ways[0][::-1]) - np.arctan2(*ways[1][::-1])
     return np.array([_frechet(distances), _warping(distances),
-                     np.linalg.norm(ends[0] - ends[1]),
+                     distances[-1, -1],
                      abs((angle + np.pi) % (2.0 * np.pi) - np.pi)])
-
-
-def _turn(pose: np.ndarray) -> tuple[float, float]:
-    angle = 2.0 * np.arctan2(pose[6], pose[3])
-    return float(np.cos(angle)), float(np.sin(angle))
 
 
 def _frechet(distances: np.ndarray) -> float:
@@ -128,7 +119,7 @@ def compare(takes: list[Demonstration], step: Callable[[], None]) -> dict[str, A
     """
     Figures of one take and of several.
 
-    :param step: is called after each of `steps`
+    :param step: is called after each part
     """
     singles = [Skill.learn(take) for take in takes]
     plain = [Skill.learn(Demonstration(take.times, take.points, PLANE)) for take in takes]

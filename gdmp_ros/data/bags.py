@@ -409,12 +409,12 @@ def transforms_in(reader: AnyReader, path: str | Path, tool: str, base: str,
     stamps = np.array(max((edge.stamps for edge in chain), key=len, default=[0]), dtype=np.int64)
     poses = np.tile(IDENTITY, (len(stamps), 1))
     for edge in chain:
-        placed = _at_stamps(np.array(edge.stamps, dtype=np.int64), np.array(edge.rows), stamps)
+        placed = transforms_at(np.array(edge.stamps, dtype=np.int64), np.array(edge.rows), stamps)
         poses = np.array([compose(outer, inner) for outer, inner in zip(placed, poses)])
     return _checked(Series(str(path), f'/tf, {tool} in {base}', stamps, poses, base), drop_bad)
 
 
-def _at_stamps(known: np.ndarray, rows: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+def transforms_at(known: np.ndarray, rows: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """Transforms at stamps: between those that are known, or the first or last one."""
     if len(known) == 1:
         return np.repeat(rows, len(stamps), axis=0)

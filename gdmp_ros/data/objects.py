@@ -42,8 +42,8 @@ def _poses(recording: Recording, demonstration: Demonstration, name: str, moving
            ) -> np.ndarray:
     """Pose of a frame while a demonstration was shown, or its poses at the samples."""
     if not recording.frame:
-        raise DataError(f'{recording.bag}: the poses have no frame_id, so that nobody knows where '
-                        f'{name} is among them')
+        raise DataError(f'{recording.bag}: the poses have no frame_id, so it is not known where '
+                        f'{name} is')
     with bags.opened(recording.bag) as reader:
         series = bags.transforms_in(reader, recording.bag, name, recording.frame)
     stamps = recording.begins + np.round(demonstration.times * bags.NS).astype(np.int64)
@@ -74,10 +74,4 @@ def _at(series: bags.Series, stamps: np.ndarray, name: str) -> np.ndarray:
         time = (np.concatenate([stamps[:1], known])[at] - stamps[0]) / bags.NS
         raise DataError(f'{series.bag}: {name} was lost for {gaps[at] / bags.NS:.2f} s at '
                         f't = {time:.3f} s, longer than {LOST_S:g} s')
-    seconds, wanted = ((given - stamps[0]) / bags.NS for given in (series.stamps, stamps))
-    rows = np.array(series.values)
-    flipped = np.einsum('ti,ti->t', rows[1:, 3:], rows[:-1, 3:]) < 0.0
-    rows[1:, 3:] *= np.where(np.cumsum(flipped) % 2, -1.0, 1.0)[:, None]
-    poses = np.stack([np.interp(wanted, seconds, column) for column in rows.T], axis=1)
-    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    return poses
+    return bags.transforms_at(series.stamps, series.values, stamps)

@@ -145,11 +145,13 @@ def with_frames(primitive: P, frames: Mapping[str, Any]) -> P:
     :param frames: poses by name, as `gdmp_ros.dmp.Rollout` takes them; the others stay
     :raises ParameterError: if a frame is not one of the skill, or no pose
     """
+    if not primitive.views:
+        raise ParameterError('frames: the skill was learned without task frames')
     names = [view.name for view in primitive.views]
     for name in frames:
         if name not in names:
-            raise ParameterError(f'frame {name!r}: expected one of '
-                                 f'{", ".join(names) or "none: the skill has no task frames"}')
+            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
+                                 f'{", ".join(names)}')
     manifold = primitive.manifold
     dimension, _ = actions_of(manifold)
     views = [view if view.name not in frames else replace(

@@ -1,7 +1,7 @@
 """Task frames of a roll-out: where they are measured, and how the motion follows."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
@@ -30,7 +30,13 @@ from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.primitive import Primitive, State
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.poses import compose, inverse, POSE_SIZE
+from gdmp_ros.manifolds.poses import compose, IDENTITY, POSE_SIZE
+from gdmp_ros.manifolds.quaternion import (
+    conjugate_multiply,
+    log_at_identity,
+    multiply_conjugate,
+    rotate_by_vector,
+)
 from gdmp_ros.util.numeric import numbers
 
 #: Rate at which an offset of a frame fades [1/s]: a faster one costs more acceleration.
@@ -68,20 +74,11 @@ class TaskFrames:
     :ivar memory: of the roll-out, with the fusion and the motions in the frames
     """
 
-    def __init__(self, skill: Primitive, given: Mapping[str, Any] | None, options: Options):
-        """
-        Make the memory.
-
-        :param given: poses by name; the others are where they were shown
-        :raises ParameterError: if a frame is not one of the skill, or no pose
-        """
+    def __init__(self, skill: Primitive, options: Options):
+        """Make the memory."""
         self._skill = skill
         self._dimension, self._actions = actions_of(skill.manifold)
         self._names = [view.name for view in skill.views]
-        self._poses = {view.name: view.pose for view in skill.views}
-        for name, pose in (given or {}).items():
-            self._check_name(name)
-            self._poses[name] = poses_of(name, pose, self._dimension)
         self._seen: dict[str, tuple[Seen, ...]] = {}
         own = new_memory(skill, options)
         sizes, knots = parts(own).sizes, len(skill.views[0].shares)
@@ -114,11 +111,6 @@ class TaskFrames:
         result.bind(memory)
         return result
 
-    def _check_name(self, name: str) -> None:
-        if name not in self._names:
-            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
-                                 f'{", ".join(self._names)}')
-
     def begin(self, options: Options, goal: np.ndarray | None, duration: float, start: Start,
               advance: Callable[[], State]) -> None:
         """
@@ -138,10 +130,9 @@ class TaskFrames:
         fusion.actions[:] = self._actions
         fusion.shares[:] = np.stack([view.shares for view in skill.views], axis=1).ravel()
         fusion.goals[:] = np.concatenate([view.skill.goal.ravel() for view in skill.views])
-        fusion.signs[:] = 1.0
-        for number, name in enumerate(self._names):
+        for number, view in enumerate(skill.views):
             self._row(number)[:] = 0.0
-            self._row(number)[:POSE_SIZE] = self._poses[name]
+            self._row(number)[:POSE_SIZE] = view.pose
         self._choose_signs()
         if goal is not None:
             self._row(len(self._names) - 1)[:POSE_SIZE] = self.pose_of_goal(goal)
@@ -214,7 +205,9 @@ class TaskFrames:
 
         :raises ParameterError: if it is none; nothing has changed then
         """
-        self._check_name(name)
+        if name not in self._names:
+            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
+                                 f'{", ".join(self._names)}')
         now = float(self._motion.scalars.time)
         measured = poses_of(name, pose, self._dimension)
         given = None if twist is None else self._twist(name, twist)
@@ -333,22 +326,16 @@ def _where(row: np.ndarray, time: float, offset: bool = True) -> np.ndarray:
 
 def _offset(to: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Offset of a pose from another: of the position, and as rotation vector in the other."""
-    turn = compose(inverse(to), pose)[3:]
+    turn = np.empty(4)
+    conjugate_multiply(to[3:], pose[3:], turn)
     return np.concatenate([pose[:3] - to[:3], _vector(turn)])
 
 
 def _vector(q: np.ndarray) -> np.ndarray:
     """Rotation vector of a unit quaternion, with its sign: up to a full turn [rad]."""
-    length = float(np.linalg.norm(q[1:]))
-    if length < 1e-300:
-        return np.zeros(3)
-    return np.asarray(q[1:] * (2.0 * math.atan2(length, q[0]) / length))
-
-
-def _quaternion(vector: np.ndarray) -> np.ndarray:
-    angle = float(np.linalg.norm(vector))
-    return np.concatenate([[math.cos(0.5 * angle)],
-                           0.5 * np.sinc(0.5 * angle / math.pi) * vector])
+    half = np.empty(3)
+    log_at_identity(q, half)
+    return 2.0 * half
 
 
 def _with(seen: tuple[Seen, ...], new: Seen) -> tuple[Seen, ...]:
@@ -391,21 +378,23 @@ def _line(seen: tuple[Seen, ...]) -> tuple[np.ndarray, np.ndarray] | None:
     times = np.array([one.stamp - last.stamp for one in seen])
     if len(seen) < _FEWEST or -times[0] < _LEAST_SPAN:
         return None
-    back = inverse(last.pose)
     values = np.array([np.concatenate([
-        one.pose[:3] - last.pose[:3], _vector(_near(compose(one.pose, back)[3:]))])
+        one.pose[:3] - last.pose[:3], _vector(_turn_between(last.pose, one.pose))])
                        for one in seen])
     design = np.stack([np.ones(len(times)), times], axis=1)
     fitted = np.linalg.lstsq(design, values, rcond=None)[0]
     deviations = values - design @ fitted
     spread = np.sqrt((deviations.reshape(len(times), 2, 3) ** 2).sum(axis=2).mean(axis=0))
-    turned = compose(np.concatenate([np.zeros(3), _quaternion(fitted[0, 3:])]),
-                     np.concatenate([np.zeros(3), last.pose[3:]]))
-    return np.concatenate([last.pose[:3] + fitted[0, :3], turned[3:], fitted[1]]), spread
+    turned = np.empty(4)
+    rotate_by_vector(last.pose[3:], fitted[0, 3:], turned)
+    return np.concatenate([last.pose[:3] + fitted[0, :3], turned, fitted[1]]), spread
 
 
-def _near(q: np.ndarray) -> np.ndarray:
-    return -q if q[0] < 0.0 else q
+def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The quaternion that turns the first pose to the second one, in the base, the short way."""
+    turn = np.empty(4)
+    multiply_conjugate(second[3:], first[3:], turn)
+    return -turn if turn[0] < 0.0 else turn
 
 
 def _split(manifold: Manifold, point: np.ndarray) -> list[np.ndarray]:
@@ -417,7 +406,7 @@ def _split(manifold: Manifold, point: np.ndarray) -> list[np.ndarray]:
 
 def _position(point: np.ndarray) -> np.ndarray:
     """A position, of the plane too, as a pose that is not turned."""
-    result = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    result = IDENTITY.copy()
     result[:len(point)] = point
     return result
 
@@ -425,7 +414,7 @@ def _position(point: np.ndarray) -> np.ndarray:
 def _rotation_between(dimension: int, own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """The quaternion that turns an orientation in the frame to one in the base."""
     if own.ndim == 1:
-        zero = np.zeros(3)
-        turn = compose(np.concatenate([zero, wanted]), inverse(np.concatenate([zero, own])))
-        return np.asarray(turn[3:])
+        turn = np.empty(4)
+        multiply_conjugate(np.ascontiguousarray(wanted), np.array(own), turn)
+        return turn
     return poses_of('goal', (wanted @ own.T, np.zeros(dimension)), dimension)[3:]

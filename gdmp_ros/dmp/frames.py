@@ -31,7 +31,7 @@ from gdmp_ros.manifolds import (
     UnitQuaternion,
 )
 from gdmp_ros.manifolds.factors import work_size
-from gdmp_ros.manifolds.poses import IDENTITY, POSE_SIZE
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.util.numeric import numbers
 
 #: Frame that is always there: a skill with one frame only is seen from the base, too.
@@ -162,8 +162,7 @@ def poses_of(name: str, given: Any, dimension: int, count: int | None = None,
         raise error(f'{what}: the motion is in the plane, the frame turns about another axis '
                     'than z')
     if poses.ndim == 2:  # the representatives ±q that follow one another
-        turned = np.einsum('ti,ti->t', poses[1:, 3:], poses[:-1, 3:]) < 0.0
-        poses[1:, 3:] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)[:, None]
+        poses[:, 3:] = UnitQuaternion().continuous(poses[:, 3:])
     return poses
 
 
@@ -239,8 +238,3 @@ def mean_pose(poses: np.ndarray) -> np.ndarray:
     norm = np.linalg.norm(result[3:])
     result[3:] = result[3:] / norm if norm > 1e-6 else array[0, 3:]
     return np.asarray(result)
-
-
-def base_pose() -> np.ndarray:
-    """The base in itself."""
-    return np.array(IDENTITY)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gdmp_ros.dmp.changes import turned
+from gdmp_ros.dmp.changes import turned, with_frames
 from gdmp_ros.dmp.frame_motion import TaskFrames
 from gdmp_ros.dmp.goal import end_with, present_target, SETTLED, switch_goal
 from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, recover, Start
@@ -71,20 +71,19 @@ class Rollout:
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
         """
-        self.skill = skill = skill if frame is None else turned(skill, frame)
+        skill = skill if frame is None else turned(skill, frame)
+        self.skill = skill = skill if frames is None else with_frames(skill, frames)
         self._manifold = skill.manifold
         self._options = merged_options(options, settings)
         self._options.check(skill.manifold)
         if final_velocity is not None:
             skill.check_ends('final velocity')
             skill.check_plain('final velocity')
-        if frames is not None and not skill.views:
-            raise ParameterError('frames: the skill was learned without task frames')
         self._goal_given = goal is not None and not np.array_equal(goal, skill.goal)
         self._goal = self._checked(goal, skill.goal)
         self._duration = (skill.duration if duration is None
                           else check_range('duration', duration, SHORTEST_DURATION, 1e6))
-        self._frames = TaskFrames(skill, frames, self._options) if skill.views else None
+        self._frames = TaskFrames(skill, self._options) if skill.views else None
         self.use_memory(new_memory(skill, self._options) if self._frames is None
                         else self._frames.memory)
         point_end = 2 + self._manifold.point_size

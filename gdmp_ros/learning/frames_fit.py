@@ -22,13 +22,14 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import f as f_distribution
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.frames import BASE, base_pose, mean_pose, placed, seen_from, View
+from gdmp_ros.dmp.frames import BASE, mean_pose, placed, seen_from, View
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.alignment import align, mean_path
 from gdmp_ros.learning.preparation import FitSettings, prepared
 from gdmp_ros.manifolds import Manifold
+from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span. Of
@@ -139,9 +140,7 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
             if warped.left(takes, own) > NEEDED * as_timed:
                 break
             found, own_progress = warped, own
-    prior = _best_prior(takes, own_progress)
-    if prior != OF_FEW:
-        found = _found(takes, own_progress, prior)
+    found = found.with_prior(_best_prior(takes, own_progress))
     shown = ([takes[0].seen_from(k) for k in range(len(names))] if len(takes) == 1 else
              [Demonstration(float(np.mean([take.demo.duration for take in takes])) * progress,
                             found.manifold.unflat(mean), found.manifold) for mean in found.means])
@@ -153,7 +152,7 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
 def _poses(demonstration: Demonstration, name: str) -> np.ndarray:
     """Poses of a frame, shape (7,) or (samples, 7)."""
     if name == BASE and name not in demonstration.frames:
-        return base_pose()
+        return IDENTITY
     return np.asarray(demonstration.frames[name])
 
 
@@ -192,15 +191,36 @@ class _Found(NamedTuple):
     """
     What was learned of several takes at equal progress.
 
-    :ivar means: of the takes in each frame, flat, shape (K, samples, p)
+    :ivar paths: of the takes in each frame, flat, shape (takes, K, samples, p)
+    :ivar means: of the takes, shape (K, samples, p)
     :ivar poses: of the frames, shape (takes, samples, K, 7)
+    :ivar scatter: of the takes around the means, shape (samples, K, F)
+    :ivar deviation: of the prior, for each factor
     :ivar shares: shape (knots, K, F)
     """
 
     manifold: Manifold
+    paths: np.ndarray
     means: np.ndarray
     poses: np.ndarray
+    scatter: np.ndarray
+    deviation: np.ndarray
     shares: np.ndarray
+
+    def with_prior(self, prior: float) -> _Found:
+        """The same with the shares that follow from one of `PRIORS`."""
+        manifold, count = self.manifold, len(self.paths)
+        precision = _precisions(self.scatter, self.deviation, count, prior)
+        if count > 1 and len(self.means) > 2:
+            ends = precision[:, [0, -1]] / precision[:, [0, -1]].sum(axis=1, keepdims=True)
+            two = self._replace(means=self.means[[0, -1]], poses=self.poses[:, :, [0, -1]])
+            dims = np.array([factor.dim for factor in manifold.factors])
+            rest = _smoothed(sum(manifold.factor_distances(
+                two.fused(i, ends), manifold.flat(placed(manifold, self.poses[i, :, 0], path[0])))
+                ** 2 for i, path in enumerate(self.paths)) / dims)
+            precision = _precisions(self.scatter, self.deviation, count, prior,
+                                    _agreed(self.scatter, rest, dims, count))
+        return self._replace(shares=_without_traces(precision))
 
     def fused(self, take: int, shares: np.ndarray) -> np.ndarray:
         """The means, fused where the frames are in a take; flat points."""
@@ -245,18 +265,17 @@ def _best_prior(takes: list[_Take], progress: list[np.ndarray]) -> float:
     for i, (out, own) in enumerate(zip(takes, progress)):
         rest = [k for k in range(len(takes)) if k != i]
         _, poses = out.at(own)
+        found = _found([takes[k] for k in rest], [progress[k] for k in rest])
         for j, prior in enumerate(PRIORS):
-            found = _found([takes[k] for k in rest], [progress[k] for k in rest], prior)
-            errors[j] += found._replace(poses=poses[None]).left([out], [own])
+            errors[j] += found.with_prior(prior)._replace(poses=poses[None]).left([out], [own])
     return PRIORS[int(np.argmin(errors))]
 
 
-def _found(takes: list[_Take], progress: list[np.ndarray], prior: float = OF_FEW) -> _Found:
+def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
     """
     Means, and shares of the frames.
 
     :param progress: of each take's own time at equal progress of the motion
-    :param prior: one of `PRIORS`
     """
     manifold, count = takes[0].demo.manifold, len(takes)
     sampled = [take.at(own) for take, own in zip(takes, progress)]
@@ -275,18 +294,8 @@ def _found(takes: list[_Take], progress: list[np.ndarray], prior: float = OF_FEW
         path[0], path.shape)), path).max(axis=0) for path in paths[:, 0]], axis=0)
     deviation = np.maximum(PRIOR_DEVIATION * span,
                            [factor.goal_tolerance for factor in manifold.factors])
-    precision = _precisions(scatter, deviation, count, prior)
-    found = _Found(manifold, means, np.array([poses for _, poses in sampled]),
-                   _without_traces(precision))
-    if count == 1 or len(means) == 2:
-        return found
-    two = _Found(manifold, means[[0, -1]], found.poses[:, :, [0, -1]],
-                 precision[:, [0, -1]] / precision[:, [0, -1]].sum(axis=1, keepdims=True))
-    rest = _smoothed(sum(manifold.factor_distances(
-        two.fused(i, two.shares), manifold.flat(placed(manifold, found.poses[i, :, 0], path[0])))
-        ** 2 for i, path in enumerate(paths)) / dims)
-    return found._replace(shares=_without_traces(_precisions(
-        scatter, deviation, count, prior, _agreed(scatter, rest, dims, count))))
+    return _Found(manifold, paths, means, np.array([poses for _, poses in sampled]), scatter,
+                  deviation, np.empty(0)).with_prior(OF_FEW)
 
 
 def _smoothed(along: np.ndarray) -> np.ndarray:

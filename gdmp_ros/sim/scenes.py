@@ -171,14 +171,19 @@ def peg_and_hole(where: tuple[float, float], angle: float, clearance: float,
     :param clearance: on each side of the peg [m]
     :param friction: between peg and walls
     """
+    spec = _with_peg(friction)
+    hole = spec.worldbody.add_body(name='hole', pos=[*where, 0.0], quat=[
+        np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
+    _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_TOP, _WOOD, 'hole')
+    return spec
+
+
+def _with_peg(friction: float) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(PANDA))
     spec.body('hand').add_geom(
         name='peg', type=_BOX, size=[PEG_HALF, PEG_HALF, PEG_HALF_LENGTH], mass=0.1, rgba=_GREEN,
         pos=[0.0, 0.0, 0.1034 + PEG_BELOW], contype=1, conaffinity=2,
         friction=[friction, 0.005, 0.0001], priority=1)
-    hole = spec.worldbody.add_body(name='hole', pos=[*where, 0.0], quat=[
-        np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
-    _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_TOP, _WOOD, 'hole')
     return spec
 
 
@@ -190,7 +195,7 @@ def peg_and_holes(where: Sequence[np.ndarray], clearance: float, friction: float
     :param where: poses of the middle of the top of each hole; it goes down along -z
     :param clearance: on each side of the peg [m]
     """
-    spec = peg_and_hole((5.0, 5.0), 0.0, clearance, friction)
+    spec = _with_peg(friction)
     for number, pose in enumerate(where):
         hole = spec.worldbody.add_body(name=f'hole_{number}', pos=pose[:3], quat=pose[3:])
         _walls(hole, (PEG_HALF + clearance,) * 2, HOLE_DEPTH, _WOOD, f'hole_{number}', HOLE_DEPTH)
