@@ -20,8 +20,8 @@ from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.util.files import read_text, write_text
 
 FORMAT = 'gdmp skill'
-#: A file of another version is refused. A skill with task frames has one of its own: programs that
-#: do not know frames must not execute it without them.
+#: A file of another version is refused. Skills with task frames have their own version, so that
+#: older programs, which do not know frames, refuse them.
 VERSION, VERSION_WITH_FRAMES = 8, 9
 #: Larger files are refused; a skill of 2000 basis functions on SPD(20) has a tenth [bytes].
 MAX_BYTES = 100_000_000

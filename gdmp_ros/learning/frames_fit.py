@@ -32,8 +32,8 @@ from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.util.profiles import minimum_jerk
 
-#: The prior of a frame's scatter: so many takes, with this deviation, as a part of the span. Of
-#: three takes and more, each left out once decides how many; two cannot tell.
+#: Prior of a frame's scatter: equivalent number of takes, and standard deviation as a part of the
+#: span. With three takes or more the number is chosen by leaving each take out once.
 PRIORS, OF_FEW, PRIOR_DEVIATION = (10.0, 30.0, 100.0, 1000.0), 30.0, 0.1
 #: Standard deviation of the smoothing of the scatter, in durations.
 SMOOTHING = 0.05
