@@ -40,6 +40,8 @@ def check_lasa_class(name: str) -> None:
     if name not in LASA_CLASSES:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
+#: What happens to the size of a motion between task frames; see `gdmp_ros.dmp.changes.with_frames`.
+SCALES = ('none', 'distance')
 #: What an array of another program can be.
 ROLES = ('times', 'points', 'position', 'orientation', 'stiffness', 'joints')
 #: Other ways to write a rotation than a quaternion: a rotation vector, or angles about axes; axes

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from gdmp_ros.choices import ARMS, ROLES, ROTATIONS, STORAGES
+from gdmp_ros.choices import ARMS, ROLES, ROTATIONS, SCALES, STORAGES
 from gdmp_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:
@@ -145,14 +145,19 @@ def add_objects(parser: argparse.ArgumentParser) -> None:
                              'repeated (default: where it was shown)')
 
 
-def among_objects(skill: Skill, given: Sequence[Sequence[str]]) -> Skill:
-    """
-    The skill with the objects of ``--object``.
+def add_scale(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--scale``, what happens to the size of a motion between objects."""
+    parser.add_argument('--scale', choices=SCALES, default='none',
+                        help='of a skill with task frames: its shape keeps its size (default), or '
+                             'shrinks and grows with the distance from start to goal')
 
-    :raises ParameterError: if it has no such frames, or they are no poses
+
+def poses_of_objects(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
     """
-    if not given:
-        return skill
+    The poses of ``--object``, by name.
+
+    :raises ParameterError: if they are no numbers
+    """
     poses = {}
     for name, *words in given:
         try:
@@ -160,7 +165,18 @@ def among_objects(skill: Skill, given: Sequence[Sequence[str]]) -> Skill:
         except ValueError:
             raise ParameterError(f'--object {name}: {" ".join(words)!r} are not 7 numbers'
                                  ) from None
-    return skill.with_frames(poses)
+    return poses
+
+
+def among_objects(skill: Skill, given: Sequence[Sequence[str]], scale: str = 'none') -> Skill:
+    """
+    The skill with the objects of ``--object``.
+
+    :raises ParameterError: if it has no such frames, or they are no poses
+    """
+    if not given and scale == 'none':
+        return skill
+    return skill.with_frames(poses_of_objects(given), scale)
 
 
 class _NamedNumbers(argparse.Action):

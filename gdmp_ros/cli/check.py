@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gdmp_ros.cli.arguments import add_objects, among_objects, check_output
+from gdmp_ros.cli.arguments import add_objects, add_scale, among_objects, check_output
 from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 from gdmp_ros.util.terminal import table
@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
                         help='with the goal at another position [m]')
     add_objects(parser)
+    add_scale(parser)
     parser.add_argument('--model', default='', metavar='MODEL',
                         help='MJCF file, menagerie:NAME or robot_descriptions:NAME; the built-in '
                              'Panda by default')
@@ -41,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """Check, print, draw."""
     check_output(options.plot, '.png', '.pdf', '.svg')
     from gdmp_ros.dmp.skill import Skill
-    skill = among_objects(Skill.load(options.skill), options.objects)
+    skill = among_objects(Skill.load(options.skill), options.objects, options.scale)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.path_check import check_skill, PathChecker

@@ -126,6 +126,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='the object that the motion leaves (default: start, or the first)')
     objects.add_argument('--goal-frame', metavar='NAME',
                          help='the object where it ends (default: goal, or the last)')
+    objects.add_argument('--free-yaw', nargs='+', default=[], metavar='NAME',
+                         help='those of them that are symmetric about their z axis, as a cup is: '
+                              'the nearest turn about it is taken')
     parser.add_argument('--fit', choices=FITS, default='output',
                         help='output (default): fit the motion, for recorded data; forcing: fit '
                              'the forcing term, as in the paper, for clean data')
@@ -174,7 +177,8 @@ def run(options: argparse.Namespace) -> None:
         end=options.end, weights=options.weights and tuple(options.weights),
         rhythmic=options.rhythmic, period=options.period, contexts=options.contexts,
         objects=tuple(options.frames), moving=tuple(options.moving),
-        ends=(options.start_frame, options.goal_frame), source=import_settings(options))
+        ends=(options.start_frame, options.goal_frame), free_yaw=tuple(options.free_yaw),
+        source=import_settings(options))
     if options.weights and (options.each or len(options.weights) != len(bags)):
         raise ParameterError(f'--weights: {len(options.weights)} numbers for {len(bags)} '
                              'demonstrations of one skill, expected one for each')

@@ -22,6 +22,7 @@ from gdmp_ros.cli.arguments import (
     add_context,
     add_objects,
     add_output,
+    add_scale,
     among_objects,
     check_output,
     number,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of a rhythmic skill (default %(default)g)')
     add_context(parser)
     add_objects(parser)
+    add_scale(parser)
     parser.add_argument('--goal', type=float, nargs='+', metavar='NUMBER',
                         help='goal point, all its numbers')
     parser.add_argument('--goal-position', type=float, nargs=3, metavar=('X', 'Y', 'Z'),
@@ -62,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
     skill = among_objects(Skill.load(options.skill).in_context(options.context),
-                          options.objects)
+                          options.objects, options.scale)
     goal = _goal(skill, options)
     from_the_start = options.switch_at <= 0.0
     rollout = Rollout(skill, goal=goal if from_the_start else None, duration=options.duration)

@@ -21,19 +21,17 @@ examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 import os
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.cli.arguments import (
     add_arm_node,
     add_context,
     add_objects,
-    among_objects,
     integer,
     number,
+    poses_of_objects,
 )
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.util.optional_imports import optional_import, ROS
@@ -77,20 +75,10 @@ def run(options: argparse.Namespace) -> int:
     if source is not None and (source.is_dir() or source.suffix == '.mcap'):
         return _replay(options)
     is_sequence = source is not None and source.suffix in SEQUENCES
-    if options.objects and (source is None or is_sequence):
-        raise ParameterError('--object: name the skill file that is to be executed among objects')
-    with TemporaryDirectory() as folder:
-        if options.objects:
-            source = _placed(source, options.objects, Path(folder))
-        return _execute(source, is_sequence, options)
-
-
-def _placed(source: Path, objects: Sequence[Sequence[str]], folder: Path) -> Path:
-    """A file with the skill, its objects where they are now."""
-    from gdmp_ros.dmp.skill import Skill
-    placed = folder / source.name
-    among_objects(Skill.load(source), objects).save(placed)
-    return placed
+    if options.objects and is_sequence:
+        raise ParameterError('--object: for a skill; the server looks the objects of a sequence '
+                             'up itself')
+    return _execute(source, is_sequence, options)
 
 
 def _execute(source: Path | None, is_sequence: bool, options: argparse.Namespace) -> int:
@@ -102,7 +90,8 @@ def _execute(source: Path | None, is_sequence: bool, options: argparse.Namespace
     return execute(ExecuteRequest(
         options.server, '' if is_sequence else file, options.goal_position, options.switch_at,
         options.tempo, options.wait, options.cycles, file if is_sequence else '',
-        options.first_step, options.context))
+        options.first_step, options.context,
+        poses_of_objects(options.objects)))
 
 
 def _replay(options: argparse.Namespace) -> int:

@@ -37,6 +37,7 @@ class LearningSettings:
     :ivar objects: names of task frames, from the transforms of the bags
     :ivar moving: those of them that move while they are shown
     :ivar ends: the frames of start and goal; None for those of `Skill.learn`
+    :ivar free_yaw: task frames of objects that are symmetric about their z axis
     :ivar source: what is said about files of other programs
     """
 
@@ -63,6 +64,7 @@ class LearningSettings:
     objects: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
     ends: tuple[str | None, str | None] = (None, None)
+    free_yaw: tuple[str, ...] = ()
     source: Import = field(default_factory=Import)
 
     @property
@@ -139,7 +141,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                         alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, contexts=contexts,
                         start_frame=settings.ends[0], goal_frame=settings.ends[1],
-                        provenance=provenance)
+                        free_yaw=settings.free_yaw, provenance=provenance)
     events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
                            [take.events for take in takes])
     return LearnedSkill(skill.with_events(events), demonstrations, source)

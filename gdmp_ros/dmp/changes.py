@@ -9,13 +9,15 @@ import warnings
 
 import numpy as np
 
+from gdmp_ros.choices import SCALES
 from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.forcing import basis, design_matrix
-from gdmp_ros.dmp.frames import actions_of, placed, poses_of
+from gdmp_ros.dmp.frames import actions_of, nearest_turn, placed, poses_of, View
+from gdmp_ros.dmp.fusion import MOVES
 from gdmp_ros.dmp.primitive import carry_frame, change_of_frame, frame_of, P, Primitive
 from gdmp_ros.dmp.variation import Variation
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
-from gdmp_ros.manifolds import Euclidean, Product
+from gdmp_ros.manifolds import Euclidean, Manifold, Product
 from gdmp_ros.util.names import indices_of
 from gdmp_ros.util.numeric import numbers
 
@@ -25,6 +27,8 @@ _TOLERANCE = 1e-6
 _SAMPLES = 20
 #: A start that is moved further than this for a coupling is reported [m, rad, …].
 _FAR = 0.05
+#: Start and goal are at one place below this distance [m], and part of the one that is wanted.
+_NEAREST_ENDS = 1e-3
 
 
 def between(primitive: P, start: np.ndarray | None = None, goal: np.ndarray | None = None) -> P:
@@ -135,18 +139,25 @@ def _turned_variation(variation: Variation, by: tuple[np.ndarray, np.ndarray]) -
     return variation.mapped(turned)
 
 
-def with_frames(primitive: P, frames: Mapping[str, Any]) -> P:
+def with_frames(primitive: P, frames: Mapping[str, Any], scale: str = 'none') -> P:
     """
     Return a skill with its task frames somewhere else: as if it had been shown there.
 
     A roll-out of it begins and ends where these frames have the start and the goal; a player, a
     server or a check executes it there without knowing of frames.
 
-    :param frames: poses by name, as `gdmp_ros.dmp.Rollout` takes them; the others stay
-    :raises ParameterError: if a frame is not one of the skill, or no pose
+    :param frames: poses by name, as `gdmp_ros.dmp.Rollout` takes them; the others stay. Of an
+        object with a free yaw, the turn nearest to the present one is taken
+    :param scale: ``none``: the shape keeps its size; ``distance``: positions are scaled by the
+        distance from start to goal, divided by the present one, about the start in the frame of
+        the start and about the goal in that of the goal
+    :raises ParameterError: if a frame is not one of the skill, or no pose; for ``distance`` if
+        start and goal are now at the same place
     """
     if not primitive.views:
         raise ParameterError('frames: the skill was learned without task frames')
+    if scale not in SCALES:
+        raise ParameterError(f'scale is {scale!r}, expected one of {", ".join(SCALES)}')
     names = [view.name for view in primitive.views]
     for name in frames:
         if name not in names:
@@ -154,12 +165,62 @@ def with_frames(primitive: P, frames: Mapping[str, Any]) -> P:
                                  f'{", ".join(names)}')
     manifold = primitive.manifold
     dimension, _ = actions_of(manifold)
-    views = [view if view.name not in frames else replace(
-        view, pose=poses_of(view.name, frames[view.name], dimension)) for view in primitive.views]
-    start, goal = (placed(manifold, view.pose, point[None])[0] for view, point in (
-        (views[0], views[0].skill.start), (views[-1], views[-1].skill.goal)))
+
+    def moved(view: View) -> View:
+        if view.name not in frames:
+            return view
+        pose = poses_of(view.name, frames[view.name], dimension)
+        return replace(view, pose=nearest_turn(pose, view.pose) if view.free_yaw else pose)
+    views = [moved(view) for view in primitive.views]
+    start, goal = _ends(manifold, views)
+    if scale == 'distance':
+        factors = _scales(primitive, _ends(manifold, primitive.views), (start, goal))
+        for k, centre in ((0, views[0].skill.start), (-1, views[-1].skill.goal)):
+            views[k] = replace(views[k], skill=_scaled(views[k].skill, centre, factors))
     return replace(primitive, views=tuple(views), start=start, frame=manifold.frame(start),
                    goal=manifold.align(goal, primitive.goal))
+
+
+def _ends(manifold: Manifold, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the frame of the start has the start, and that of the goal the goal."""
+    start, goal = (placed(manifold, view.pose, point[None])[0] for view, point in (
+        (views[0], views[0].skill.start), (views[-1], views[-1].skill.goal)))
+    return start, goal
+
+
+def _scales(primitive: Primitive, before: tuple[np.ndarray, np.ndarray],
+            now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Factor for each number of a flat point: ratio of distances for positions, 1 for others."""
+    manifold = primitive.manifold
+    factors = np.ones(manifold.point_size)
+    for part, action in zip(manifold.point_slices, actions_of(manifold)[1]):
+        if action == MOVES:
+            shown, wanted = (float(np.linalg.norm((goal - start).reshape(-1)[part]))
+                             for start, goal in (before, now))
+            if shown < _NEAREST_ENDS * max(wanted, 1.0):
+                raise ParameterError(f'scale: start and goal are {shown:.2g} m apart, so that the '
+                                     'shape cannot be scaled by their distance')
+            factors[part] = wanted / shown
+    return factors
+
+
+def _scaled(primitive: P, centre: np.ndarray, factors: np.ndarray) -> P:
+    """A primitive whose positions are scaled about a point; in R^m it is linear in them."""
+    manifold = primitive.manifold
+    tangent = np.ones(manifold.tangent_size)
+    for part, flat in zip(manifold.tangent_slices, manifold.point_slices):
+        tangent[part] = factors[flat.start]
+
+    def scaled(points: np.ndarray) -> np.ndarray:
+        rows = points.reshape(-1, manifold.point_size)
+        middle = centre.reshape(-1)
+        moves = factors != 1.0  # other factors stay as they are, to the last digit
+        return np.where(moves, middle + factors * (rows - middle), rows).reshape(points.shape)
+    segments = primitive.segments
+    return replace(primitive, start=scaled(primitive.start), goal=scaled(primitive.goal),
+                   weights=primitive.weights * tangent, velocity=primitive.velocity * tangent,
+                   segments=replace(segments, waypoints=scaled(segments.waypoints)
+                                    if len(segments.waypoints) else segments.waypoints))
 
 
 def turned(primitive: P, turn: np.ndarray) -> P:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gdmp_ros.dmp.frames import actions_of, placed, poses_of
+from gdmp_ros.dmp.frames import actions_of, nearest_turn, placed, poses_of
 from gdmp_ros.dmp.fusion import (
     FRAME_ROW,
     Fusion,
@@ -35,6 +35,7 @@ from gdmp_ros.manifolds.quaternion import (
     conjugate_multiply,
     log_at_identity,
     multiply_conjugate,
+    rotate,
     rotate_by_vector,
 )
 from gdmp_ros.util.numeric import numbers
@@ -47,8 +48,12 @@ START_FADES = 0.7
 _SHORT, _SHORTEST = 1e-5, 1e-4
 #: Time of differences of where a frame is [s].
 _MOMENT = 1e-4
+#: How far a motion is looked ahead (`gdmp_ros.playback.look_ahead`) [s].
+_SOON_S = 0.2
 #: Iterations that match an initial velocity and acceleration.
 _MATCHES = 6
+#: A frame that is slower rests: its twist is noise [m/s, rad/s].
+SLOW = np.array([0.005, 0.03])
 #: Poses from which a twist is estimated: within this time [s], at least so many, over this time.
 _WINDOW, _FEWEST, _LEAST_SPAN = 1.0, 4, 0.1
 #: A pose this far from where the ones before lead is a jump [m, rad], and in their deviations.
@@ -199,34 +204,69 @@ class TaskFrames:
             first, second, third, -10.0 * first - 6.0 * second - 3.0 * third,
             15.0 * first + 8.0 * second + 3.0 * third, -6.0 * first - 3.0 * second - third])
 
-    def move(self, name: str, pose: Any, twist: Any = None, stamp: float | None = None) -> None:
+    def measure(self, name: str, pose: Any, twist: Any = None, stamp: float | None = None) -> None:
         """
         Take a measurement of a frame; see `gdmp_ros.dmp.Rollout.move_frame`.
 
         :raises ParameterError: if it is none; nothing has changed then
         """
-        if name not in self._names:
-            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
-                                 f'{", ".join(self._names)}')
-        now = float(self._motion.scalars.time)
+        number, now = self._number(name), float(self._motion.scalars.time)
         measured = poses_of(name, pose, self._dimension)
         given = None if twist is None else self._twist(name, twist)
         at = now if stamp is None else stamp
         if not (isinstance(at, (int, float, np.number)) and math.isfinite(at) and at <= now + 1.0):
             raise ParameterError(f'frame {name}: stamp is {at!r} s, expected a time of the '
                                  f'roll-out, now {now:.6g} s')
-        number = self._names.index(name)
-        seen = self._seen.get(name, ())
+        self._take(number, measured, given, float(at), now)
+
+    def _take(self, number: int, measured: np.ndarray, twist: np.ndarray | None, at: float,
+              now: float) -> None:
+        """Take a measurement, unless a newer one is known or the tool holds the object."""
+        view, row = self._skill.views[number], self._row(number)
+        if view.grasped is not None and self._motion.scalars.progress >= view.grasped:
+            self._rest(number)
+            return
+        seen = self._seen.get(view.name, ())
         if seen and at < seen[-1].stamp:
-            return  # older than what is known
+            return
+        if view.free_yaw:
+            expected = _where(row, at, offset=False)
+            measured = nearest_turn(measured, expected)
+            if twist is not None:
+                twist[3:] -= (twist[3:] @ _axis(measured)) * _axis(measured)
+        self._use(number, measured, twist, at, now)
+
+    def rest(self, name: str) -> None:
+        """Let a frame rest; see `gdmp_ros.dmp.Rollout.rest_frame`."""
+        self._rest(self._number(name))
+
+    def _rest(self, number: int) -> None:
+        row, now = self._row(number), float(self._motion.scalars.time)
+        if row[TWIST:TWIST + 6].any():
+            self._aim(number, np.concatenate([_where(row, now, offset=False), np.zeros(6)]),
+                      now, now)
+
+    def _number(self, name: str) -> int:
+        if name not in self._names:
+            raise ParameterError(f'frame {name!r}: the skill has no such frame, expected one of '
+                                 f'{", ".join(self._names)}')
+        return self._names.index(name)
+
+    @property
+    def move(self) -> bool:
+        """Whether a frame moves on: faster than the noise of a measurement."""
+        twists = np.array([self._row(k)[TWIST:TWIST + 6] for k in range(len(self._names))])
+        return bool((np.linalg.norm(twists.reshape(-1, 2, 3), axis=2) > SLOW).any())
+
+    def _use(self, number: int, measured: np.ndarray, twist: np.ndarray | None, at: float,
+             now: float) -> None:
+        """Use a measured pose as it is."""
+        name = self._names[number]
         measured[3:] *= -1.0 if measured[3:] @ self._row(number)[3:POSE_SIZE] < 0.0 else 1.0
-        seen = _with(seen, Seen(float(at), measured))
+        seen = _with(self._seen.get(name, ()), Seen(at, measured))
         self._seen = {**self._seen, name: seen}
-        if given is not None:
-            target = np.concatenate([measured, given])
-        else:
-            target = _estimate(seen)
-        self._aim(number, target, float(at), now)
+        target = _estimate(seen) if twist is None else np.concatenate([measured, twist])
+        self._aim(number, target, at, now)
 
     def _twist(self, name: str, given: Any) -> np.ndarray:
         twist = numbers(f'twist of frame {name}', given)
@@ -242,7 +282,7 @@ class TaskFrames:
         row = self._row(number)
         moments = now + np.array([-_MOMENT, 0.0, _MOMENT])
         before = [_where(row, moment) for moment in moments]
-        expected = _where(row, now, offset=False)
+        expected, later = (_where(row, time, offset=False) for time in (now, now + _SOON_S))
         row[:TWIST + 6], row[STAMP], row[RATE] = target, stamp, 0.0
         if row[3:POSE_SIZE] @ expected[3:] < 0.0:
             row[3:POSE_SIZE] *= -1.0
@@ -256,7 +296,9 @@ class TaskFrames:
         row[OFFSET:OFFSET + 18] = np.concatenate([first, second, third])
         row[SINCE], row[RATE] = now, FADE_RATE
         scalars = self._motion.scalars
-        scalars.switched_at = scalars.progress  # what was computed ahead is no longer true
+        soon = _offset(_where(row, now + _SOON_S, offset=False), later)
+        if (np.abs(soon) > self._tolerances()).any():
+            scalars.switched_at = scalars.progress  # what was computed ahead is no longer true
         jump = _offset(_where(row, now, offset=False), expected)
         if (np.abs(jump) > self._tolerances()).any():
             scalars.finished = scalars.not_settled = 0
@@ -302,9 +344,9 @@ class TaskFrames:
                 twist[:len(part)] = part
                 at = _position(_split(manifold, goal)[i])[:3]
                 twist[:3] -= np.cross(twist[3:], at - pose[:3])
-        name = self._names[-1]
+        name, now = self._names[-1], float(self._motion.scalars.time)
         self._seen = {key: one for key, one in self._seen.items() if key != name}
-        self.move(name, pose, twist)
+        self._use(len(self._names) - 1, pose, twist, now, now)
 
     def goal(self) -> np.ndarray:
         """The fused goal, flat."""
@@ -322,6 +364,13 @@ def _where(row: np.ndarray, time: float, offset: bool = True) -> np.ndarray:
     pose = np.empty(POSE_SIZE)
     pose_at(row, time, int(offset), pose)
     return pose
+
+
+def _axis(pose: np.ndarray) -> np.ndarray:
+    """The z axis of a pose."""
+    axis = np.empty(3)
+    rotate(pose[3:], np.array([0.0, 0.0, 1.0]), axis)
+    return axis
 
 
 def _offset(to: np.ndarray, pose: np.ndarray) -> np.ndarray:

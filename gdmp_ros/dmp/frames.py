@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -31,13 +32,15 @@ from gdmp_ros.manifolds import (
     UnitQuaternion,
 )
 from gdmp_ros.manifolds.factors import work_size
-from gdmp_ros.manifolds.poses import POSE_SIZE
+from gdmp_ros.manifolds.poses import IDENTITY, POSE_SIZE
 from gdmp_ros.util.numeric import numbers
 
 #: Frame that is always there: a skill with one frame only is seen from the base, too.
 BASE = 'base'
 #: Largest deviation of a rotation from a rotation.
 _TOLERANCE = 1e-3
+#: Below this no turn about an axis brings an orientation nearer to another one.
+_NO_DIRECTION = 1e-9
 #: Words in the names of Euclidean factors that a frame turns and does not move.
 _DIRECTIONS = ('wrench', 'force', 'torque', 'moment', 'velocity', 'direction')
 #: Sizes of the factors of motions in space and in the plane; a factor of R¹ stays as it is.
@@ -56,12 +59,18 @@ class View:
     :ivar shares: how much the frame matters along the motion, for each factor: coefficients of
         uniform cubic B-splines of s, shape ``(knots, factors)``; those of all frames sum to 1
     :ivar skill: the motion in the frame, a `gdmp_ros.dmp.primitive.Primitive`
+    :ivar free_yaw: whether the object is symmetric about its z axis: the turn about it that is
+        nearest to what is known already is taken
+    :ivar grasped: progress from which the tool holds the object, and the frame rests; None for an
+        object that is not grasped
     """
 
     name: str
     pose: np.ndarray
     shares: np.ndarray
     skill: Any
+    free_yaw: bool = False
+    grasped: float | None = None
 
     def __post_init__(self) -> None:
         for name in ('pose', 'shares'):
@@ -90,6 +99,10 @@ def check_views(views: Sequence[View], manifold: Manifold) -> None:
             raise ParameterError(f'frame {view.name}: shares have the shape {view.shares.shape}, '
                                  f'expected (knots, {len(manifold.factors)}) as the others')
     total = np.sum([view.shares for view in views], axis=0)
+    for view in views:
+        if view.grasped is not None and not 0.0 <= view.grasped <= 1.0:
+            raise ParameterError(f'frame {view.name}: it is grasped at s = {view.grasped!r}, '
+                                 'expected 0 to 1')
     if not (np.isfinite(total).all() and np.abs(total - 1.0).max() < 1e-6
             and all((view.shares >= 0.0).all() for view in views)):
         raise ParameterError('frames: the shares of all frames are not at least 0 with the sum 1')
@@ -228,6 +241,43 @@ def placed(manifold: Manifold, poses: np.ndarray, points: np.ndarray) -> np.ndar
                np.ascontiguousarray(np.broadcast_to(poses, (len(flat), POSE_SIZE))), flat, out,
                np.empty(work_size(max(factor.size for factor in manifold.factors))))
     return out.reshape(points.shape)
+
+
+def tool_poses(manifold: Manifold, points: np.ndarray) -> np.ndarray | None:
+    """
+    Poses of the tool in points, shape (count, 7); None if they have no position.
+
+    Without an orientation the tool is not turned.
+    """
+    dimension, actions = actions_of(manifold)
+    places = np.flatnonzero(actions == MOVES)
+    if not len(places):
+        return None
+    flat = points.reshape(len(points), -1)
+    result = np.tile(IDENTITY, (len(flat), 1))
+    result[:, :dimension] = flat[:, manifold.point_slices[places[0]]]
+    for factor in np.flatnonzero(actions == TURNS_QUATERNION)[:1]:
+        result[:, 3:] = flat[:, manifold.point_slices[factor]]
+    for factor in np.flatnonzero(actions == TURNS_ROTATION)[:1]:
+        turns = flat[:, manifold.point_slices[factor]].reshape(-1, dimension, dimension)
+        result[:, 3:] = _from_pair('tool', (turns, result[:, :dimension]), ParameterError)[:, 3:]
+    return result
+
+
+def nearest_turn(pose: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """
+    A pose turned about its own z axis, as near to the orientation of another one as possible.
+
+    :param pose: shape (7,), of an object that is symmetric about this axis
+    """
+    result = np.array(pose)
+    w, x, y, z = result[3:]
+    turned = np.array([-z, y, -x, w])  # by half a turn
+    same, other = float(result[3:] @ reference[3:]), float(turned @ reference[3:])
+    length = math.hypot(same, other)
+    if length > _NO_DIRECTION:
+        result[3:] = (same * result[3:] + other * turned) / length
+    return result
 
 
 def mean_pose(poses: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class Rollout:
                  goal: np.ndarray | None = None, duration: float | None = None,
                  velocity: np.ndarray | None = None, *, acceleration: np.ndarray | None = None,
                  final_velocity: np.ndarray | None = None, frame: np.ndarray | None = None,
-                 frames: Mapping[str, Any] | None = None,
+                 frames: Mapping[str, Any] | None = None, scale: str = 'none',
                  options: Options | None = None, **settings: float | Sequence[float] | None):
         """
         Begin at the skill's start, or elsewhere.
@@ -67,12 +67,16 @@ class Rollout:
             that acts on coordinates in the skill's frame (`gdmp_ros.dmp.changes`)
         :param frames: where the task frames of the skill are, by name: pose (x, y, z, qw, qx, qy,
             qz) [m], or a pair of rotation and origin; the others are where they were shown
+        :param scale: with ``distance`` the shape of a skill with task frames shrinks and grows
+            with the distance from start to goal (`Skill.with_frames`); with ``none`` it does not
         :param options: see `Options`; single ones may be given by name instead
         :raises ManifoldError: if a point is not on the manifold
         :raises ParameterError: if a number is out of range
         """
         skill = skill if frame is None else turned(skill, frame)
-        self.skill = skill = skill if frames is None else with_frames(skill, frames)
+        if frames is not None or scale != 'none':
+            skill = with_frames(skill, frames or {}, scale)
+        self.skill = skill
         self._manifold = skill.manifold
         self._options = merged_options(options, settings)
         self._options.check(skill.manifold)
@@ -242,7 +246,7 @@ class Rollout:
         measurements within a second, estimated; so the motion does not lag behind a frame that
         moves at a constant velocity. Position, velocity and acceleration are continuous; what a
         measurement has changed fades in about a second and a half. Measurements older than the
-        last one are not used.
+        last one are not used, nor those of an object that the tool has grasped.
 
         :param name: of a frame of the skill
         :param pose: as in the constructor
@@ -252,14 +256,32 @@ class Rollout:
         :raises ParameterError: if there is no such frame, or it is no pose; nothing has changed
             then
         """
+        self._task_frames(name).measure(name, pose, twist, stamp)
+
+    def rest_frame(self, name: str) -> None:
+        """
+        Let a task frame come to rest where it is, until it is measured again.
+
+        For a frame that moves and is not seen any more: it would go on with its twist.
+
+        :raises ParameterError: if there is no such frame
+        """
+        self._task_frames(name).rest(name)
+
+    def _task_frames(self, name: str) -> TaskFrames:
         if self._frames is None:
             raise ParameterError(f'frame {name!r}: the skill was learned without task frames')
-        self._frames.move(name, pose, twist, stamp)
+        return self._frames
 
     @property
     def frames(self) -> dict[str, np.ndarray]:
         """Where the motion has its task frames now: poses (x, y, z, qw, qx, qy, qz) by name."""
         return {} if self._frames is None else self._frames.poses()
+
+    @property
+    def frames_move(self) -> bool:
+        """Whether a task frame moves on; its goal does not rest then."""
+        return self._frames is not None and self._frames.move
 
     def observe(self, measured: np.ndarray) -> float:
         """
@@ -308,6 +330,11 @@ class Rollout:
     def speed(self) -> float:
         """Present speed of the phase; 1 is as demonstrated."""
         return float(self.motion.scalars.speed)
+
+    @property
+    def time(self) -> float:
+        """Time that has passed [s]."""
+        return float(self.motion.scalars.time)
 
     @property
     def progress(self) -> float:

@@ -38,6 +38,7 @@ class Skill(Primitive):
               demonstration_weights: Sequence[float] | None = None,
               contexts: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
               start_frame: str | None = None, goal_frame: str | None = None,
+              free_yaw: Sequence[str] = (),
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -75,6 +76,8 @@ class Skill(Primitive):
             ``(demonstrations, m)``; with ``fit='output'`` only, see `Distribution.condition`
         :param start_frame: task frame that the motion leaves; by default ``start``, else the first
         :param goal_frame: task frame in which it ends; by default ``goal``, else the last
+        :param free_yaw: task frames of objects that are symmetric about their z axis: the turn
+            about it that is nearest to what was shown is taken
         :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, if their manifolds differ, if one lasts less
             than 50 ms, or if there are too few for their contexts
@@ -88,7 +91,8 @@ class Skill(Primitive):
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)
-        return learn(demonstrations, n_basis, settings, tolerance, start_frame, goal_frame)
+        return learn(demonstrations, n_basis, settings, tolerance, start_frame, goal_frame,
+                     tuple(free_yaw))
 
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],

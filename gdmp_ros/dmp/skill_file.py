@@ -61,7 +61,8 @@ def _document(skill: Primitive) -> dict[str, Any]:
         'units': _UNITS, 'provenance': dict(skill.provenance)}
     if skill.views:
         document['frames'] = [{'name': view.name, 'pose': view.pose.tolist(),
-                               'shares': view.shares.tolist(), 'motion': _document(view.skill)}
+                               'shares': view.shares.tolist(), 'motion': _document(view.skill),
+                               'free_yaw': view.free_yaw, 'grasped': view.grasped}
                               for view in skill.views]
     return document
 
@@ -133,13 +134,15 @@ def _parse(document: Any, kind: type[P]) -> dict[str, Any]:
 
 def _views(document: dict[str, Any], kind: type[P]) -> tuple[View, ...]:
     given = document.get('frames', [])
+    needed, others = {'name', 'pose', 'shares', 'motion'}, {'free_yaw', 'grasped'}
     if not isinstance(given, list) or not all(
-            isinstance(one, dict) and set(one) == {'name', 'pose', 'shares', 'motion'}
-            for one in given):
+            isinstance(one, dict) and needed <= set(one) <= needed | others for one in given):
         raise DataError(f'frames: expected objects with name, pose, shares and motion, got '
                         f'{given!r:.100}')
     return tuple(View(str(one['name']), _numbers(one, 'pose', (POSE_SIZE,)),
-                      _numbers(one, 'shares', (None, None)), kind(**_parse(one['motion'], kind)))
+                      _numbers(one, 'shares', (None, None)), kind(**_parse(one['motion'], kind)),
+                      one.get('free_yaw') is True, None if one.get('grasped') is None
+                      else float(_numbers(one, 'grasped', ())))
                  for one in given)
 
 

@@ -31,7 +31,7 @@ PASSES = 2
 @one_thread
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
           settings: FitSettings, tolerance: float, start_frame: str | None = None,
-          goal_frame: str | None = None) -> Skill:
+          goal_frame: str | None = None, free_yaw: Sequence[str] = ()) -> Skill:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""
     if not isinstance(n_basis, (int, np.integer, str)) or isinstance(n_basis, bool) or (
             isinstance(n_basis, str) and n_basis != 'auto'):
@@ -39,8 +39,10 @@ def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int 
     given = as_list(demonstrations)
     names = frame_names(given, start_frame, goal_frame) if given else []
     if names:
-        return learn_in_frames(given, names, settings, lambda one: learn(
+        return learn_in_frames(given, names, free_yaw, settings, lambda one: learn(
             one, n_basis, settings, tolerance))
+    if free_yaw:
+        raise ParameterError('free_yaw: the demonstrations have no frames')
     demos = prepared(given, settings.smoothing)
     settings.contexts_of(len(demos))
     if settings.fit == 'output':

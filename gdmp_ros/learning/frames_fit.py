@@ -22,14 +22,23 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import f as f_distribution
 
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.frames import BASE, mean_pose, placed, seen_from, View
+from gdmp_ros.dmp.frames import (
+    BASE,
+    mean_pose,
+    nearest_turn,
+    placed,
+    seen_from,
+    tool_poses,
+    View,
+)
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
 from gdmp_ros.learning.alignment import align, mean_path
+from gdmp_ros.learning.grasps import Grasp, grasp_of
 from gdmp_ros.learning.preparation import FitSettings, prepared
-from gdmp_ros.manifolds import Manifold
-from gdmp_ros.manifolds.poses import IDENTITY
+from gdmp_ros.manifolds import Manifold, UnitQuaternion
+from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: Prior of a frame's scatter: equivalent number of takes, and standard deviation as a part of the
@@ -111,21 +120,32 @@ def _in_order(common: list[str], start: str | None, goal: str | None) -> list[st
 
 
 def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
-                    settings: FitSettings, learn: Learn) -> Skill:
+                    free_yaw: Sequence[str], settings: FitSettings, learn: Learn) -> Skill:
     """
     Learn a skill with task frames.
 
     :param names: see `frame_names`
+    :param free_yaw: those of objects that are symmetric about their z axis
     :param learn: learns a plain skill from one demonstration
     :raises ParameterError: for what frames are not combined with
+    :raises DataError: if an object is grasped in some of the takes only
     """
+    for name in free_yaw:
+        if name not in names:
+            raise ParameterError(f'free_yaw: frame {name!r}, expected one of {", ".join(names)}')
     for what, given in (('contexts', settings.contexts is not None),
                         ("end='moving'", settings.end == 'moving'),
                         ('demonstration_weights', settings.demonstration_weights is not None)):
         if given:
             raise ParameterError(f'{what}: not together with task frames')
-    takes = [_Take(demo, given.times, [_poses(given, name) for name in names])
-             for demo, given in zip(prepared(demonstrations, None), demonstrations)]
+    poses = [[_poses(given, name) for name in names] for given in demonstrations]
+    for k in (names.index(name) for name in free_yaw):
+        near = np.atleast_2d(poses[0][k])[0]
+        for own in poses:
+            own[k] = _turned(own[k], near)
+    takes = [_Take(demo, given.times, own)
+             for demo, given, own in zip(prepared(demonstrations, None), demonstrations, poses)]
+    grasped = [_rest_where_grasped(takes, k, name) for k, name in enumerate(names)]
     count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
     progress = np.linspace(0.0, 1.0, count)
     own_progress = [progress] * len(takes)
@@ -144,7 +164,8 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
     shown = ([takes[0].seen_from(k) for k in range(len(names))] if len(takes) == 1 else
              [Demonstration(float(np.mean([take.demo.duration for take in takes])) * progress,
                             found.manifold.unflat(mean), found.manifold) for mean in found.means])
-    views = [View(name, mean_pose(found.poses[:, -1, k]), found.shares[:, k], learn(one))
+    views = [View(name, mean_pose(found.poses[:, -1, k]), found.shares[:, k], learn(one),
+                  name in free_yaw, grasped[k])
              for k, (name, one) in enumerate(zip(names, shown))]
     return _as_shown(views, learn, settings)
 
@@ -154,6 +175,35 @@ def _poses(demonstration: Demonstration, name: str) -> np.ndarray:
     if name == BASE and name not in demonstration.frames:
         return IDENTITY
     return np.asarray(demonstration.frames[name])
+
+
+def _turned(poses: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Poses of a symmetric object, turned about its axis: the first near a pose, then in turn."""
+    rows = np.array(np.atleast_2d(poses))
+    for row in rows:
+        row[:] = near = nearest_turn(row, near)
+    return rows.reshape(poses.shape)
+
+
+def _rest_where_grasped(takes: list[_Take], k: int, name: str) -> float | None:
+    """
+    Let a frame that the tool carries rest where the object was grasped.
+
+    :returns: progress of the earliest grasp; None if it was not grasped
+    :raises DataError: if it was grasped in some of the takes only
+    """
+    grasps = [take.grasp(k) for take in takes]
+    found = [grasp for grasp in grasps if grasp is not None]
+    if not found:
+        return None
+    if len(found) < len(takes):
+        missing = [str(i) for i, grasp in enumerate(grasps) if grasp is None]
+        raise DataError(f'frame {name}: the tool carries the object in some demonstrations, but '
+                        f'not in number {", ".join(missing)} (from 0)')
+    progress = min(take.rest(k, grasp) for take, grasp in zip(takes, found))
+    warnings.warn(f'frame {name}: the tool holds the object from {100.0 * progress:.0f} % of the '
+                  'motion on; its frame rests where it was grasped', GdmpWarning, stacklevel=6)
+    return progress
 
 
 class _Take:
@@ -170,6 +220,24 @@ class _Take:
         poses = np.stack([np.interp(times, self._times, column) for column in given.T], axis=1)
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         return poses
+
+    def grasp(self, k: int) -> Grasp | None:
+        """When the object of frame ``k`` was grasped; None if it was not, or did not move."""
+        given = self._poses[k]
+        if given.ndim == 1:
+            return None
+        tool = tool_poses(self.demo.manifold, self.demo.at(self._times))
+        return None if tool is None else grasp_of(self._times, given, np.array(
+            [compose(inverse(frame), pose) for frame, pose in zip(given, tool)]))
+
+    def rest(self, k: int, grasp: Grasp) -> float:
+        """Let frame ``k`` rest from a grasp on; the progress of the grasp."""
+        poses = np.array(self._poses[k])
+        after = self._times >= grasp.time
+        poses[after] = grasp.pose
+        poses[:, 3:] = UnitQuaternion().continuous(poses[:, 3:])
+        self._poses[k] = poses
+        return float((grasp.time - self.demo.times[0]) / self.demo.duration)
 
     def seen_from(self, k: int) -> Demonstration:
         """The demonstration as seen from frame ``k``."""

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
+from gdmp_ros.dmp.frames import View
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
@@ -29,6 +30,8 @@ from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 #: Requests that may wait for the next tick.
 MAX_WAITING = 1000
+#: Moments of which the time of the motion is known, to tell when a frame was where.
+_PASSED = 100
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 # Looked up once: this is done in every tick.
@@ -61,6 +64,7 @@ class _Pending:
     :ivar cycles: of a rhythmic motion, before it comes to rest at its centre
     :ivar wanted: whether it is still to begin, asked by the tick that begins it
     :ivar place_since: time of the player at which the place of the goal was set [s]
+    :ivar frames: newest pose of task frames, and when they were there, of the player [s]
     """
 
     tool: StreamedSkill
@@ -73,6 +77,7 @@ class _Pending:
     place_since: float = 0.0
     amplitude: float | None = None
     frequency: float | None = None
+    frames: dict[str, tuple[np.ndarray, float]] = field(default_factory=dict)
 
 
 class _Waiting(NamedTuple):
@@ -94,16 +99,19 @@ class Player:
     :ivar rollout: the present motion, also while its goal is held; only to be read
     :ivar target: the reference of the last tick; None before the first one
     :ivar numbers: of the last state of the motion
+    :ivar goal_switched: whether the present motion has got another goal place
     :ivar called: called after a request was added, to wake a compiled loop
     :ivar motion: number of the motion that was begun last (see `start`), 0 before the first
     :ivar started: number of the motion that was asked for last; it may not have begun yet
     """
 
-    def __init__(self, skill: Skill, settings: PlayerSettings, refusals: Refusals | None = None):
+    def __init__(self, skill: Skill, settings: PlayerSettings, refusals: Refusals | None = None,
+                 time: float = 0.0):
         """
         Prepare to play a skill.
 
         :param refusals: counts requests that turn out to be impossible
+        :param time: that has passed before the first tick [s]
         :raises DataError: if the skill is neither one of a pose nor of joints
         """
         self.tool = self.playing = StreamedSkill(skill, settings)
@@ -111,11 +119,14 @@ class Player:
         self.rollout: Rollout | None = None
         self.target: np.ndarray | None = None
         self.motion = self.started = 0
+        self.goal_switched = False
         self._state = State.IDLE
         self._queue: deque[_Waiting] = deque()
         self._pending: _Pending | None = None
         self._approach: Approach | None = None
-        self._time = 0.0
+        self._time = time
+        # Times of the player, and those of the motion then [s].
+        self._passed: deque[tuple[float, float]] = deque(maxlen=_PASSED)
         # Point where the motion ends, or where it was set if it moves on with the twist.
         self._goal: np.ndarray | None = None
         self._goal_twist: np.ndarray | None = None
@@ -207,7 +218,25 @@ class Player:
 
     def _present_goal(self) -> np.ndarray | None:
         rollout = self.rollout
-        return self._goal if rollout is None or self._goal_twist is None else rollout.goal
+        if rollout is None or self._goal_twist is None and not rollout.skill.views:
+            return self._goal
+        return rollout.goal
+
+    @property
+    def next_tool(self) -> StreamedSkill:
+        """Skill of the motion that is executed, or that is about to begin."""
+        pending = self._pending
+        return self.playing if pending is None else pending.tool
+
+    def view(self, name: str) -> View | None:
+        """The motion as seen from a task frame; None without such a frame."""
+        return next((view for view in self.next_tool.skill.views if view.name == name), None)
+
+    def has_grasped(self, name: str) -> bool:
+        """Whether the tool holds the object of a task frame."""
+        view, rollout = self.view(name), self.rollout
+        return (view is not None and view.grasped is not None and rollout is not None
+                and self._pending is None and rollout.progress >= view.grasped)
 
     # Requests
 
@@ -304,6 +333,18 @@ class Player:
     def goal_stiffness(self, factor: np.ndarray) -> None:
         """Switch the stiffness goal (`StreamedSkill.stiffness_factor`)."""
         self._ask(Request.GOAL, self._retarget, Goal(stiffness=factor))
+
+    def move_frame(self, name: str, pose: np.ndarray, at: float) -> None:
+        """
+        Take a measurement of a task frame (`Rollout.move_frame`).
+
+        :param at: when the frame was there, of the player, which counts from its first time [s]
+        """
+        self._ask(Request.GOAL, self._move_frame, name, pose, at)
+
+    def rest_frame(self, name: str) -> None:
+        """Let a task frame come to rest where it is (`Rollout.rest_frame`)."""
+        self._ask(Request.GOAL, self._rest_frame, name)
 
     def set_speed(self, scale: float) -> None:
         """
@@ -477,7 +518,8 @@ class Player:
             rollout.set_amplitude(0.0)
         if self._state in _FREE:
             # A motion whose goal moves is executed until it is stopped, or the goal rests.
-            ended = rollout.finished and self._goal_twist is None
+            ended = (rollout.finished and self._goal_twist is None
+                     and not rollout.frames_move)
             self._state = State.FINISHED if ended else State.MOVING
         elif self._state in _ENDS and rollout.speed == 0.0:
             self.rollout, self._releases = None, True
@@ -559,6 +601,8 @@ class Player:
         self.playing, self.rollout, self.target = tool, rollout, target
         self._goal, self._goal_twist, self._state = rollout.goal, None, State.MOVING
         self._goal_waited = 0.0
+        self._passed.clear()
+        self.goal_switched = False
         self.numbers = np.empty(rollout.state_size)
         try:
             self._ask_of_begun(pending)
@@ -579,6 +623,10 @@ class Player:
             self._set_amplitude(pending.amplitude)
         if pending.frequency is not None:
             self._set_frequency(pending.frequency)
+        views = pending.tool.skill.views
+        for name, (pose, at) in pending.frames.items():
+            if goal.place is None or name != views[-1].name:
+                self._move_frame(name, pose, at)
 
     def _begin_at(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None
                   ) -> np.ndarray:
@@ -613,6 +661,7 @@ class Player:
             return
         if rollout is None:
             return
+        self.goal_switched |= goal.place is not None
         twist = self._goal_twist if goal.place is None else goal.twist
         velocity = None if twist is None else self.playing.tangent_of_twist(twist)
         rollout.retarget(self.playing.changed(rollout.goal, goal.place, goal.stiffness, goal.side),
@@ -620,6 +669,22 @@ class Player:
         self._goal, self._goal_twist = rollout.goal, twist
         if goal.place is not None:
             self._goal_waited = 0.0
+
+    def _move_frame(self, name: str, pose: np.ndarray, at: float) -> None:
+        """Take a measurement of a frame of the motion, or of the one that has not begun."""
+        pending, rollout = self._pending, self.rollout
+        if pending is not None:
+            pending.frames[name] = pose, at
+        elif rollout is not None:
+            self._passed.append((self._time, rollout.time))
+            # The tempo of the stream may hold the motion up: its time is another one then.
+            times, own = zip(*self._passed)
+            stamp = np.interp(at, times, own) + min(at - times[0], 0.0)
+            rollout.move_frame(name, pose, stamp=float(stamp))
+
+    def _rest_frame(self, name: str) -> None:
+        if self._pending is None and self.rollout is not None:
+            self.rollout.rest_frame(name)
 
     def _set_speed(self, scale: float) -> None:
         self._speed, self._own_speed = scale, None

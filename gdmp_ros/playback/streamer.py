@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +17,13 @@ from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperLink, Gri
 from gdmp_ros.playback.measured_input import Measured, MeasuredInputs
 from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
+from gdmp_ros.playback.objects import (
+    Followed,
+    Located,
+    nothing_located,
+    Objects,
+    ObjectSettings,
+)
 from gdmp_ros.playback.plain_tick import BOUNDED, COUNTS, ENDS, Motion
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.refusals import Refusals
@@ -58,6 +65,7 @@ class Streamer:
     :ivar bounds: of speed and acceleration
     :ivar whole: reads numbers that another thread may be writing
     :ivar commands: for the motion that is executed
+    :ivar objects: where task frames are
     :ivar gripper: commands of the skill that is executed; None without a gripper
     :ivar sequence: executes sequences
     :ivar record: how the robot followed the last motion
@@ -77,20 +85,20 @@ class Streamer:
                  player_settings: PlayerSettings, robot_settings: RobotSettings | None = None,
                  kinematics: ArmKinematics | None = None, gripper: GripperLink | None = None,
                  second_base: Callable[[], np.ndarray] = no_second_arm,
-                 objects: Callable[[Sequence[str]], Mapping[str, np.ndarray]] = lambda names: {}):
+                 locate: Callable[[str], Located] = nothing_located,
+                 object_settings: ObjectSettings | None = None):
         """
         Prepare to stream.
 
         :param inputs: where the robot is; their clock is that of the streamer
         :param gripper: for skills with commands for a gripper
         :param second_base: see `GoalCheck`
-        :param objects: gives where task frames are when a motion begins, those of these names
-            that it looks up
+        :param locate: gives where an object is, or raises a `GdmpError`
         """
-        self._objects = objects
         self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
         self.player: Player | None = None
+        self._skill: Skill | None = None
         self.skill_name, self.context = '', dict[str, float]()
         self.refusals, self.record = Refusals(), MotionRecord()
         self.lateness = LatenessRecorder(period_ns)
@@ -114,11 +122,14 @@ class Streamer:
         self._when = 0, 0.0
         self.ticked = self._ticked
         self._goals = GoalCheck(settings, kinematics, second_base)
+        self.objects = Objects(object_settings or ObjectSettings(), locate, self._goals,
+                               self.refusals.add)
         self.commands = MotionCommands(self._goals, self.loaded, self.refusals.add)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
-                  robot_settings: RobotSettings) -> None:
+                  robot_settings: RobotSettings, object_settings: ObjectSettings) -> None:
         """Use other settings from now on; those of the player from the next motion on."""
+        self.objects.settings = object_settings
         self.settings, self._player_settings = settings, player_settings
         self._goals.settings = settings
         self.robot.settings = robot_settings
@@ -155,6 +166,7 @@ class Streamer:
             self._play(skill)
         else:
             self.player.load(skill)
+        self._skill = skill
         self.skill_name, self.context = name, dict(context or {})
 
     def loaded(self) -> Player:
@@ -171,7 +183,7 @@ class Streamer:
     def begin(self, goal_pose: np.ndarray | None = None, goal_stiffness: Any = None,
               duration: float | None = None,
               tolerances: tuple[float, float] | None = None, cycles: float | None = None,
-              goal_after: float = 0.0) -> int:
+              goal_after: float = 0.0, objects: Mapping[str, np.ndarray] | None = None) -> int:
         """
         Start the loaded skill.
 
@@ -179,6 +191,7 @@ class Streamer:
         :param goal_after: time after the start from which the pose is the goal [s]
         :param goal_stiffness: 9 or 36 numbers; None or empty for that of the skill
         :param cycles: of a rhythmic skill (`Player.start`)
+        :param objects: poses of task frames, instead of those that are looked up
         :returns: number of the motion (`Player.start`)
         :raises GdmpError: if it cannot start; what is streamed does not change
         """
@@ -187,9 +200,12 @@ class Streamer:
             raise ParameterError('the node is not active')
         if cycles is not None and not player.tool.skill.rhythmic:
             raise ParameterError('cycles: the skill is not rhythmic')
-        frames = self._objects([view.name for view in player.tool.skill.views])
-        if frames:
-            player.load(player.tool.skill.with_frames(frames))
+        followed: Followed = {}
+        if self._skill is not None and (self._skill.views or objects):
+            skill, followed = self.objects.place(self._skill, self.time, objects)
+            player.load(skill)
+            if goal_pose is not None:
+                followed.pop(skill.views[-1].name, None)
         factor = None
         if goal_stiffness is not None and len(goal_stiffness):
             factor = player.tool.stiffness_factor(goal_stiffness)
@@ -205,6 +221,7 @@ class Streamer:
             later, goal_pose = LaterGoal(self.time + goal_after, goal), None
         self.sequence.cancel(OTHER_MOTION)
         self.commands.begin(later)
+        self.objects.begin(followed)
         self.robot.begin()
         return player.start(measured, None if goal_pose is None else goal, factor, duration,
                             tolerances, cycles)
@@ -218,6 +235,7 @@ class Streamer:
         """
         if not self.active:
             raise ParameterError('the node is not active')
+        sequence = self.objects.place_steps(sequence, self.time)
         prepared = self.sequence.prepare(sequence, first, self._player_settings, self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)
@@ -225,6 +243,7 @@ class Streamer:
         player.check_kind(tool)
         moves = not player.state.at_rest
         self.commands.begin()
+        self.objects.begin({})
         self.robot.begin()
         self.sequence.begin(prepared, measured)
         if moves and not prepared.moves_first:
@@ -233,7 +252,8 @@ class Streamer:
 
     def _play(self, skill: Skill) -> Player:
         """Make the player."""
-        player = self.player = Player(skill, self._player_settings, self.refusals)
+        player = self.player = Player(skill, self._player_settings, self.refusals,
+                                      self._when[1])
         player.called = lambda: self.called()
         return player
 
@@ -348,6 +368,11 @@ class Streamer:
         if player is not None:
             self._use_pose(player)
             self.commands.pass_time(self.now, self.time, player)
+
+    def follow_objects(self) -> None:
+        """Let the motion follow the task frames that move."""
+        if self.player is not None:
+            self.objects.follow(self.player, self.time)
 
     def _advance(self, dt: float) -> np.ndarray | None:
         """Advance the motion."""

@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 import threading
 from typing import Any, NamedTuple, Protocol
 
 from geometry_msgs.msg import TransformStamped
 import numpy as np
 from rclpy.time import Time
-from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data.bags import ns_of
@@ -64,6 +65,14 @@ class Frames(Protocol):
         :raises FrameError: if it is not known
         """
 
+    def newest(self, frame: str, base: str) -> tuple[np.ndarray, int]:
+        """
+        Newest pose of a frame in another one, and the latest time at which it is known [ns].
+
+        :returns: with the time 0 if all transforms between them are fixed
+        :raises FrameError: if it is not known
+        """
+
 
 class FrameTree:
     """Transforms of the last `MEMORY_S`, interpolated in between; any thread may use it."""
@@ -90,16 +99,30 @@ class FrameTree:
 
     def pose_of(self, frame: str, base: str, stamp_ns: int) -> np.ndarray:
         """Pose of a frame in another one; see `Frames`."""
+        if not stamp_ns:
+            return self.newest(frame, base)[0]
+        up, down = self._ways(frame, base)
+        return self._between(up, down, stamp_ns)
+
+    def newest(self, frame: str, base: str) -> tuple[np.ndarray, int]:
+        """Newest pose of a frame in another one; see `Frames`."""
+        up, down = self._ways(frame, base)
+        at = min((self._moving[name][-1].stamp_ns for name in (*up, *down)
+                  if name in self._moving), default=0)
+        return self._between(up, down, at), at
+
+    def _between(self, up: list[str], down: list[str], stamp_ns: int) -> np.ndarray:
+        return compose(inverse(self._along(down, stamp_ns)), self._along(up, stamp_ns))
+
+    def _ways(self, frame: str, base: str) -> tuple[list[str], list[str]]:
+        """Frames whose transforms lead from a frame, and from the base, to a common parent."""
         up, down = self._chain(frame), self._chain(base)
         common = next((name for name in up if name in down), None)
         if common is None:
             known = ', '.join(sorted({*self._fixed, *self._moving})) or 'none'
             raise FrameError(f'frame {frame!r} is not connected to {base!r}; known frames: '
                              f'{known}')
-        up, down = up[:up.index(common)], down[:down.index(common)]
-        at = stamp_ns or min((self._moving[name][-1].stamp_ns for name in (*up, *down)
-                              if name in self._moving), default=0)
-        return compose(inverse(self._along(down, at)), self._along(up, at))
+        return up[:up.index(common)], down[:down.index(common)]
 
     def _chain(self, frame: str) -> list[str]:
         """A frame, its parent and so on."""
@@ -165,11 +188,18 @@ class Tf2Frames:
 
     def pose_of(self, frame: str, base: str, stamp_ns: int) -> np.ndarray:
         """Pose of a frame in another one; see `Frames`."""
+        return transform_numbers(self._found(frame, base, stamp_ns).transform)
+
+    def newest(self, frame: str, base: str) -> tuple[np.ndarray, int]:
+        """Newest pose of a frame in another one; see `Frames`."""
+        found = self._found(frame, base, 0)
+        return transform_numbers(found.transform), ns_of(found.header.stamp)
+
+    def _found(self, frame: str, base: str, stamp_ns: int) -> Any:
         try:
-            result = self._buffer.lookup_transform_core(base, frame, Time(nanoseconds=stamp_ns))
+            return self._buffer.lookup_transform_core(base, frame, Time(nanoseconds=stamp_ns))
         except tf2_py.TransformException as error:
             raise FrameError(str(error)) from None
-        return transform_numbers(result.transform)
 
 
 def new_frames() -> Frames:
@@ -206,18 +236,31 @@ class BaseFrame:
         place = self.place_of(message.header)
         return numbers if place is None else compose(place, numbers)
 
+    def transformed(self, message: TransformStamped) -> np.ndarray:
+        """
+        Pose in the base of the child of a stamped transform; see `pose`.
+
+        :raises FrameError: as `pose`
+        :raises ManifoldError: if it is no rigid motion
+        """
+        numbers = transform_numbers(message.transform)
+        place = self.place_of(message.header)
+        return numbers if place is None else compose(place, numbers)
+
     def listen(self) -> None:
         """Read transforms from now on, before a pose in another frame comes."""
         self._wanted = True
 
-    def pose_of(self, frame: str) -> np.ndarray:
+    def newest(self, frame: str) -> tuple[np.ndarray, int]:
         """
-        Newest pose of a frame in the base.
+        Newest pose of a frame in the base, and when it was there [ns]; 0: it is fixed.
 
         :raises FrameError: if it is not known
         """
-        pose = self.place_of(Header(frame_id=frame))
-        return IDENTITY.copy() if pose is None else pose
+        if frame == self.name:
+            return IDENTITY.copy(), 0
+        with self._reading(frame):
+            return self._frames.newest(frame, self.name)
 
     def moving(self, message: Any, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """
@@ -244,14 +287,20 @@ class BaseFrame:
         if not header.frame_id:
             raise FrameError(f"the frame is '', expected {self.name!r} or one that /tf connects "
                              'to it')
+        with self._reading(header.frame_id):
+            return self._frames.pose_of(header.frame_id, self.name,
+                                        ns_of(header.stamp))
+
+    @contextmanager
+    def _reading(self, frame: str) -> Iterator[None]:
+        """Read what has come, and look a frame up."""
         self._wanted = True
         with self._lock:
             self._collect()
             if len(self._unread) > AT_ONCE:
-                raise FrameError(f'frame {header.frame_id!r}: /tf is being read')
+                raise FrameError(f'frame {frame!r}: /tf is being read')
             self._read()
-            return self._frames.pose_of(header.frame_id, self.name,
-                                        ns_of(header.stamp))
+            yield
 
     def knows(self, header: Any) -> bool:
         """Whether `place_of` would find the frame of a message."""

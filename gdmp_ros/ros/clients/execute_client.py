@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LoadSkill, SetSpeed
+from geometry_msgs.msg import TransformStamped
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
@@ -32,6 +33,7 @@ class ExecuteRequest(NamedTuple):
     :ivar sequence: file to execute instead of a skill; empty for a skill
     :ivar first_step: of the sequence, counted from 1
     :ivar context: that the skill is to be used in; empty for that of the server
+    :ivar objects: poses of task frames in the frame of the server; the others are looked up
     """
 
     server: str
@@ -44,6 +46,7 @@ class ExecuteRequest(NamedTuple):
     sequence: str = ''
     first_step: int = 1
     context: Mapping[str, float] = MappingProxyType({})
+    objects: Mapping[str, Sequence[float]] = MappingProxyType({})
 
 
 def execute(request: ExecuteRequest) -> int:
@@ -174,6 +177,10 @@ def _goal(request: ExecuteRequest) -> ExecuteSkill.Goal:
         place, turned = goal.goal_pose.pose.position, goal.goal_pose.pose.orientation
         place.x, place.y, place.z = map(float, request.position)
         turned.w = 0.0  # the rotation stays that of the skill
+    for name, pose in request.objects.items():
+        placed = TransformStamped(child_frame_id=name)
+        messages.set_transform(placed.transform, np.array(pose))
+        goal.objects.append(placed)
     return goal
 
 

@@ -251,8 +251,8 @@ class ExecuteAction(ServerAction):
     async def _execute(self, handle: Any) -> ExecuteSkill.Result:
         result = ExecuteSkill.Result()
         try:
-            await self._wait_for_objects()
-            motion = self._begin(handle.request, await self._goal_of(handle.request))
+            objects = await self._objects_of(handle.request)
+            motion = self._begin(handle.request, await self._goal_of(handle.request), objects)
         except GdmpError as error:
             return self._refused(handle, error)
         self._finish(result.PREEMPTED, 'a newer goal was accepted')
@@ -273,15 +273,24 @@ class ExecuteAction(ServerAction):
         end_goal(handle, result.error_code == result.SUCCESSFUL)
         return result
 
-    async def _wait_for_objects(self) -> None:
-        """Wait until it is known where the objects are, but not for ever."""
-        names = [name for name in self._node.get_parameter('objects').value if name]
-        if names and not self._know(names):
-            await self._node.wait_until(lambda: self._know(names), 0.02,
-                                        self._node.get_parameter('tf_timeout').value)
+    async def _objects_of(self, goal: ExecuteSkill.Goal) -> dict[str, np.ndarray]:
+        """
+        Poses of the objects of a request, as soon as it is known where those of /tf are.
 
-    def _know(self, names: list[str]) -> bool:
-        return all(self._base.knows(Header(frame_id=name)) for name in names)
+        :raises GdmpError: if one of them is no pose, or in a frame that is not known
+        """
+        given = {one.child_frame_id: one for one in goal.objects}
+        for one in given.values():
+            one.header.frame_id = one.header.frame_id or self._base.name
+        headers = [*(one.header for one in given.values()),
+                   *(Header(frame_id=name) for name in self._streamer.objects.names - set(given))]
+
+        def known() -> bool:
+            return all(self._base.knows(header) for header in headers)
+        if headers and not known():
+            await self._node.wait_until(known, 0.02,
+                                        self._node.get_parameter('tf_timeout').value)
+        return {name: self._base.transformed(one) for name, one in given.items()}
 
     async def _goal_of(self, goal: ExecuteSkill.Goal) -> np.ndarray | None:
         """
@@ -305,7 +314,8 @@ class ExecuteAction(ServerAction):
             return np.concatenate([self._base.pose(goal.goal_pose)[:3], np.zeros(4)])
         return self._base.pose(goal.goal_pose)
 
-    def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None) -> int:
+    def _begin(self, goal: ExecuteSkill.Goal, pose: np.ndarray | None,
+               objects: dict[str, np.ndarray]) -> int:
         tolerances = (f'{of}{what}_tolerance' for of in ('', 'robot_', 'path_')
                       for what in ('position', 'rotation'))
         for name in ('duration', 'cycles', 'goal_after', *tolerances):
@@ -317,7 +327,7 @@ class ExecuteAction(ServerAction):
         return self._streamer.begin(pose, goal.goal_stiffness, goal.duration or None,
                                     (goal.position_tolerance or POSITION_TOLERANCE,
                                      goal.rotation_tolerance or ROTATION_TOLERANCE),
-                                    goal.cycles or None, goal.goal_after)
+                                    goal.cycles or None, goal.goal_after, objects)
 
 
 class _SequenceExecution(NamedTuple):

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 import shutil
@@ -20,6 +20,7 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
+from gdmp_ros.playback.objects import Located, ObjectSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
@@ -58,9 +59,7 @@ SPECS = (
          'one are transformed by /tf'),
     Spec('tf_timeout', 1.0, 'a goal in a frame of which nothing is known yet waits this long', 's',
          0.0, 60.0, changes='live'),
-    Spec('objects', [''], 'task frames of skills that are looked up in /tf when a motion begins, '
-         'which is refused if they are not known; the others are where the skill has them',
-         changes='motion'),
+    *specs_of(ObjectSettings, 'motion'),
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
     Spec('reach_model', '', 'arm with which goals, and skills when they are loaded, are checked: '
@@ -125,6 +124,11 @@ def player_settings(parameters: Any) -> PlayerSettings:
     return settings_from(parameters, PlayerSettings)
 
 
+def object_settings(parameters: Any) -> ObjectSettings:
+    """Which task frames are looked up, and what is believed of them."""
+    return settings_from(parameters, ObjectSettings)
+
+
 class TrajectoryServer(ManagedNode):
     """The managed node ``trajectory_server``."""
 
@@ -161,8 +165,9 @@ class TrajectoryServer(ManagedNode):
                                               second.pose if second else None),
             stream_settings(parameters), player_settings(parameters), robot_settings(parameters),
             reach, GripperTopics(self, parameters.gripper),
-            second.base if second else no_second_arm, self._where_objects_are)
-        if any(parameters.objects):
+            second.base if second else no_second_arm, self._locate,
+            object_settings(parameters))
+        if self.streamer.objects.names:
             self._base.listen()
         self.inputs.connect(self.streamer)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
@@ -263,8 +268,8 @@ class TrajectoryServer(ManagedNode):
         def step(deadline_ns: int, now_ns: int) -> None:
             nonlocal turn
             turn += 1
-            if turn % (POLL_EVERY // LOOK_TICKS) == 0 and self.streamer.joints == 0:
-                self.goals.poll(self.parameters.tf_timeout)
+            if turn % (POLL_EVERY // LOOK_TICKS) == 0:
+                self._poll()
             if turn % (READ_EVERY // LOOK_TICKS) == 0:
                 self.streamer.look()
             if turn % (CHECK_EVERY // LOOK_TICKS) == 0:
@@ -296,9 +301,15 @@ class TrajectoryServer(ManagedNode):
         self._tick(now, CLOCK_JUMP_S, now)
 
     def _tick(self, now_ns: int, longest_s: float, stamp_ns: int) -> None:
-        if self.streamer.ticks % POLL_EVERY == 0 and self.streamer.joints == 0:
-            self.goals.poll(self.parameters.tf_timeout)
+        if self.streamer.ticks % POLL_EVERY == 0:
+            self._poll()
         self._publish(self.streamer.tick(now_ns, longest_s), stamp_ns)
+
+    def _poll(self) -> None:
+        """Use the newest goals, and where the objects are."""
+        if self.streamer.joints == 0:
+            self.goals.poll(self.parameters.tf_timeout)
+            self.streamer.follow_objects()
 
     def _publish(self, target: np.ndarray | None, stamp_ns: int) -> None:
         if target is None:
@@ -312,14 +323,14 @@ class TrajectoryServer(ManagedNode):
 
     # Interfaces
 
-    def _where_objects_are(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+    def _locate(self, name: str) -> Located:
         """
-        Poses of those of these task frames that are looked up, in the base.
+        Where an object is, by /tf and /tf_static.
 
-        :raises FrameError: if one is not known
+        :raises FrameError: if it is not known
         """
-        return {name: self._base.pose_of(name) for name in names
-                if name in self.parameters.objects}
+        pose, stamp_ns = self._base.newest(name)
+        return Located(pose, stamp_ns, (self.time_ns() - stamp_ns) / NS if stamp_ns else 0.0)
 
     def _add_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], object]) -> None:
@@ -382,7 +393,9 @@ class TrajectoryServer(ManagedNode):
     def _use_parameters(self) -> None:
         parameters = self.parameters
         self.streamer.configure(stream_settings(parameters), player_settings(parameters),
-                                robot_settings(parameters))
+                                robot_settings(parameters), object_settings(parameters))
+        if self.streamer.objects.names:
+            self._base.listen()
 
 
 def main(arguments: list[str] | None = None) -> int:

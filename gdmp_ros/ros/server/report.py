@@ -79,6 +79,7 @@ class ServerReport:
         flags = set() if streamer.robot_is_known() else {'no_robot'}
         if streamer.player is not None:
             flags |= _add_motion(message, streamer.player) | streamer.robot.flags
+            flags |= {'object_lost'} if streamer.objects.lost else set()
             measured, player = streamer.robot.place, streamer.player
             if measured is not None and measured.shape == player.goal.shape:
                 message.robot_distance = list(player.playing.distance(measured, player.goal))
