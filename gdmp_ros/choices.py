@@ -40,7 +40,7 @@ def check_lasa_class(name: str) -> None:
     if name not in LASA_CLASSES:
         raise DataError(f'LASA class {name!r} is unknown, expected one of '
                         f'{", ".join(LASA_CLASSES)}')
-#: What happens to the size of a motion between task frames; see `gdmp_ros.dmp.changes.with_frames`.
+#: What happens to the size of a motion between task frames (`gdmp_ros.dmp.changes.with_frames`).
 SCALES = ('none', 'distance')
 #: What an array of another program can be.
 ROLES = ('times', 'points', 'position', 'orientation', 'stiffness', 'joints')

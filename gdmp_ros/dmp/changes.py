@@ -216,8 +216,9 @@ def _scaled(primitive: P, centre: np.ndarray, factors: np.ndarray) -> P:
         middle = centre.reshape(-1)
         moves = factors != 1.0  # other factors stay as they are, to the last digit
         return np.where(moves, middle + factors * (rows - middle), rows).reshape(points.shape)
-    segments = primitive.segments
-    return replace(primitive, start=scaled(primitive.start), goal=scaled(primitive.goal),
+    segments, start = primitive.segments, scaled(primitive.start)
+    return replace(primitive, start=start, goal=scaled(primitive.goal),
+                   frame=carry_frame(manifold, primitive.frame, start)[0],
                    weights=primitive.weights * tangent, velocity=primitive.velocity * tangent,
                    segments=replace(segments, waypoints=scaled(segments.waypoints)
                                     if len(segments.waypoints) else segments.waypoints))

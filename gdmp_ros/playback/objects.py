@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -58,9 +58,29 @@ class Located(NamedTuple):
     age: float = 0.0
 
 
-def nothing_located(name: str) -> Located:
-    """:raises ParameterError: always: nothing tells where objects are"""
-    raise ParameterError(f'object {name}: nothing tells where it is')
+class ObjectSource(Protocol):
+    """Tells where objects are."""
+
+    def catch_up(self) -> None:
+        """Read all that has been received; not in a tick."""
+
+    def locate(self, name: str) -> Located:
+        """
+        Where an object is.
+
+        :raises GdmpError: if that is not known
+        """
+
+
+class NoObjects:
+    """Nothing tells where objects are."""
+
+    def catch_up(self) -> None:
+        """Nothing is received."""
+
+    def locate(self, name: str) -> Located:
+        """:raises ParameterError: always"""
+        raise ParameterError(f'object {name}: nothing tells where it is')
 
 
 @dataclass
@@ -93,17 +113,16 @@ class Objects:
     :ivar settings: which are looked up
     """
 
-    def __init__(self, settings: ObjectSettings, locate: Callable[[str], Located],
-                 goals: GoalCheck, refuse: Callable[[str], None]):
+    def __init__(self, settings: ObjectSettings, source: ObjectSource, goals: GoalCheck,
+                 refuse: Callable[[str], None]):
         """
         Prepare.
 
-        :param locate: gives where an object is, or raises a `GdmpError`
         :param goals: refuses places where the goal cannot be
         :param refuse: called with the reason when a pose is not used
         """
         self.settings = settings
-        self._locate, self._goals, self._refuse = locate, goals, refuse
+        self._source, self._goals, self._refuse = source, goals, refuse
         self._followed: Followed = {}
 
     @property
@@ -126,6 +145,7 @@ class Objects:
         :raises GdmpError: if it is not known where one is, or that is too long ago
         """
         given = given or {}
+        self._source.catch_up()
         found = {view.name: self._recent(view.name) for view in skill.views
                  if view.name in self.names and view.name not in given}
         poses = {**{name: one.pose for name, one in found.items()}, **given}
@@ -150,7 +170,7 @@ class Objects:
         self._followed = followed
 
     def _recent(self, name: str) -> Located:
-        found = self._locate(name)
+        found = self._source.locate(name)
         problem = self._age_problem(found)
         if problem:
             raise ParameterError(f'object {name}: {problem}')
@@ -192,7 +212,7 @@ class Objects:
 
     def _follow(self, player: Player, name: str, one: FollowedObject, time: float) -> None:
         try:
-            found: Located | None = self._locate(name)
+            found: Located | None = self._source.locate(name)
         except GdmpError:
             found = None
         if found is not None and not _same(found, one.seen):

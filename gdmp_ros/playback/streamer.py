@@ -19,10 +19,10 @@ from gdmp_ros.playback.motion_commands import LaterGoal, MotionCommands
 from gdmp_ros.playback.motion_record import MotionRecord
 from gdmp_ros.playback.objects import (
     Followed,
-    Located,
-    nothing_located,
+    NoObjects,
     Objects,
     ObjectSettings,
+    ObjectSource,
 )
 from gdmp_ros.playback.plain_tick import BOUNDED, COUNTS, ENDS, Motion
 from gdmp_ros.playback.player import Player
@@ -85,7 +85,7 @@ class Streamer:
                  player_settings: PlayerSettings, robot_settings: RobotSettings | None = None,
                  kinematics: ArmKinematics | None = None, gripper: GripperLink | None = None,
                  second_base: Callable[[], np.ndarray] = no_second_arm,
-                 locate: Callable[[str], Located] = nothing_located,
+                 objects: ObjectSource | None = None,
                  object_settings: ObjectSettings | None = None):
         """
         Prepare to stream.
@@ -93,7 +93,7 @@ class Streamer:
         :param inputs: where the robot is; their clock is that of the streamer
         :param gripper: for skills with commands for a gripper
         :param second_base: see `GoalCheck`
-        :param locate: gives where an object is, or raises a `GdmpError`
+        :param objects: tells where they are
         """
         self.settings, self.kinematics = settings, kinematics
         self.robot = RobotWatch(robot_settings or RobotSettings())
@@ -122,8 +122,8 @@ class Streamer:
         self._when = 0, 0.0
         self.ticked = self._ticked
         self._goals = GoalCheck(settings, kinematics, second_base)
-        self.objects = Objects(object_settings or ObjectSettings(), locate, self._goals,
-                               self.refusals.add)
+        self.objects = Objects(object_settings or ObjectSettings(), objects or NoObjects(),
+                               self._goals, self.refusals.add)
         self.commands = MotionCommands(self._goals, self.loaded, self.refusals.add)
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,

@@ -220,8 +220,9 @@ class BaseFrame:
         self.name = name
         self._frames, self._wanted = new_frames(), False
         self._lock = threading.Lock()
-        self._inputs = [(node.add_subscription(TFMessage, topic, None, DEPTH, late=fixed), fixed)
-                        for topic, fixed in (('/tf', False), ('/tf_static', True))]
+        self._inputs = [
+            (node.add_sensor(TFMessage, '/tf', DEPTH), False),
+            (node.add_subscription(TFMessage, '/tf_static', None, DEPTH, late=True), True)]
         self._unread: deque[tuple[bytes, bool]] = deque()
         node.add_report(self._listen)
 
@@ -250,6 +251,12 @@ class BaseFrame:
     def listen(self) -> None:
         """Read transforms from now on, before a pose in another frame comes."""
         self._wanted = True
+
+    def catch_up(self) -> None:
+        """Read all transforms that have been received; not in a tick."""
+        with self._lock:
+            self._collect()
+            self._read()
 
     def newest(self, frame: str) -> tuple[np.ndarray, int]:
         """

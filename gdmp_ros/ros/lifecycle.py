@@ -95,9 +95,9 @@ class ManagedNode(LifecycleNode):
         return self._own(self.participant.subscription(
             kind, topic, latched(depth) if late else reliable(depth), callback))
 
-    def add_sensor(self, kind: Any, topic: str) -> Subscription:
-        """Subscription to what is measured: the newest message, also of best-effort publishers."""
-        return self._own(self.participant.subscription(kind, topic, best_effort(1), None))
+    def add_sensor(self, kind: Any, topic: str, depth: int = 1) -> Subscription:
+        """Subscription to what is measured: the newest, also of best-effort publishers."""
+        return self._own(self.participant.subscription(kind, topic, best_effort(depth), None))
 
     def add_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any],
                     concurrent: bool = False) -> None:

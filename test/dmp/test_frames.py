@@ -394,3 +394,108 @@ def test_what_frames_are_not_combined_with_is_refused_with_the_reason(skill):
             wrong()
     with pytest.raises(DataError, match='no rigid motion moves'):
         Demonstration(times, np.zeros((50, 7)), Euclidean(7), frames=SHOWN)
+
+
+def round_skill():
+    """The goal's object is symmetric about its z axis."""
+    return Skill.learn(shown(), free_yaw=['goal'])
+
+
+def about_z(frame, angle):
+    return compose(frame, pose([0.0, 0.0, 0.0], [0.0, 0.0, angle]))
+
+
+def test_of_a_symmetric_object_the_nearest_turn_is_taken(skill):
+    free = round_skill()
+    for angle in (-3.0, -1.0, 0.5, 2.0):
+        elsewhere = about_z(pose([0.5, 0.4, 0.1], [0.2, 0.0, 0.9]), angle)
+        ends = [Rollout(one, frames={'goal': elsewhere}).goal for one in (free, skill)]
+        place, turn = apart(ends[0], ends[1])
+        assert place < 1e-5  # on the axis of the object; only the turn differs
+        assert apart(ends[0], free.goal)[1] <= apart(ends[1], free.goal)[1] + 1e-9
+    turned = [Rollout(free, frames={'goal': about_z(SHOWN['goal'], angle)}).goal
+              for angle in (0.0, 1.0, 3.0, -2.0)]
+    assert all(apart(goal, turned[0])[1] < 1e-7 for goal in turned)
+
+
+def test_a_symmetric_object_that_spins_does_not_turn_the_tool():
+    rollout = Rollout(round_skill())
+
+    def spin(rollout):
+        now = rollout.state.time
+        frame, twist = about_z(SHOWN['goal'], 2.0 * now), np.zeros(6)
+        twist[3:] = 2.0 * Rotation.from_quat(frame[3:], scalar_first=True).apply([0, 0, 1])
+        rollout.move_frame('goal', frame, twist if now < 2.0 else None)
+    rows = numbers(rollout, 6.0, 5e-3, spin)
+    still = numbers(Rollout(round_skill()), 6.0, 5e-3)
+    assert np.abs(rows[:, 2:9] - still[:, 2:9]).max() < 1e-7
+    assert rollout.finished and not rollout.frames_move
+
+
+def test_takes_of_a_symmetric_object_are_learned_whatever_its_turn(rng):
+    takes = []
+    for _ in range(3):
+        frames = {'start': random_pose(rng, 0.1, 0.3), 'goal': random_pose(rng, 0.3, 0.3)}
+        takes.append(shown(frames))
+    spun = [Demonstration(take.times, take.points, POSE, frames={
+        **take.frames, 'goal': about_z(take.frames['goal'], angle)})
+        for take, angle in zip(takes, (0.0, 2.0, -2.5))]
+    upright = Skill.learn(spun, free_yaw=['goal'])
+    other = {'start': pose([0.1, 0.0, 0.0]), 'goal': pose([0.3, 0.2, 0.1], [0.1, 0.1, 0.0])}
+    # What the takes show of the place of the goal agrees; its turn cannot.
+    place, _ = apart(Rollout(upright, frames=other).goal, goal_in(other['goal']))
+    assert place < 1e-3
+    with pytest.raises(ParameterError, match="free_yaw: frame 'cup', expected one of"):
+        Skill.learn(spun, free_yaw=['cup'])
+    with pytest.raises(ParameterError, match='the demonstrations have no frames'):
+        Skill.learn(Demonstration(takes[0].times, takes[0].points, POSE), free_yaw=['cup'])
+
+
+def test_with_the_distance_the_shape_shrinks_and_grows():
+    line = np.array([1.0, 0.0, 0.0])
+    frames = {'start': pose([0, 0, 0]), 'goal': pose(0.4 * line)}
+    times = np.linspace(0.0, DURATION, 300)
+    points = np.outer(minimum_jerk(times / DURATION), 0.4 * line)
+    points[:, 2] += 0.1 * np.sin(np.pi * times / DURATION) ** 2
+    skill = Skill.learn(Demonstration(times, points, Euclidean(3), frames=frames))
+    for part in (0.05, 1.0, 1.5):
+        near = {'goal': pose(part * 0.4 * line)}
+        scaled, plain = (Rollout(skill, frames=near, scale=scale).sample(times).points
+                         for scale in ('distance', 'none'))
+        assert np.abs(scaled - part * points).max() < 1e-3 * part
+        assert plain[:, 2].max() == pytest.approx(0.1, abs=2e-3)
+        assert np.abs(plain[-1] - part * 0.4 * line).max() < 1e-3
+    with pytest.raises(ParameterError, match='expected one of none, distance'):
+        Rollout(skill, scale='size')
+    closed = skill.with_frames({'goal': frames['start']})
+    with pytest.raises(ParameterError, match='the shape cannot be scaled'):
+        Rollout(closed, frames={'goal': frames['goal']}, scale='distance')
+
+
+def test_a_scaled_motion_turns_stays_in_its_frames_and_keeps_its_ends(skill):
+    rollout = Rollout(skill, frames=ELSEWHERE, scale='distance')
+    path = rollout.sample(np.linspace(0.0, 7.0, 500)).points
+    assert apart(path[0], compose(ELSEWHERE['start'], LEAVES))[0] < 1e-4
+    assert apart(path[-1], goal_in(ELSEWHERE['goal'])) < (1e-4, 1e-3)
+    turned = Rollout(skill, frames=ELSEWHERE).sample(np.linspace(0.0, 7.0, 500)).points
+    likeness = np.abs(np.sum(path[:, 3:] * turned[:, 3:], axis=1))
+    assert likeness.min() > 1.0 - 1e-9  # orientations are not scaled
+
+
+def test_a_frame_that_is_not_seen_any_more_comes_to_rest(skill):
+    rollout = Rollout(skill)
+    goal = SHOWN['goal']
+    twist = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.3])
+    numbers(rollout, 1.0, before=None)
+    rollout.move_frame('goal', goal, twist)
+    assert rollout.frames_move
+    numbers(rollout, 2.0)
+    rollout.rest_frame('goal')
+    assert not rollout.frames_move
+    where = rollout.frames['goal']
+    rows = numbers(rollout, 8.0)
+    assert rollout.finished
+    assert np.linalg.norm(rollout.frames['goal'][:3] - where[:3]) < 0.04  # what fades of 0.1 m/s
+    assert np.abs(rows[-1, 9:12]).max() < 1e-3
+    with pytest.raises(ParameterError, match='no such frame'):
+        rollout.rest_frame('box')

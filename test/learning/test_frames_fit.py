@@ -13,6 +13,7 @@ from gdmp_ros import (
     Rollout,
     Skill,
 )
+from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 
 DURATION, SAMPLES = 5.0, 200
@@ -184,3 +185,86 @@ def test_what_frames_are_not_learned_with_is_refused(rng):
                     {'demonstration_weights': [1.0, 2.0, 3.0]}):
         with pytest.raises(ParameterError, match='not together with task frames'):
             Skill.learn(takes, **options)
+
+
+PLACE = tool_manifold(None)
+
+
+def pose(x, y, z, yaw=0.0):
+    return np.array([x, y, z, np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)])
+
+
+def carried(rng, box, shelf, belt=0.0, noise=0.0, grasps=True):
+    """
+    A box that is taken to a shelf, and tracked by a camera while it is carried.
+
+    :param belt: speed of the belt on which it comes [m/s]
+    :param noise: standard deviation of the camera [m]
+    :param grasps: False: the tool waits above the box, and goes to the shelf without it
+    """
+    times = np.linspace(0.0, 6.0, 300)
+    at = np.array([compose(box, pose(0.0, belt * min(t, 2.5), 0.0)) for t in times])
+    down, up = minimum_jerk(np.clip(times / 2.0, 0, 1)), minimum_jerk(
+        np.clip((times - 2.5) / 3.5, 0, 1))
+    above = pose(0.0, 0.0, 0.02)
+    begins, ends = pose(0.2, -0.3, 0.4), compose(shelf, pose(0.0, 0.0, 0.05))
+    held = np.array([compose(frame, above) for frame in at])
+    tool = np.array([PLACE.geodesic(PLACE.geodesic(begins, hold, float(a)), ends, float(b))
+                     for hold, a, b in zip(held, down, up)])
+    tool[:, 2] += 0.1 * np.sin(np.pi * up) ** 2
+    if grasps:
+        carries = times >= 2.5
+        at[carries] = [compose(point, inverse(above)) for point in tool[carries]]
+    at[:, :3] += noise * rng.normal(size=(300, 3))
+    return Demonstration(times, tool, PLACE, frames={'box': at, 'shelf': shelf})
+
+
+@pytest.mark.parametrize(('belt', 'noise'), [(0.0, 0.0), (0.0, 5e-4), (0.05, 0.0), (0.05, 5e-4)])
+def test_a_box_that_was_grasped_rests_where_it_was_grasped(belt, noise, rng):
+    with pytest.warns(GdmpWarning, match='frame box: the tool holds the object from .* %'):
+        skill = Skill.learn(carried(rng, pose(0.4, -0.2, 0.1, 0.5), pose(0.6, 0.2, 0.3), belt,
+                                    noise))
+    grasped = skill.views[0].grasped
+    assert 1.5 / 6.0 < grasped < 2.7 / 6.0  # held from 2 s on, carried from 2.5 s on
+    assert skill.views[-1].grasped is None
+    # Executed elsewhere, with a camera that goes on looking: the box follows the tool.
+    box, shelf = pose(0.5, -0.1, 0.1, -0.3), pose(0.5, 0.3, 0.2, 0.4)
+    wanted = carried(np.random.default_rng(0), box, shelf, belt)
+    results = []
+    for looks in (True, False):
+        rollout = Rollout(skill, frames={'box': box, 'shelf': shelf})
+        grip = compose(inverse(wanted.frames['box'][130]), wanted.points[130])
+        rows = []
+        for step in range(3500):
+            now = step * 2e-3
+            point = rollout.advance(2e-3).point
+            rows.append(point)
+            if step % 16 == 0 and now < 2.5:
+                rollout.move_frame('box', compose(box, pose(0.0, belt * now, 0.0)))
+            elif step % 16 == 0 and looks:
+                rollout.move_frame('box', compose(point, inverse(grip)))
+            elif step % 16 == 0 and rollout.progress >= grasped:
+                rollout.rest_frame('box')
+        assert rollout.finished
+        results.append(np.array(rows))
+    # What the camera sees of the box in the gripper changes nothing.
+    assert np.abs(results[0] - results[1]).max() < (1e-3 if belt else 1e-9)
+    error = np.linalg.norm(results[0][-1, :3] - wanted.points[-1, :3])
+    assert error < 2e-3
+
+
+def test_a_tool_that_follows_a_belt_has_not_grasped_it(rng, recwarn):
+    demo = carried(rng, pose(0.4, -0.2, 0.1, 0.5), pose(0.6, 0.2, 0.3), 0.05, grasps=False)
+    at = np.array([compose(pose(0.4, -0.2, 0.1, 0.5), pose(0.0, 0.05 * t, 0.0))
+                   for t in demo.times])
+    skill = Skill.learn(Demonstration(demo.times, demo.points, PLACE, frames={
+        'box': at, 'shelf': demo.frames['shelf']}))
+    assert skill.views[0].grasped is None
+    assert not [one for one in recwarn if 'holds the object' in str(one.message)]
+
+
+def test_an_object_that_some_takes_grasp_only_is_refused(rng):
+    takes = [carried(rng, pose(0.4, -0.2, 0.1), pose(0.6, 0.2, 0.3), grasps=grasps)
+             for grasps in (True, False)]
+    with pytest.raises(DataError, match='frame box: the tool carries the object in some'):
+        Skill.learn(takes)

@@ -8,6 +8,7 @@ import pytest
 from gdmp_ros import ParameterError
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
+from gdmp_ros.playback.objects import ObjectSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
@@ -106,6 +107,7 @@ def test_the_phase_stops_while_the_robot_is_held(skill, source):
 LOADING = """
 from gdmp_ros import Skill
 from gdmp_ros.kernels.cache import KernelCache
+from gdmp_ros.playback.objects import ObjectSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamer import Streamer
@@ -167,7 +169,8 @@ def test_a_goal_after_the_end_is_refused_unless_it_is_to_be_followed(skill, sour
         source.pose = skill.start[:7].copy()
         streamer = streamer_of(skill, source)
         streamer.configure(StreamSettings(follow_goal_after_end=follow),
-                           PlayerSettings(phase_stopping=0.0), RobotSettings())
+                           PlayerSettings(phase_stopping=0.0), RobotSettings(),
+                           ObjectSettings())
         advance(streamer, READ_EVERY)
         streamer.begin()
         advance(streamer, round(2000 * skill.duration))
@@ -185,7 +188,8 @@ def test_a_goal_after_the_end_is_refused_unless_it_is_to_be_followed(skill, sour
 def test_a_goal_that_moves_on_rests_in_time_and_in_the_workspace(skill, source, speed):
     source.pose = skill.start[:7].copy()
     streamer = streamer_of(skill, source)
-    streamer.configure(StreamSettings(), PlayerSettings(phase_stopping=0.0), RobotSettings())
+    streamer.configure(StreamSettings(), PlayerSettings(phase_stopping=0.0), RobotSettings(),
+                       ObjectSettings())
     advance(streamer, READ_EVERY)
     streamer.begin()
     advance(streamer, 200)

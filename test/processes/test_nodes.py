@@ -3,6 +3,7 @@ Nodes as processes over DDS: how they start, are found, and end.
 
 What nodes do is tested in lockstep. Here nothing depends on how fast the machine is.
 """
+from functools import partial
 import os
 from pathlib import Path
 import re
@@ -11,8 +12,9 @@ import subprocess
 import sys
 import time
 
+from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import RecorderState, Reference, ServerState
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
@@ -21,10 +23,14 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import bags, runs
 from gdmp_ros.ros.clients.server_client import ServerClient
 from gdmp_ros.ros.clients.testbed import ARM, MODULES, SERVER, TAKE_RECORDER
+from gdmp_ros.ros.messages import pose_numbers, set_transform, stamp_of
+from gdmp_ros.ros.middleware import best_effort, reliable
 from gdmp_ros.util.dds_network import Domain
 from gdmp_ros.util.processes import ChildProcesses
 from test.commands import GDMP, gdmp_process
@@ -146,6 +152,43 @@ def test_qualities_of_service(nodes):
     assert '<link name="panda_link0">' in received['late'][0].data
     found = nodes.call(GetParameters, f'{SERVER}/get_parameters', names=[override]).values
     assert found[0].integer_value == 7
+
+
+def _see_and_look(nodes, publisher, board):
+    """Send where a board is, and return whether the motion is done."""
+    seen = TransformStamped(child_frame_id='board')
+    seen.header.frame_id = FRAME
+    seen.header.stamp = stamp_of(nodes.client.clock.wall())
+    set_transform(seen.transform, board)
+    publisher.publish(TFMessage(transforms=[seen]))
+    return nodes.client.done()
+
+
+def test_objects_on_tf_are_followed_whatever_their_quality(nodes, skill, tmp_path):
+    path = skill.reproduce(0.02)
+    Skill.learn(Demonstration(path.times, path.points, skill.manifold, frames={
+        'start': skill.start[:7], 'board': skill.goal[:7]}), start_frame='start',
+        goal_frame='board').save(tmp_path / 'among.json')
+    # A busy machine may send late.
+    nodes.start(server={'moving_objects': ['board'], 'object_age': 20.0})
+    for quality, height in ((best_effort(10), 0.02), (reliable(10), 0.04)):
+        publisher = nodes.participant.publisher(TFMessage, '/tf', quality)
+        board = skill.goal[:7] + np.array([0.0, 0.0, height, 0.0, 0.0, 0.0, 0.0])
+        look = partial(_see_and_look, nodes, publisher, board)
+        nodes.wait('the publisher to be found', lambda publisher=publisher, look=look: (
+            look() or publisher.subscribers()), 30.0)
+        for _ in range(10):
+            look()
+            nodes.spend(0.05)
+        nodes.client.execute(ExecuteSkill.Goal(skill=str(tmp_path / 'among.json')))
+        for _ in range(10):
+            look()
+            nodes.spend(0.05)
+        board += [0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0]
+        nodes.wait('the end', look, 60.0)
+        at_the_goal(nodes.client.result(10.0))
+        nodes.wait('the goal to be there', lambda board=board: np.linalg.norm(
+            pose_numbers(nodes.client.state.goal[0])[:3] - board[:3]) < 1e-3)
 
 
 def test_parameters_come_from_the_command_line_and_from_files(nodes, tmp_path):

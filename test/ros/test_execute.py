@@ -68,8 +68,17 @@ def test_a_skill_among_objects_is_executed_where_they_are(running, skill_file, e
     assert code == 0 and 'the goal is switched to' in out, err
     running.wait('the tool to be there',
                  lambda: np.linalg.norm(running.tool()[:3] - board[:3]) < 0.01)
-    code, _, err = execute('--object', 'goal', *numbers)
-    assert code == 1 and 'name the skill file' in err
+    # The skill is loaded now; the objects come with the goal of the action.
+    code, out, err = execute('--object', 'goal', *numbers)
+    assert code == 0 and 'the goal was reached' in out, err
+    assert np.linalg.norm(running.tool()[:3] - np.array(numbers[:3], dtype=float)) < 0.01
+    for words, reason in ((['cup', *numbers], "frame 'cup': the skill has no such frame"),
+                          (['goal', *numbers[:3], '0', '0', '0', '0'], 'quaternion')):
+        code, _, err = execute('--object', *words)
+        assert code == 1 and reason in err
+    (tmp_path / 'steps.yaml').write_text('steps: []')
+    code, _, err = execute(tmp_path / 'steps.yaml', '--object', 'goal', *numbers)
+    assert code == 1 and 'looks the objects of a sequence up itself' in err
 
 
 def test_objects_are_looked_up_in_tf_when_a_motion_begins(running, skill_file, execute, tmp_path):

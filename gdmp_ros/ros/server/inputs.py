@@ -17,6 +17,7 @@ from gdmp_ros.control.gripper import GripperCommand, GripperState
 from gdmp_ros.data.bags import joint_positions, vector_numbers
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.measured_input import MeasuredInput
+from gdmp_ros.playback.objects import Located
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import Clock, NS
 from gdmp_ros.ros.frames import BaseFrame, FrameError
@@ -175,6 +176,28 @@ class GripperTopics:
         if self._state is None or now - self._state[1] > STATE_S * NS:
             return None
         return self._state[0]
+
+
+class ObjectsOnTf:
+    """Where objects are, by /tf and /tf_static."""
+
+    def __init__(self, node: ManagedNode, base: BaseFrame):
+        """:param base: frame of the motions"""
+        self._node, self._base = node, base
+
+    def catch_up(self) -> None:
+        """Read all transforms that have been received."""
+        self._base.catch_up()
+
+    def locate(self, name: str) -> Located:
+        """
+        Where an object is.
+
+        :raises FrameError: if it is not known
+        """
+        pose, stamp_ns = self._base.newest(name)
+        age = (self._node.time_ns() - stamp_ns) / NS if stamp_ns else 0.0
+        return Located(pose, stamp_ns, age)
 
 
 T = TypeVar('T')

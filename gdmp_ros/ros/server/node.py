@@ -20,7 +20,7 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
-from gdmp_ros.playback.objects import Located, ObjectSettings
+from gdmp_ros.playback.objects import ObjectSettings
 from gdmp_ros.playback.robot_watch import RobotSettings
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind
@@ -34,7 +34,7 @@ from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
 from gdmp_ros.ros.server.compiled_loop import CHANGED, ServerLoop, TICKED, warm_up
-from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, RobotInputs
+from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, ObjectsOnTf, RobotInputs
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher, SecondArm
 from gdmp_ros.ros.server.report import ServerReport
 from gdmp_ros.ros.server.skills import LearningProcess, Refinement, SkillLoader
@@ -165,7 +165,7 @@ class TrajectoryServer(ManagedNode):
                                               second.pose if second else None),
             stream_settings(parameters), player_settings(parameters), robot_settings(parameters),
             reach, GripperTopics(self, parameters.gripper),
-            second.base if second else no_second_arm, self._locate,
+            second.base if second else no_second_arm, ObjectsOnTf(self, self._base),
             object_settings(parameters))
         if self.streamer.objects.names:
             self._base.listen()
@@ -322,15 +322,6 @@ class TrajectoryServer(ManagedNode):
                 self._second.end()
 
     # Interfaces
-
-    def _locate(self, name: str) -> Located:
-        """
-        Where an object is, by /tf and /tf_static.
-
-        :raises FrameError: if it is not known
-        """
-        pose, stamp_ns = self._base.newest(name)
-        return Located(pose, stamp_ns, (self.time_ns() - stamp_ns) / NS if stamp_ns else 0.0)
 
     def _add_services(self) -> None:
         def service(kind: Any, name: str, action: Callable[[Any], object]) -> None:
