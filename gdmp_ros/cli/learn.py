@@ -116,19 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--contexts', type=Path, metavar='CSV',
                         help='table of what was different in each take: a column "take" with the '
                              'names of the bags, and a column for each number, such as height')
-    objects = parser.add_argument_group('task frames')
-    objects.add_argument('--frames', nargs='+', default=[], metavar='NAME',
-                         help='objects, by the names of their frames in /tf and /tf_static: the '
-                              'skill is then done where they are')
-    objects.add_argument('--moving', nargs='+', default=[], metavar='NAME',
-                         help='those of them that move while they are shown')
-    objects.add_argument('--start-frame', metavar='NAME',
-                         help='the object that the motion leaves (default: start, or the first)')
-    objects.add_argument('--goal-frame', metavar='NAME',
-                         help='the object where it ends (default: goal, or the last)')
-    objects.add_argument('--free-yaw', nargs='+', default=[], metavar='NAME',
-                         help='those of them that are symmetric about their z axis, as a cup is: '
-                              'the nearest turn about it is taken')
+    _add_task_frames(parser)
     parser.add_argument('--fit', choices=FITS, default='output',
                         help='output (default): fit the motion, for recorded data; forcing: fit '
                              'the forcing term, as in the paper, for clean data')
@@ -151,6 +139,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     suggest.add_argument('--plot', type=Path, metavar='PNG', help='draw the results')
     suggest.add_argument('--write', type=Path, metavar='YAML',
                          help='write parameters of trajectory_server and panda_sim')
+
+
+def _add_task_frames(parser: argparse.ArgumentParser) -> None:
+    objects = parser.add_argument_group('task frames')
+    objects.add_argument('--frames', nargs='+', default=[], metavar='NAME',
+                         help='objects, by the names of their frames in /tf and /tf_static, or '
+                              'NAME=/TOPIC of a PoseStamped: the skill is then done where they '
+                              'are')
+    objects.add_argument('--object-table', type=Path, metavar='CSV',
+                         help='where objects are in each take: a column "take" with the names of '
+                              'the bags, and columns NAME.x, .y, .z, .qw, .qx, .qy, .qz')
+    objects.add_argument('--moving', nargs='+', default=[], metavar='NAME',
+                         help='those of them that move while they are shown')
+    objects.add_argument('--start-frame', metavar='NAME',
+                         help='the object that the motion leaves (default: start, or the first)')
+    objects.add_argument('--goal-frame', metavar='NAME',
+                         help='the object where it ends (default: goal, or the last)')
+    objects.add_argument('--free-yaw', nargs='+', default=[], metavar='NAME',
+                         help='those of them that are symmetric about their z axis, as a cup is: '
+                              'the nearest turn about it is taken')
 
 
 def _count(text: str) -> int | str:
@@ -176,7 +184,8 @@ def run(options: argparse.Namespace) -> None:
         options.joint_topic, fit=options.fit,
         end=options.end, weights=options.weights and tuple(options.weights),
         rhythmic=options.rhythmic, period=options.period, contexts=options.contexts,
-        objects=tuple(options.frames), moving=tuple(options.moving),
+        objects=tuple(options.frames), object_table=options.object_table,
+        moving=tuple(options.moving),
         ends=(options.start_frame, options.goal_frame), free_yaw=tuple(options.free_yaw),
         source=import_settings(options))
     if options.weights and (options.each or len(options.weights) != len(bags)):

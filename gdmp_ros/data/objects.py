@@ -1,51 +1,91 @@
-"""Poses of objects (task frames) in recordings, from the transforms of a bag."""
+"""Poses of objects (task frames) in recordings: from transforms, topics, or a table."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 import warnings
 
 import numpy as np
 
 from gdmp_ros.data import bags
 from gdmp_ros.data.recordings import Recording
+from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.frames import BASE
 from gdmp_ros.errors import DataError, GdmpWarning
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.manifolds.quaternion import rotation_angles
 
 #: A frame that was not declared moving stands still within these [m, rad].
 STANDS = 0.005, 0.03
 #: Longest time without the transforms of a frame that moves [s].
 LOST_S = 0.5
+#: Columns of an object in a table.
+_PARTS = ('x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
 
 
 def with_objects(recordings: Sequence[Recording], demonstrations: Sequence[Demonstration],
-                 names: Sequence[str], moving: Sequence[str] = ()) -> list[Demonstration]:
+                 names: Sequence[str], moving: Sequence[str] = (), table: Path | None = None
+                 ) -> list[Demonstration]:
     """
-    The same demonstrations with task frames from ``/tf`` and ``/tf_static`` of their bags.
+    The same demonstrations with the poses of objects as task frames.
 
-    :param names: of the frames
+    :param names: of the frames, in ``/tf`` and ``/tf_static`` of the bags; ``NAME=/topic`` for
+        the poses on a topic
     :param moving: those of them that may move; the others stand still
-    :raises DataError: if a bag does not have one, or one that moves was lost
+    :param table: file with more of them, which stand still (`read_poses`)
+    :raises DataError: if a bag or the table does not have one, or one that moves was lost
     """
+    topics = {name.partition('=')[0]: name.partition('=')[2] for name in names}
     for name in moving:
-        if name not in names:
+        if name not in topics:
             raise DataError(f'frame {name!r} is declared moving, expected one of '
-                            f'{", ".join(names)}')
-    return [replace(same, frames={name: _poses(recording, same, name, name in moving)
-                                  for name in names if name != BASE})
-            for recording, same in zip(recordings, demonstrations)]
+                            f'{", ".join(topics)}')
+    given = ([{} for _ in recordings] if table is None else
+             read_poses(table, [Path(recording.bag).name for recording in recordings]))
+    for name in topics:
+        if any(name in poses for poses in given):
+            raise DataError(f'{table}: frame {name!r} is named twice, with --frames and here')
+    return [replace(same, frames={**poses, **{
+        name: _poses(recording, same, name, topic, name in moving)
+        for name, topic in topics.items() if name != BASE}})
+            for recording, same, poses in zip(recordings, demonstrations, given)]
 
 
-def _poses(recording: Recording, demonstration: Demonstration, name: str, moving: bool
-           ) -> np.ndarray:
+def read_poses(path: Path, takes: Sequence[str]) -> list[dict[str, np.ndarray]]:
+    """
+    Poses of objects in each take, from a table.
+
+    The columns are ``take`` and, of each object, ``NAME.x`` to ``NAME.qz``.
+
+    :param takes: names of the bags
+    :raises DataError: if it is no such table, or a column is missing
+    """
+    numbers = read_numbers(path, takes)
+    names = list(dict.fromkeys(column.rpartition('.')[0] for column in numbers))
+    for column in (f'{name}.{part}' for name in names for part in _PARTS):
+        if column not in numbers:
+            raise DataError(f'{path}: no column {column}; an object has {", ".join(_PARTS)}')
+    if len(numbers) != len(names) * len(_PARTS):
+        raise DataError(f'{path}: the columns are {", ".join(numbers)}, expected '
+                        f'NAME.{", NAME.".join(_PARTS)} of each object')
+    return [{name: np.array([numbers[f'{name}.{part}'][i] for part in _PARTS])
+             for name in names} for i in range(len(takes))]
+
+
+def _poses(recording: Recording, demonstration: Demonstration, name: str, topic: str,
+           moving: bool) -> np.ndarray:
     """Pose of a frame while a demonstration was shown, or its poses at the samples."""
     if not recording.frame:
         raise DataError(f'{recording.bag}: the poses have no frame_id, so it is not known where '
                         f'{name} is')
     with bags.opened(recording.bag) as reader:
-        series = bags.transforms_in(reader, recording.bag, name, recording.frame)
+        series = (bags.series_in(reader, recording.bag, topic, bags.POSE) if topic else
+                  bags.transforms_in(reader, recording.bag, name, recording.frame))
+        if topic and series.frame != recording.frame:
+            series = _in_base(series, bags.transforms_in(reader, recording.bag, series.frame,
+                                                         recording.frame))
     stamps = recording.begins + np.round(demonstration.times * bags.NS).astype(np.int64)
     if moving:
         return _at(series, stamps, name)
@@ -64,6 +104,13 @@ def _poses(recording: Recording, demonstration: Demonstration, name: str, moving
     middle = np.array(known[len(known) // 2])
     middle[:3] = np.median(known[:, :3], axis=0)
     return middle
+
+
+def _in_base(series: bags.Series, place: bags.Series) -> bags.Series:
+    """Poses in a frame, in the one in which that frame is at a place."""
+    outer = bags.transforms_at(place.stamps, place.values, series.stamps)
+    return series._replace(values=np.array([
+        compose(one, pose) for one, pose in zip(outer, series.values)]), frame=place.frame)
 
 
 def _at(series: bags.Series, stamps: np.ndarray, name: str) -> np.ndarray:

@@ -12,7 +12,7 @@ from gdmp_ros.data import recordings
 from gdmp_ros.data.columns import Import
 from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.recordings import common_events
-from gdmp_ros.data.takes import read_contexts
+from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains
 from gdmp_ros.dmp.skill import Skill
@@ -34,7 +34,8 @@ class LearningSettings:
     :ivar contexts: table of the takes (`gdmp_ros.data.takes`); None without contexts
     :ivar rhythmic: learn a motion that repeats a cycle
     :ivar period: of the cycle [s]; None to find it
-    :ivar objects: names of task frames, from the transforms of the bags
+    :ivar objects: names of task frames, in the transforms of the bags; ``NAME=/topic``: on a topic
+    :ivar object_table: poses of more of them in each take (`gdmp_ros.data.objects.read_poses`)
     :ivar moving: those of them that move while they are shown
     :ivar ends: the frames of start and goal; None for those of `Skill.learn`
     :ivar free_yaw: task frames of objects that are symmetric about their z axis
@@ -62,6 +63,7 @@ class LearningSettings:
     period: float | None = None
     contexts: Path | None = None
     objects: tuple[str, ...] = ()
+    object_table: Path | None = None
     moving: tuple[str, ...] = ()
     ends: tuple[str | None, str | None] = (None, None)
     free_yaw: tuple[str, ...] = ()
@@ -108,7 +110,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     :param step: called after each bag that has been read
     :raises GdmpError: if a bag is refused, the frames differ, or nothing can be learned
     """
-    contexts = None if settings.contexts is None else read_contexts(
+    contexts = None if settings.contexts is None else read_numbers(
         settings.contexts, [Path(bag).name for bag in bags])
     takes = []
     for bag in bags:
@@ -122,14 +124,15 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         if settings.rhythmic and stiffness == 'auto' and not all(
                 take.demonstration.manifold.point_size > 7 for take in takes):
             stiffness = 'none'
-        if settings.objects:
+        among = bool(settings.objects or settings.object_table)
+        if among:
             stiffness = _stiffness_among_objects(stiffness, takes)
         demonstrations, source = recordings.with_stiffness(takes, stiffness, settings.k_min,
                                                            settings.k_max)
         demonstrations = recordings.with_wrench(takes, demonstrations)
-        if settings.objects:
+        if among:
             demonstrations = with_objects(takes, demonstrations, settings.objects,
-                                          settings.moving)
+                                          settings.moving, settings.object_table)
     provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,
                   'stiffness': source,
                   **({'joints': list(takes[0].joints)} if takes[0].joints else {})}

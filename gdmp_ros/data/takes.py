@@ -189,7 +189,7 @@ def drop(takes: Path, name: str) -> Path:
     return target
 
 
-def read_contexts(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
+def read_numbers(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
     """
     Read the numbers of takes.
 
@@ -200,7 +200,7 @@ def read_contexts(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
     :raises DataError: if a take is missing or occurs twice, or an entry is no number
     """
     try:
-        rows = csv.reader(io.StringIO(read_text(path, 'table of contexts', MAX_BYTES)))
+        rows = csv.reader(io.StringIO(read_text(path, 'table of takes', MAX_BYTES)))
         lines = [(rows.line_num, [entry.strip() for entry in row]) for row in rows if any(row)]
     except (csv.Error, UnicodeDecodeError) as error:
         raise DataError(f'{path}: not a CSV file: {error}') from None

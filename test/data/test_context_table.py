@@ -1,14 +1,14 @@
 """Tables of contexts."""
 import pytest
 
-from gdmp_ros.data.takes import read_contexts
+from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.errors import DataError
 
 
 def test_numbers_are_found_by_the_names_of_the_takes(tmp_path):
     table = tmp_path / 'contexts.csv'
     table.write_text('take, height, weight\nb, 0.05, 2\n\na, 0.02, 1\nunused, 1, 1\n')
-    assert read_contexts(table, ['a', 'b']) == {'height': [0.02, 0.05], 'weight': [1.0, 2.0]}
+    assert read_numbers(table, ['a', 'b']) == {'height': [0.02, 0.05], 'weight': [1.0, 2.0]}
 
 
 @pytest.mark.parametrize('text, reason', [
@@ -23,9 +23,9 @@ def test_damaged_tables_are_refused(tmp_path, text, reason):
     table = tmp_path / 'contexts.csv'
     table.write_text(text)
     with pytest.raises(DataError, match=reason):
-        read_contexts(table, ['a', 'b'])
+        read_numbers(table, ['a', 'b'])
 
 
 def test_a_missing_table_is_named(tmp_path):
     with pytest.raises(DataError, match='none.csv'):
-        read_contexts(tmp_path / 'none.csv', ['a'])
+        read_numbers(tmp_path / 'none.csv', ['a'])

@@ -7,10 +7,10 @@ from gdmp_ros import DataError, Demonstration, GdmpWarning, ParameterError, Roll
 from gdmp_ros.data import bags, recordings
 from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
-from gdmp_ros.manifolds.poses import compose, tool_manifold
+from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import gdmp
-from test.dmp.test_frames import apart, ELSEWHERE, ENTERS, SHOWN, shown
+from test.dmp.test_frames import apart, ELSEWHERE, ENTERS, pose, SHOWN, shown
 from test.pictures import drawn
 
 BEGINS = 1_700_000_000_000_000_000
@@ -93,6 +93,64 @@ def test_a_frame_that_moves_is_told_and_one_that_is_declared_moving_is_followed(
     skill = Skill.learn(followed)
     still = Rollout(skill, frames=SHOWN).sample(np.linspace(0.0, 8.0, 20)).points[-1]
     assert max(apart(still, compose(SHOWN['goal'], ENTERS))) < 3e-3
+
+
+@pytest.mark.parametrize('turned', [False, True], ids=['in the base', 'in the camera'])
+def test_poses_on_a_topic_are_frames_too(turned, tmp_path):
+    demo, camera = shown(count=200), pose([0.1, -0.5, 0.4], [0.3, 0.0, 1.0])
+    bag = tmp_path / 'take'
+    with bags.BagWriter(bag) as writer:
+        transform(writer, '/tf_static', 'camera', BEGINS - bags.NS, camera)
+        transform(writer, '/tf_static', 'start', BEGINS - bags.NS, SHOWN['start'])
+        seen = compose(inverse(camera), SHOWN['goal']) if turned else SHOWN['goal']
+        for time in CLOCK:
+            writer.pose('/hole_pose', BEGINS + round(time * bags.NS), seen,
+                        'camera' if turned else 'base')
+        for time, point in zip(demo.times, demo.points):
+            writer.pose('/pose', BEGINS + round(time * bags.NS), point, 'base')
+    skill = skill_from_bags([bag], LearningSettings(
+        60, pose_topic='/pose', objects=('start', 'goal=/hole_pose'), moving=('goal',))).skill
+    assert np.abs(skill.views[-1].pose - SHOWN['goal']).max() < 1e-9
+    with pytest.raises(DataError, match='no topic /cup; the bag has'):
+        skill_from_bags([bag], LearningSettings(60, pose_topic='/pose',
+                                                objects=('start', 'goal=/cup')))
+
+
+def table_of(path, **takes):
+    parts = ('x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
+    names = list(next(iter(takes.values())))
+    lines = [','.join(['take', *(f'{name}.{part}' for name in names for part in parts)])]
+    lines += [','.join([take, *(f'{number:.12g}' for name in names for number in frames[name])])
+              for take, frames in takes.items()]
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def test_a_table_tells_where_objects_were_in_files_of_other_programs(tmp_path):
+    for name, frames in (('a', SHOWN), ('b', ELSEWHERE)):
+        demo = shown(frames, count=200)
+        rows = [','.join(map('{:.12g}'.format, (time, *point)))
+                for time, point in zip(demo.times, demo.points)]
+        (tmp_path / f'{name}.csv').write_text('\n'.join(['t,x,y,z,qw,qx,qy,qz', *rows]) + '\n')
+    table = table_of(tmp_path / 'objects.txt', **{'a.csv': SHOWN, 'b.csv': ELSEWHERE})
+    done = gdmp('learn', tmp_path / 'a.csv', tmp_path / 'b.csv', '-o', tmp_path / 'skill.json',
+                '--n-basis', 60, '--object-table', table)
+    assert done.returncode == 0, done.stderr
+    skill = Skill.load(tmp_path / 'skill.json')
+    assert [view.name for view in skill.views] == ['start', 'goal']
+    end = Rollout(skill, frames=ELSEWHERE).goal
+    assert max(apart(end, compose(ELSEWHERE['goal'], ENTERS))) < 2e-3
+    for lines, reason in ((['take,hole.x', 'a.csv,1', 'b.csv,2'], 'no column hole.y'),
+                          (['take,x,y', 'a.csv,1,2', 'b.csv,2,3'], 'no column .x')):
+        table.write_text('\n'.join(lines))
+        done = gdmp('learn', tmp_path / 'a.csv', tmp_path / 'b.csv', '-o', tmp_path / 'no.json',
+                    '--object-table', table)
+        assert done.returncode == 1 and reason in done.stderr
+        assert not (tmp_path / 'no.json').exists()
+    bag = record(tmp_path / 'take', shown(count=200), SHOWN)
+    with pytest.raises(DataError, match="frame 'goal' is named twice"):
+        skill_from_bags([bag], LearningSettings(60, objects=('goal',), object_table=table_of(
+            table, take=SHOWN)))
 
 
 def test_a_frame_that_was_lost_is_an_error_with_the_time(tmp_path):

@@ -43,7 +43,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 from gdmp_ros.control.target import HOLD_STIFFNESS
 from gdmp_ros.data import bags, lasa, recordings
 from gdmp_ros.data.sequences import read_sequence
-from gdmp_ros.data.takes import read_contexts
+from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.sequence import SequenceRollout
 from gdmp_ros.dmp.skill import Skill
@@ -328,7 +328,7 @@ def context_table() -> Entrance:
     def feed(data: bytes) -> None:
         path.write_bytes(data)
         with suppress(GdmpError):
-            Contexts.of(read_contexts(path, ['a', 'b', 'c', 'd']), 4)
+            Contexts.of(read_numbers(path, ['a', 'b', 'c', 'd']), 4)
     return Entrance(feed, [b'take,height\na,1\nb,2\nc,3\nd,5\n',
                            b'height,"take"\r\n1e3,a\r\n2,b\r\n-3,c\r\n.5,d'])
 

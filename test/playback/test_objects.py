@@ -81,7 +81,8 @@ class Run:
         self.robot = lambda: self.rows[-1][:7] if self.rows else BOX
         self.streamer = Streamer(
             PERIOD_NS, measured, StreamSettings(**(stream or {})), PlayerSettings(),
-            objects=camera, object_settings=settings or ObjectSettings(objects=('box',), moving_objects=('hole',)))
+            objects=camera, object_settings=settings or ObjectSettings(
+                objects=('box',), moving_objects=('hole',)))
         self.streamer.use(skill, 'insert')
         self.streamer.activate(PERIOD_NS)
 
