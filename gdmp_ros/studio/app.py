@@ -66,6 +66,7 @@ class Studio:
     :ivar takes_folder: where takes are recorded
     :ivar on_motion: called when the shown motion has changed
     :ivar on_goal: called with the goal pose that the user has moved
+    :ivar on_object: called with name and pose of an object that the user has moved
     :ivar on_view: called with the newest view of the robot
     :ivar on_quiet: called when what takes longer has been computed
     """
@@ -93,6 +94,7 @@ class Studio:
         self.guided = False
         self.on_motion: list[Callable[[], None]] = []
         self.on_goal: list[Callable[[np.ndarray], None]] = []
+        self.on_object: list[Callable[[str, np.ndarray], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
         self._quiet_at, self._ended = 0.0, False
@@ -211,7 +213,7 @@ class Studio:
         :raises GdmpError: if it is impossible
         """
         changes = self.bench.changes
-        before = dict(vars(changes), via=dict(changes.via))
+        before = vars(changes.copy())
         try:
             work()
             self.redraw()

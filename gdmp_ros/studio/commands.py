@@ -28,6 +28,7 @@ class Changes:
     :ivar start: pose (x, y, z, qw, qx, qy, qz); None for that of the skill
     :ivar goal: the same
     :ivar via: positions by progress, 0 to 1 [m]
+    :ivar objects: poses of task frames by name, of those that have been moved
     :ivar duration: [s]; None for that of the skill
     :ivar corrections: the skill with corrections by hand, before the other changes; newest last
     """
@@ -35,19 +36,20 @@ class Changes:
     start: np.ndarray | None = None
     goal: np.ndarray | None = None
     via: dict[float, np.ndarray] = field(default_factory=dict)
+    objects: dict[str, np.ndarray] = field(default_factory=dict)
     duration: float | None = None
     corrections: tuple[Skill, ...] = ()
 
     def copy(self) -> Changes:
         """The same changes, which stay as they are."""
-        return replace(self, via=dict(self.via))
+        return replace(self, via=dict(self.via), objects=dict(self.objects))
 
     def __eq__(self, other: object) -> bool:
         return (isinstance(other, Changes) and repr(self) == repr(other)
                 and self.corrections == other.corrections)
 
     def __bool__(self) -> bool:
-        return bool(self.via or self.corrections) or any(
+        return bool(self.via or self.objects or self.corrections) or any(
             item is not None for item in (self.start, self.goal, self.duration))
 
 

@@ -160,6 +160,9 @@ class NodesRobot:
     def switch_goal(self, pose: np.ndarray) -> None:
         self._commands.put(partial(self._switch, pose.copy()))
 
+    def move_object(self, name: str, pose: np.ndarray) -> None:
+        pass  # it is where /tf has it
+
     # The arm
 
     def guide(self, guided: bool) -> None:

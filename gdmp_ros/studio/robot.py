@@ -121,6 +121,9 @@ class Robot(Protocol):
         :raises GdmpError: if it is refused
         """
 
+    def move_object(self, name: str, pose: np.ndarray) -> None:
+        """Move an object of the motion; that of running nodes is where /tf has it."""
+
     def guide(self, guided: bool) -> None:
         """Let the arm be guided by hand, or let it hold."""
 

@@ -41,6 +41,7 @@ class RunPanel:
         self.executed = ''
         studio.on_view.append(self._show)
         studio.on_goal.append(self._switch_goal)
+        studio.on_object.append(self._move_object)
 
     def _set_amplitude(self, amplitude: float) -> None:
         """Send an amplitude that the user has moved to a rhythmic motion."""
@@ -58,10 +59,19 @@ class RunPanel:
 
     def _switch_goal(self, goal: np.ndarray) -> None:
         """Send a goal that the user has moved to a robot in motion, not to one at rest."""
+        if self._goes_on():
+            self._studio.robot.switch_goal(goal)
+
+    def _move_object(self, name: str, pose: np.ndarray) -> None:
+        """Tell a robot in motion where the user has moved an object."""
+        if self._goes_on():
+            self._studio.robot.move_object(name, pose)
+
+    def _goes_on(self) -> bool:
+        """Whether the chosen skill is executed, and what is dragged counts for it."""
         studio, view = self._studio, self._studio.view
-        if (self._switch.value and view is not None and view.status in _MOVING
-                and studio.bench.chosen == self.executed):
-            studio.robot.switch_goal(goal)
+        return (self._switch.value and view is not None and view.status in _MOVING
+                and studio.bench.chosen == self.executed)
 
     def _show(self, view: RobotView | None) -> None:
         if self._studio.now() < self._text_due:

@@ -186,6 +186,9 @@ class SimulatedRobot:
     def switch_goal(self, pose: np.ndarray) -> None:
         self._streamer.commands.goal_pose(pose, self._streamer.now)
 
+    def move_object(self, name: str, pose: np.ndarray) -> None:
+        self._streamer.loaded().move_frame(name, pose, self._streamer.time)
+
     def followed(self) -> FollowedMotion:
         return FollowedMotion(*self._streamer.record.arrays())
 

@@ -8,6 +8,7 @@ import numpy as np
 import viser
 
 from gdmp_ros.data import foreign
+from gdmp_ros.dmp.frames import BASE
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
@@ -108,6 +109,18 @@ class SkillPanel:
         studio.jobs.put(lambda: studio.change(move, not released),
                         None if released else f'via {progress}')
 
+    def _drag_object(self, name: str, pose: np.ndarray, released: bool) -> None:
+        studio, objects = self._studio, self._studio.bench.changes.objects
+
+        def change() -> None:
+            objects[name] = pose.copy()
+
+        def move() -> None:
+            studio.change(change, not released)
+            for tell in studio.on_object:
+                tell(name, pose)
+        studio.jobs.put(move, None if released else f'object {name}')
+
     def _undo(self) -> None:
         self._studio.bench.choose(self._studio.bench.chosen)
         self._studio.redraw()
@@ -194,12 +207,20 @@ class SkillPanel:
         studio, bench = self._studio, self._studio.bench
         scene = studio.scene
         if not bench.chosen or studio.motion is None or studio.guided:
-            for name in ('goal', 'start', *scene.handles('via')):
+            for name in ('goal', 'start', *scene.handles('via'), *scene.handles('object')):
                 scene.handle(name, None)
             return
-        scene.handle('goal', last, partial(self._drag, 'goal'))
-        scene.handle('start', None if bench.skill.rhythmic else first,
+        views = () if studio.skill is None else studio.skill.views
+        # Among objects these are dragged, and start and goal go with them.
+        scene.handle('goal', None if views else last, partial(self._drag, 'goal'))
+        scene.handle('start', None if views or bench.skill.rhythmic else first,
                      partial(self._drag, 'start'), scale=0.1)
+        objects = {f'object {view.name}': view for view in views if view.name != BASE}
+        for name in scene.handles('object'):
+            if name not in objects:
+                scene.handle(name, None)
+        for name, view in objects.items():
+            scene.handle(name, view.pose, partial(self._drag_object, view.name), scale=0.12)
         target = {f'via {100 * s:.0f} %': (s, position)
                   for s, position in bench.changes.via.items()}
         for name in scene.handles('via'):

@@ -178,6 +178,8 @@ class Workbench:
         """
         changes = self.changes
         skill = (self.skill, *changes.corrections)[-1]
+        if changes.objects:
+            skill = skill.with_frames(changes.objects)
         if changes.duration is not None:
             skill = replace(skill, duration=max(changes.duration, SHORTEST_DURATION))
         if changes.start is not None or changes.goal is not None:

@@ -1,4 +1,5 @@
 """What RViz and Foxglove receive, and what dragging an interactive marker does."""
+from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LoadSkill
 from nav_msgs.msg import Path
 import numpy as np
@@ -7,7 +8,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
 
-from gdmp_ros import Skill
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import lasa
 from gdmp_ros.playback.prediction import LIKELY, Tube
 from gdmp_ros.ros import messages
@@ -21,7 +22,8 @@ FEEDBACK = InteractiveMarkerFeedback
 
 @pytest.fixture(scope='module')
 def visualizer(shared_nodes):
-    shared_nodes.children.start_node('visualizer', 'gdmp_ros.ros.visualizer.node', {})
+    shared_nodes.children.start_node('visualizer', 'gdmp_ros.ros.visualizer.node', {
+        'objects': ['hole']})
 
 
 class Viewer:
@@ -76,7 +78,7 @@ def test_everything_is_shown_and_the_goal_is_switched_by_its_handle(running, vie
     applied = np.linalg.eigvalsh(np.reshape(running.robot[-1].stiffness, (6, 6))[:3, :3])
     np.testing.assert_allclose(size, 2e-4 * applied, rtol=1e-3)
 
-    handles = viewer.wait_handles('goal', 'hand')
+    handles = viewer.wait_handles('goal', 'hand', 'object hole')
     assert len(handles['goal'].controls) == 7
     assert [entry.title for entry in handles['goal'].menu_entries] == list(MENU)
     # The menu starts the motion, the handle switches its goal.
@@ -151,7 +153,7 @@ def test_how_takes_vary_is_shown_around_the_predicted_path(running, viewer, tmp_
 def test_the_handle_returns_from_a_goal_that_is_refused(running, viewer):
     running.wait('the goal', lambda: ('goal', 0) in viewer.shown, 60.0)
     assert running.call(Trigger, f'/{SERVER}/start').success
-    there = messages.pose_numbers(viewer.wait_handles('goal', 'hand')['goal'].pose)
+    there = messages.pose_numbers(viewer.wait_handles('goal', 'hand', 'object hole')['goal'].pose)
     away = there.copy()
     away[2] = 7.0
     viewer.use('goal', FEEDBACK.POSE_UPDATE, away)
@@ -162,10 +164,34 @@ def test_the_handle_returns_from_a_goal_that_is_refused(running, viewer):
         messages.pose_numbers(viewer.handles()['goal'].pose), there))
 
 
+def test_an_object_is_dragged_and_the_motion_goes_with_it(running, viewer, skill, tmp_path):
+    path = skill.reproduce(0.02)
+    Skill.learn(Demonstration(path.times, path.points, skill.manifold, frames={
+        'box': skill.start[:7], 'hole': skill.goal[:7]}), start_frame='box',
+        goal_frame='hole').save(tmp_path / 'among.json')
+    assert running.set_parameters(SERVER, moving_objects=['hole']).successful
+    viewer.wait_handles('goal', 'hand', 'object hole')
+    hole = skill.goal[:7].copy()
+    viewer.use('object hole', FEEDBACK.MOUSE_DOWN, hole)
+    viewer.use('object hole', FEEDBACK.POSE_UPDATE, hole)
+    viewer.use('object hole', FEEDBACK.MOUSE_UP, hole)
+    running.wait('its axes', lambda: 'hole' in viewer.namespaces())
+    running.client.execute(ExecuteSkill.Goal(skill=str(tmp_path / 'among.json')))
+    running.wait_progress(0.3)
+    for step in range(1, 11):
+        moved = hole + step / 10 * np.array([0.0, 0.05, 0.03, 0.0, 0.0, 0.0, 0.0])
+        viewer.use('object hole', FEEDBACK.POSE_UPDATE, moved)
+        running.spend(0.05)
+    viewer.use('object hole', FEEDBACK.MOUSE_UP, moved)
+    result = running.client.result(60.0)
+    assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
+    assert np.linalg.norm(running.tool()[:3] - moved[:3]) < 5e-3
+
+
 def test_the_arm_is_guided_by_the_handle_of_the_hand(running, viewer):
     assert running.transition(SERVER, DEACTIVATE, CLEANUP)
     running.wait('the arm', lambda: ('arm', 0) in viewer.shown, 60.0)
-    viewer.wait_handles('hand')  # without a server there is no goal
+    viewer.wait_handles('hand', 'object hole')  # without a server there is no goal
     assert running.call(SetBool, f'/{ARM}/teach', data=True).success
     begun = running.tool()
     pose = begun.copy()

@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from gdmp_ros import Skill
+from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import recordings
 from test.motions import circles
 from test.studio.lockstep import opened_page
@@ -90,6 +90,56 @@ def test_a_skill_is_run_and_its_goal_switched_in_motion(page):
     page.spend(1.0)
     still = re.search(r'tool at (0\.\d+),', page.text())
     assert abs(float(still.group(1)) - float(reached.group(1))) < 1.5e-3
+
+
+@pytest.fixture
+def among(folder, monkeypatch):
+    """The page with a skill that begins at a box and ends at a hole."""
+    monkeypatch.chdir(folder)
+    letter = Skill.load(folder / 'other.json')
+    path = letter.reproduce(0.02)
+    Skill.learn(Demonstration(path.times, path.points, letter.manifold, frames={
+        'box': letter.start[:7], 'hole': letter.goal[:7]}), start_frame='box',
+        goal_frame='hole').save(folder / 'among.json')
+    with opened_page(folder, 'among.json', 'skill.json') as made:
+        yield made
+
+
+def test_objects_are_dragged_and_the_path_goes_with_them(among, folder):
+    skill = Skill.load(folder / 'among.json')
+    scene = among.studio.scene
+    assert set(scene.handles('')) == {'object box', 'object hole'}
+    away = np.array([0.0, 0.04, 0.03])
+    among.drag('object hole', away)
+    np.testing.assert_allclose(ends_at(among.text()), skill.goal[:3] + away, atol=1e-3)
+    among.drag('object box', [0.02, 0.0, 0.0])
+    np.testing.assert_allclose(among.part('start [m]').value, skill.start[:3] + [0.02, 0.0, 0.0],
+                               atol=1e-4)
+    among.enter('among_changed.json', 'moved.json')
+    among.click('save the skill')
+    among.wait_text('moved.json')
+    moved = Skill.load(folder / 'moved.json')
+    np.testing.assert_allclose(moved.views[-1].pose[:3] - skill.views[-1].pose[:3], away,
+                               atol=1e-6)
+    among.click('add a via point')
+    among.wait_text('refused: via points')
+    among.click('undo all changes')
+    np.testing.assert_allclose(ends_at(among.text()), skill.goal[:3], atol=1e-3)
+    among.enter('skill', 'skill')
+    assert set(scene.handles('')) == {'goal', 'start'}
+
+
+def test_an_object_that_is_dragged_in_motion_takes_the_motion_with_it(among, folder):
+    skill, away = Skill.load(folder / 'among.json'), np.array([0.0, 0.05, 0.03])
+    among.enter('tempo', 0.4)
+    among.click('start')
+    among.wait_text('**moving**')
+    among.spend(1.0)
+    among.drag('object hole', away)
+    among.wait_text('**holding**')
+    among.spend(0.5)
+    reached = among.studio.robot.view().pose[:3]
+    np.testing.assert_allclose(reached, skill.goal[:3] + away, atol=5e-3)
 
 
 def test_a_motion_is_paused_and_stopped(page):
