@@ -1,25 +1,36 @@
 """
-Two tasks with objects, shown in a few situations and executed in others on the simulated arm.
+Three tasks with objects, shown in a few situations and executed in others on the simulated arm.
 
 A peg goes out of a rack into a turned hole, 1 mm wider on each side; a spout is held over a cup
-and tilted. The objects are moved and turned in every situation; the takes go between them as hands
-do, each with another arc. A skill with task frames is compared with one that only gets the goal.
+and tilted; a cube is picked from the floor and placed in a box. The objects are moved and turned
+in every situation; the takes go between them as hands do, each with another arc. A skill with task
+frames is compared with one that only gets the goal.
 """
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose, tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import execute, Execution
-from gdmp_ros.sim.scenes import peg_and_holes, PEG_BELOW, PEG_HALF_LENGTH
+from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
+from gdmp_ros.sim.scenes import (
+    cube_and_box,
+    CUBE_EDGE,
+    peg_and_holes,
+    PEG_BELOW,
+    PEG_HALF_LENGTH,
+    PLACE,
+)
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: Objects are moved by up to this [m], turned about the vertical and tilted [rad].
@@ -66,16 +77,23 @@ class Task(NamedTuple):
     """
     A task.
 
-    :ivar places: of the two objects [m]
+    :ivar situation: draws where the objects are
     :ivar shown: makes a take in a situation
     :ivar arm: makes the arm with the objects
-    :ivar succeeded: judges an execution
+    :ivar succeeded: judges an execution, with the arm as it is then
+    :ivar events: commands for the gripper
     """
 
-    places: tuple[np.ndarray, np.ndarray]
+    situation: Callable[[np.random.Generator], Situation]
     shown: Callable[[Situation, np.random.Generator], Demonstration]
     arm: Callable[[Situation], Arm]
-    succeeded: Callable[[Situation, Execution], bool]
+    succeeded: Callable[[Situation, Execution, Arm], bool]
+    events: tuple[GripperEvent, ...] = ()
+
+    @property
+    def grasp_at(self) -> float | None:
+        """Progress at which something is grasped; None if nothing is."""
+        return next((event.progress for event in self.events if event.force > 0.0), None)
 
 
 def _way(points: list[tuple[float, np.ndarray]], situation: Situation, rng: np.random.Generator
@@ -126,7 +144,7 @@ def _peg_arm(where: Situation) -> Arm:
     return Arm(peg_and_holes([where.goal], CLEARANCE))
 
 
-def _peg_in(where: Situation, done: Execution) -> bool:
+def _peg_in(where: Situation, done: Execution, arm: Arm) -> bool:
     turn = Rotation.from_quat(where.goal[3:], scalar_first=True)
     tool = turn.inv().apply(done.measured[-1, :3] - where.goal[:3])
     return bool(tool[2] < _TIP - DEPTH and np.linalg.norm(tool[:2]) < 2.0 * CLEARANCE)
@@ -144,7 +162,7 @@ def _pouring_shown(where: Situation, rng: np.random.Generator) -> Demonstration:
     return _way(points, where, rng)
 
 
-def _poured(where: Situation, done: Execution) -> bool:
+def _poured(where: Situation, done: Execution, arm: Arm) -> bool:
     turns = Rotation.from_quat(done.measured[:, 3:], scalar_first=True)
     spout = done.measured[:, :3] + turns.apply(SPOUT)
     cup = Rotation.from_quat(where.goal[3:], scalar_first=True)
@@ -157,18 +175,56 @@ def _poured(where: Situation, done: Execution) -> bool:
     return bool(not (tilted & away).any() and off < SAME_TILT and not away[-1])
 
 
+#: Height of the centre of the cube on the floor, and of the tool there [m].
+_LYING = 0.5 * CUBE_EDGE
+#: Where the cube and the box usually are [m].
+_CUBE, _BOX = np.array([0.45, -0.25, _LYING]), np.array([0.45, 0.25, 0.0])
+
+
+def _on_the_floor(rng: np.random.Generator) -> Situation:
+    """Draw a cube and a box that are moved and turned on the floor."""
+    poses = []
+    for place in (_CUBE, _BOX):
+        offset = np.append(rng.uniform(-REACH, REACH, 2), 0.0)
+        turn = Rotation.from_euler('z', rng.uniform(-YAW, YAW))
+        poses.append(np.concatenate([place + offset, turn.as_quat(scalar_first=True)]))
+    return Situation(*poses)
+
+
+def _pick_shown(where: Situation, rng: np.random.Generator) -> Demonstration:
+    held = _tool(where.start, 0.0)
+    return _way([(0.0, _tool(where.start, 0.25)), (0.2, _tool(where.start, 0.1)), (0.35, held),
+                 (0.45, held), (0.55, _tool(where.start, 0.2)), (0.8, _tool(where.goal, 0.25)),
+                 (0.97, _tool(where.goal, 0.06)), (1.0, _tool(where.goal, 0.06))], where, rng)
+
+
+def _pick_arm(where: Situation) -> Arm:
+    return Arm(extras=[add_gripper, lambda spec: cube_and_box(spec, where.start, where.goal)])
+
+
+def _placed(where: Situation, done: Execution, arm: Arm) -> bool:
+    """Whether the cube lies in the box."""
+    cube = arm.data.body('cube').xpos
+    inside = Rotation.from_quat(where.goal[3:], scalar_first=True).inv().apply(
+        cube - where.goal[:3])
+    return bool((np.abs(inside[:2]) < PLACE.half).all() and inside[2] < PLACE.height)
+
+
+_DRAWN = partial(situation, places=(np.array([0.45, -0.25, 0.25]), np.array([0.5, 0.1, 0.2])))
 TASKS = {
-    'peg': Task((np.array([0.45, -0.25, 0.25]), np.array([0.5, 0.1, 0.2])), _peg_shown, _peg_arm,
-                _peg_in),
-    'pouring': Task((np.array([0.45, -0.25, 0.25]), np.array([0.5, 0.1, 0.2])), _pouring_shown,
-                    lambda where: Arm(), _poured)}
+    'peg': Task(_DRAWN, _peg_shown, _peg_arm, _peg_in),
+    'pouring': Task(_DRAWN, _pouring_shown, lambda where: Arm(), _poured),
+    'pick': Task(_on_the_floor, _pick_shown, _pick_arm, _placed,
+                 (GripperEvent(0.36, 0.0, 20.0, 0.1), GripperEvent(1.0, 0.08, 0.0, 0.1)))}
 
 
 def attempt(task: Task, skill: Skill, where: Situation) -> bool:
     """Execute a skill in a situation; an arm that cannot follow has failed."""
     arm = task.arm(where)
+    gripper = SimulatedGripper(arm.model, arm.data) if task.events else None
     try:
-        return task.succeeded(where, execute(skill, arm))
+        done = execute(skill.with_events(task.events), arm, gripper=gripper)
+        return task.succeeded(where, done, arm)
     except GdmpError:
         return False
 
@@ -187,10 +243,10 @@ def measure(name: str, count: int, seed: int, step: Callable[[], None]) -> dict[
     :param step: is called after each execution
     """
     task, rng = TASKS[name], np.random.default_rng(seed)
-    takes = [task.shown(where, rng) for where in (situation(rng, task.places) for _ in range(5))]
-    held_out = [situation(rng, task.places) for _ in range(count)]
+    takes = [task.shown(where, rng) for where in (task.situation(rng) for _ in range(5))]
+    held_out = [task.situation(rng) for _ in range(count)]
     plain = Skill.learn(Demonstration(takes[0].times, takes[0].points, _MANIFOLD))
-    five, one = Skill.learn(takes), Skill.learn(takes[0])
+    five, one = (Skill.learn(shown, grasp_at=task.grasp_at) for shown in (takes, takes[0]))
     done = dict.fromkeys(SKILLS, 0)
     for where in held_out:
         here = one.with_frames(where._asdict())

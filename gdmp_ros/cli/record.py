@@ -22,6 +22,7 @@ examples:
   gdmp record -o takes --by-hand              your own takes
   gdmp record -o takes --arm franka --host 172.16.0.2 --friction friction.yaml --gripper
   gdmp record -o takes --node left/my_arm     on an arm that runs already
+  gdmp record -o takes --by-hand --transforms between objects that /tf knows
   gdmp takes takes --plot takes.png           compare them, drop outliers
   gdmp learn takes -o skill.json              pose and stiffness from all
 """
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--gripper', action='store_true',
                         help='you guide an arm with a gripper; its commands become part of the '
                              'skill')
+    parser.add_argument('--transforms', action='store_true',
+                        help='record /tf and /tf_static, too: where objects are (gdmp learn '
+                             '--frames)')
     parser.add_argument('--letter', default='GShape', metavar='CLASS',
                         help='class of the LASA data set that the scripted hand writes '
                              '(default %(default)s)')
@@ -73,4 +77,4 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(ROS):
         from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
     teach(TeachingSettings(options.output, options.storage, options.frame, arm, options.node,
-                           window, by_hand and options.gripper), demos)
+                           window, by_hand and options.gripper, options.transforms), demos)

@@ -14,9 +14,10 @@ from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.recordings import common_events
 from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains
+from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, GripperEvent
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.learning.frames_fit import LATEST_GRASP
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
     for bag in bags:
         takes.append(_read(bag, settings))
         step()
+    among = bool(settings.objects or settings.object_table)
     if settings.joint_topic is not None:
         demonstrations, source = _of_the_same_joints(takes), 'none'
     else:
@@ -124,7 +126,6 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         if settings.rhythmic and stiffness == 'auto' and not all(
                 take.demonstration.manifold.point_size > 7 for take in takes):
             stiffness = 'none'
-        among = bool(settings.objects or settings.object_table)
         if among:
             stiffness = _stiffness_among_objects(stiffness, takes)
         demonstrations, source = recordings.with_stiffness(takes, stiffness, settings.k_min,
@@ -138,16 +139,23 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                   **({'joints': list(takes[0].joints)} if takes[0].joints else {})}
     if settings.rhythmic:
         return LearnedSkill(_cycle(demonstrations, settings, provenance), demonstrations, source)
+    events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
+                           [take.events for take in takes])
     skill = Skill.learn(demonstrations, settings.n_basis, connection=settings.connection,
                         tolerance=settings.tolerance, smoothing=settings.smoothing,
                         regularization=settings.regularization,
                         alpha_g=settings.goal_gain, fit=settings.fit, end=settings.end,
                         demonstration_weights=settings.weights, contexts=contexts,
                         start_frame=settings.ends[0], goal_frame=settings.ends[1],
-                        free_yaw=settings.free_yaw, provenance=provenance)
-    events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
-                           [take.events for take in takes])
+                        free_yaw=settings.free_yaw, grasp_at=_grasp_at(events) if among else None,
+                        provenance=provenance)
     return LearnedSkill(skill.with_events(events), demonstrations, source)
+
+
+def _grasp_at(events: Sequence[GripperEvent]) -> float | None:
+    """Progress at which the gripper first holds something; None without, or at the end."""
+    return next((event.progress for event in events
+                 if event.force > 0.0 and event.progress <= LATEST_GRASP), None)
 
 
 def _stiffness_among_objects(stiffness: str, takes: Sequence[recordings.Recording]) -> str:

@@ -42,8 +42,9 @@ from gdmp_ros.util.numeric import numbers
 
 #: Rate at which an offset of a frame fades [1/s]: a faster one costs more acceleration.
 FADE_RATE = 3.5
-#: Progress at which the offset of a start elsewhere has faded out.
-START_FADES = 0.7
+#: Progress at which the offset of a start elsewhere has faded out, unless an object is grasped
+#: before; one that is grasped earlier than the second number leaves no time.
+START_FADES, EARLIEST_FADE = 0.7, 0.1
 #: Half of the time of a difference, as a part of the duration, and at most [s].
 _SHORT, _SHORTEST = 1e-5, 1e-4
 #: Time of differences of where a frame is [s].
@@ -85,6 +86,7 @@ class TaskFrames:
         self._dimension, self._actions = actions_of(skill.manifold)
         self._names = [view.name for view in skill.views]
         self._seen: dict[str, tuple[Seen, ...]] = {}
+        self._fades = START_FADES
         own = new_memory(skill, options)
         sizes, knots = parts(own).sizes, len(skill.views[0].shares)
         sizes.views, sizes.own = len(skill.views), len(own)
@@ -174,7 +176,10 @@ class TaskFrames:
                  else manifold.align(start.point, state.point))
         home = manifold.frame(state.point)
         self._fusion.home[:] = home
-        self._fusion.settings[2] = START_FADES
+        self._fades = min([START_FADES, *(
+            view.grasped for view in self._skill.views
+            if view.grasped is not None and view.grasped >= EARLIEST_FADE)])
+        self._fusion.settings[2] = self._fades
         terms = np.zeros((3, manifold.tangent_size))  # offset and derivatives by s
         terms[0] = manifold.log_in_frame(home, point)[0]
         self._write_fade(terms)
@@ -199,7 +204,7 @@ class TaskFrames:
     def _write_fade(self, terms: np.ndarray) -> None:
         """Write the polynomial of fifth order from these derivatives by s to rest at 0."""
         first = terms[0]
-        second, third = START_FADES * terms[1], 0.5 * START_FADES ** 2 * terms[2]
+        second, third = self._fades * terms[1], 0.5 * self._fades ** 2 * terms[2]
         self._fusion.fade[:] = np.concatenate([
             first, second, third, -10.0 * first - 6.0 * second - 3.0 * third,
             15.0 * first + 8.0 * second + 3.0 * third, -6.0 * first - 3.0 * second - third])

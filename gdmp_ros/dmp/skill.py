@@ -38,7 +38,7 @@ class Skill(Primitive):
               demonstration_weights: Sequence[float] | None = None,
               contexts: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
               start_frame: str | None = None, goal_frame: str | None = None,
-              free_yaw: Sequence[str] = (),
+              free_yaw: Sequence[str] = (), grasp_at: float | None = None,
               provenance: Mapping[str, Any] | None = None) -> Skill:
         """
         Learn from one demonstration or several, each with its own start, goal and duration.
@@ -78,6 +78,9 @@ class Skill(Primitive):
         :param goal_frame: task frame in which it ends; by default ``goal``, else the last
         :param free_yaw: task frames of objects that are symmetric about their z axis: the turn
             about it that is nearest to what was shown is taken
+        :param grasp_at: progress at which the tool grasps the object of the start frame: until
+            then that frame alone counts. Of an object that was tracked while it was carried it is
+            found
         :raises ParameterError: if a setting is out of range, or does not fit the others
         :raises DataError: without demonstrations, if their manifolds differ, if one lasts less
             than 50 ms, or if there are too few for their contexts
@@ -88,11 +91,12 @@ class Skill(Primitive):
         """
         # Here, and below, this package uses a higher one: see docs/design.md.
         from gdmp_ros.learning.fit import FitSettings, learn
+        from gdmp_ros.learning.frames_fit import FrameSettings
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)
-        return learn(demonstrations, n_basis, settings, tolerance, start_frame, goal_frame,
-                     tuple(free_yaw))
+        return learn(demonstrations, n_basis, settings, tolerance,
+                     FrameSettings(start_frame, goal_frame, tuple(free_yaw), grasp_at))
 
     @classmethod
     def learn_rhythmic(cls, demonstrations: Demonstration | Sequence[Demonstration],

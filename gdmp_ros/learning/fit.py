@@ -13,7 +13,7 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.learning.alignment import aligned, SAMPLES
 from gdmp_ros.learning.forcing_fit import fit_forcing
-from gdmp_ros.learning.frames_fit import frame_names, learn_in_frames
+from gdmp_ros.learning.frames_fit import frame_names, FrameSettings, learn_in_frames
 from gdmp_ros.learning.output_fit import OutputFit
 from gdmp_ros.learning.preparation import check_tolerance, FitSettings, prepared, warn_tolerance
 from gdmp_ros.learning.rhythmic_fit import learn_cycle
@@ -30,19 +30,18 @@ PASSES = 2
 
 @one_thread
 def learn(demonstrations: Demonstration | Sequence[Demonstration], n_basis: int | str,
-          settings: FitSettings, tolerance: float, start_frame: str | None = None,
-          goal_frame: str | None = None, free_yaw: Sequence[str] = ()) -> Skill:
+          settings: FitSettings, tolerance: float, frames: FrameSettings | None = None
+          ) -> Skill:
     """Learn a primitive; see `gdmp_ros.dmp.Skill.learn`."""
     if not isinstance(n_basis, (int, np.integer, str)) or isinstance(n_basis, bool) or (
             isinstance(n_basis, str) and n_basis != 'auto'):
         raise ParameterError(f"n_basis is {n_basis!r}, expected an integer >= 2 or 'auto'")
     given = as_list(demonstrations)
-    names = frame_names(given, start_frame, goal_frame) if given else []
+    frames = frames or FrameSettings()
+    names = frame_names(given, frames) if given else []
     if names:
-        return learn_in_frames(given, names, free_yaw, settings, lambda one: learn(
+        return learn_in_frames(given, names, frames, settings, lambda one: learn(
             one, n_basis, settings, tolerance))
-    if free_yaw:
-        raise ParameterError('free_yaw: the demonstrations have no frames')
     demos = prepared(given, settings.smoothing)
     settings.contexts_of(len(demos))
     if settings.fit == 'output':

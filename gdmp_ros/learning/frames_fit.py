@@ -31,6 +31,7 @@ from gdmp_ros.dmp.frames import (
     tool_poses,
     View,
 )
+from gdmp_ros.dmp.options import check_range
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, GdmpWarning, ParameterError
@@ -61,6 +62,8 @@ LEAST_SHARE, FULL_SHARE = 0.015, 0.03
 CHANCE, NO_CHANCE = 2e-3, 2e-4
 #: Part of the prior that is left where the takes surely agree in a frame that it does not know.
 LEAST_PRIOR = 0.01
+#: Latest progress at which the object of the start is grasped: later the motion has no time left.
+LATEST_GRASP = 0.9
 #: Fewest and most samples of the mean of several takes.
 _FEWEST, _MOST = 200, 1000
 #: Iterations of a mean of points in the base.
@@ -71,13 +74,31 @@ _TINY, _FLOOR = 1e-18, 1e-4
 Learn = Callable[[Demonstration], Skill]
 
 
-def frame_names(demonstrations: Sequence[Demonstration], start: str | None, goal: str | None
-                ) -> list[str]:
+class FrameSettings(NamedTuple):
+    """
+    What is said about task frames; see `gdmp_ros.dmp.Skill.learn`.
+
+    :ivar start: name of the frame of the start; None for ``start``, else the first one
+    :ivar goal: name of the frame of the goal; None for ``goal``, else the last one
+    :ivar free_yaw: names of objects that are symmetric about their z axis
+    :ivar grasp_at: progress at which the object of the start is grasped
+    """
+
+    start: str | None = None
+    goal: str | None = None
+    free_yaw: tuple[str, ...] = ()
+    grasp_at: float | None = None
+
+    @property
+    def are_given(self) -> bool:
+        """Whether anything is said."""
+        return self != FrameSettings()
+
+
+def frame_names(demonstrations: Sequence[Demonstration], frames: FrameSettings) -> list[str]:
     """
     The frames that all demonstrations have, that of the start first and that of the goal last.
 
-    :param start: name of the frame of the start; by default ``start``, else the first one
-    :param goal: name of the frame of the goal; by default ``goal``, else the last one
     :returns: empty if none of the demonstrations has frames
     :raises ParameterError: if a frame that was named is none of them
     :raises DataError: if the demonstrations have no frame in common
@@ -85,13 +106,15 @@ def frame_names(demonstrations: Sequence[Demonstration], start: str | None, goal
     first = list(demonstrations[0].frames)
     common = [name for name in first if all(name in d.frames for d in demonstrations)]
     if not common:
-        if start is not None or goal is not None:
-            raise ParameterError(f'frame {start or goal!r}: the demonstrations have no frames')
+        if frames.are_given:
+            said = ', '.join(f'{name} {value!r}' for name, value in frames._asdict().items()
+                             if value)
+            raise ParameterError(f'{said}: the demonstrations have no frames')
         if any(d.frames for d in demonstrations):
             raise DataError('frames: the demonstrations have no frame in common: '
                             + '; '.join(', '.join(d.frames) or 'none' for d in demonstrations))
         return []
-    for name in (start, goal):
+    for name in (frames.start, frames.goal):
         if name is not None and name not in (*common, BASE):
             raise ParameterError(f'frame {name!r}: expected one of {", ".join(common)}, which all '
                                  'demonstrations have')
@@ -99,7 +122,7 @@ def frame_names(demonstrations: Sequence[Demonstration], start: str | None, goal
     if left:
         warnings.warn(f'frames {", ".join(left)}: not in all demonstrations, and not used',
                       GdmpWarning, stacklevel=5)
-    return _in_order(common, start, goal)
+    return _in_order(common, frames.start, frames.goal)
 
 
 def _in_order(common: list[str], start: str | None, goal: str | None) -> list[str]:
@@ -120,17 +143,16 @@ def _in_order(common: list[str], start: str | None, goal: str | None) -> list[st
 
 
 def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
-                    free_yaw: Sequence[str], settings: FitSettings, learn: Learn) -> Skill:
+                    frames: FrameSettings, settings: FitSettings, learn: Learn) -> Skill:
     """
     Learn a skill with task frames.
 
     :param names: see `frame_names`
-    :param free_yaw: those of objects that are symmetric about their z axis
     :param learn: learns a plain skill from one demonstration
     :raises ParameterError: for what frames are not combined with
     :raises DataError: if an object is grasped in some of the takes only
     """
-    for name in free_yaw:
+    for name in frames.free_yaw:
         if name not in names:
             raise ParameterError(f'free_yaw: frame {name!r}, expected one of {", ".join(names)}')
     for what, given in (('contexts', settings.contexts is not None),
@@ -139,33 +161,36 @@ def learn_in_frames(demonstrations: Sequence[Demonstration], names: list[str],
         if given:
             raise ParameterError(f'{what}: not together with task frames')
     poses = [[_poses(given, name) for name in names] for given in demonstrations]
-    for k in (names.index(name) for name in free_yaw):
+    for k in (names.index(name) for name in frames.free_yaw):
         near = np.atleast_2d(poses[0][k])[0]
         for own in poses:
             own[k] = _turned(own[k], near)
     takes = [_Take(demo, given.times, own)
              for demo, given, own in zip(prepared(demonstrations, None), demonstrations, poses)]
     grasped = [_rest_where_grasped(takes, k, name) for k, name in enumerate(names)]
+    if frames.grasp_at is not None:
+        grasped[0] = check_range('grasp_at', frames.grasp_at, 0.0, LATEST_GRASP)
+    leaves = min(grasped[0] or 0.0, LATEST_GRASP)
     count = int(np.clip(max(len(take.demo.times) for take in takes), _FEWEST, _MOST))
     progress = np.linspace(0.0, 1.0, count)
     own_progress = [progress] * len(takes)
-    found = _found(takes, own_progress)
+    found = _found(takes, own_progress, leaves)
     if len(takes) > 1 and settings.align:
         as_timed = found.left(takes, own_progress)
         for _ in range(PASSES):
             expected = [found.expected(i, take.demo) for i, take in enumerate(takes)]
             alignment = align([take.demo for take in takes], expected=expected)
             own = [np.interp(progress, alignment.progress, warp) for warp in alignment.warps]
-            warped = _found(takes, own)
+            warped = _found(takes, own, leaves)
             if warped.left(takes, own) > NEEDED * as_timed:
                 break
             found, own_progress = warped, own
-    found = found.with_prior(_best_prior(takes, own_progress))
+    found = found.with_prior(_best_prior(takes, own_progress, leaves))
     shown = ([takes[0].seen_from(k) for k in range(len(names))] if len(takes) == 1 else
              [Demonstration(float(np.mean([take.demo.duration for take in takes])) * progress,
                             found.manifold.unflat(mean), found.manifold) for mean in found.means])
     views = [View(name, mean_pose(found.poses[:, -1, k]), found.shares[:, k], learn(one),
-                  name in free_yaw, grasped[k])
+                  name in frames.free_yaw, grasped[k])
              for k, (name, one) in enumerate(zip(names, shown))]
     return _as_shown(views, learn, settings)
 
@@ -265,6 +290,7 @@ class _Found(NamedTuple):
     :ivar scatter: of the takes around the means, shape (samples, K, F)
     :ivar deviation: of the prior, for each factor
     :ivar shares: shape (knots, K, F)
+    :ivar leaves: progress until which the frame of the start alone counts
     """
 
     manifold: Manifold
@@ -274,11 +300,14 @@ class _Found(NamedTuple):
     scatter: np.ndarray
     deviation: np.ndarray
     shares: np.ndarray
+    leaves: float
 
     def with_prior(self, prior: float) -> _Found:
         """The same with the shares that follow from one of `PRIORS`."""
         manifold, count = self.manifold, len(self.paths)
-        precision = _precisions(self.scatter, self.deviation, count, prior)
+        late = minimum_jerk(np.clip((np.linspace(0.0, 1.0, KNOTS) - self.leaves)
+                                    / (1.0 - self.leaves), 0.0, 1.0))[:, None]
+        precision = _precisions(self.scatter, self.deviation, count, prior, late)
         if count > 1 and len(self.means) > 2:
             ends = precision[:, [0, -1]] / precision[:, [0, -1]].sum(axis=1, keepdims=True)
             two = self._replace(means=self.means[[0, -1]], poses=self.poses[:, :, [0, -1]])
@@ -286,7 +315,7 @@ class _Found(NamedTuple):
             rest = _smoothed(sum(manifold.factor_distances(
                 two.fused(i, ends), manifold.flat(placed(manifold, self.poses[i, :, 0], path[0])))
                 ** 2 for i, path in enumerate(self.paths)) / dims)
-            precision = _precisions(self.scatter, self.deviation, count, prior,
+            precision = _precisions(self.scatter, self.deviation, count, prior, late,
                                     _agreed(self.scatter, rest, dims, count))
         return self._replace(shares=_without_traces(precision))
 
@@ -325,7 +354,7 @@ class _Found(NamedTuple):
                              self.manifold.unflat(path), self.manifold)
 
 
-def _best_prior(takes: list[_Take], progress: list[np.ndarray]) -> float:
+def _best_prior(takes: list[_Take], progress: list[np.ndarray], leaves: float) -> float:
     """The prior with which the skill of all takes but one is nearest to that one."""
     if len(takes) < 3:
         return OF_FEW
@@ -333,17 +362,18 @@ def _best_prior(takes: list[_Take], progress: list[np.ndarray]) -> float:
     for i, (out, own) in enumerate(zip(takes, progress)):
         rest = [k for k in range(len(takes)) if k != i]
         _, poses = out.at(own)
-        found = _found([takes[k] for k in rest], [progress[k] for k in rest])
+        found = _found([takes[k] for k in rest], [progress[k] for k in rest], leaves)
         for j, prior in enumerate(PRIORS):
             errors[j] += found.with_prior(prior)._replace(poses=poses[None]).left([out], [own])
     return PRIORS[int(np.argmin(errors))]
 
 
-def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
+def _found(takes: list[_Take], progress: list[np.ndarray], leaves: float) -> _Found:
     """
     Means, and shares of the frames.
 
     :param progress: of each take's own time at equal progress of the motion
+    :param leaves: see `_Found`
     """
     manifold, count = takes[0].demo.manifold, len(takes)
     sampled = [take.at(own) for take, own in zip(takes, progress)]
@@ -363,7 +393,7 @@ def _found(takes: list[_Take], progress: list[np.ndarray]) -> _Found:
     deviation = np.maximum(PRIOR_DEVIATION * span,
                            [factor.goal_tolerance for factor in manifold.factors])
     return _Found(manifold, paths, means, np.array([poses for _, poses in sampled]), scatter,
-                  deviation, np.empty(0)).with_prior(OF_FEW)
+                  deviation, np.empty(0), leaves).with_prior(OF_FEW)
 
 
 def _smoothed(along: np.ndarray) -> np.ndarray:
@@ -378,17 +408,18 @@ def _smoothed(along: np.ndarray) -> np.ndarray:
 
 
 def _precisions(scatter: np.ndarray, deviation: np.ndarray, takes: int, prior_takes: float,
-                agreed: np.ndarray | None = None) -> np.ndarray:
+                late: np.ndarray, agreed: np.ndarray | None = None) -> np.ndarray:
     """
     Precision of each frame along the motion.
 
     :param scatter: shape (samples, K, F)
     :param deviation: of the prior, for each factor
+    :param late: weight of the frame of the goal, that of the start has the rest, shape (knots, 1)
     :param agreed: how surely the takes agree in the frames between, shape (knots, K - 2, F): these
         count with it, and the prior, which does not know them, without it
     :returns: shape (knots, K, F)
     """
-    late, scatter = minimum_jerk(np.linspace(0.0, 1.0, KNOTS))[:, None], _at_knots(scatter)
+    scatter = _at_knots(scatter)
     last, result = scatter.shape[1] - 1, np.zeros_like(scatter)
     prior = np.full_like(scatter[:, 0], prior_takes)
     if agreed is not None:

@@ -6,16 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.gripper import GripperCommand, GripperState
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.target import POSE
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperSequence
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.gripper import SimulatedGripper
 
 #: Longest motion [s].
 LONGEST_S = 120.0
@@ -37,6 +40,19 @@ class Execution(NamedTuple):
     measured: np.ndarray
 
 
+class _Fingers:
+    """The gripper of a loop, as the player sees it."""
+
+    def __init__(self, gripper: SimulatedGripper):
+        self._gripper = gripper
+
+    def send(self, command: GripperCommand) -> None:
+        self._gripper.command(command)
+
+    def state(self) -> GripperState:
+        return self._gripper.state
+
+
 def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
                     ) -> Iterator[tuple[np.ndarray, Tick]]:
     """
@@ -45,19 +61,26 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
     :param rest_s: time after the motion [s]; the motion lasts at most `LONGEST_S`
     :returns: the reference (`gdmp_ros.control.target.TARGET_SIZE` numbers, valid until the next
         tick) and the tick of the controller
-    :raises DataError: if the skill is not one of pose and stiffness
+    :raises DataError: if the skill is not one of pose and stiffness, or the gripper fails
     :raises RefusedError: if the arm does not follow a reference
     """
     player = Player(skill, PlayerSettings())
     if player.tool.kind is Kind.TWO_TOOLS:
         raise DataError('the skill is one of two arms, expected one of one arm '
                         '(gdmp_ros.sim.two_arms executes it)')
-    player.start(loop.arm.measure().pose.copy())
+    gripper = loop.driver.gripper
+    fingers = (None if gripper is None or not skill.events else
+               GripperSequence(GripperCommands(_Fingers(gripper))))
+    motion = player.start(loop.arm.measure().pose.copy())
     left, period = LONGEST_S, loop.arm.period
     while left > 0.0:
         target = player.tick(period)
         if target is None:
             raise RuntimeError('a motion that was started has no reference')
+        if fingers is not None:
+            fingers.advance(player, period)
+            if fingers.problem(motion):
+                raise DataError(fingers.problem(motion))
         loop.must_follow(target)
         yield target, loop.tick()
         if player.status is Status.HOLDING:
@@ -65,10 +88,11 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
         left -= period
 
 
-def execute(skill: Skill, arm: Arm, rest_s: float = REST_S) -> Execution:
+def execute(skill: Skill, arm: Arm, rest_s: float = REST_S,
+            gripper: SimulatedGripper | None = None) -> Execution:
     """Execute a skill (`execution_ticks`), and collect what the arm did."""
     joints, references, measured = [], [], []
-    for target, tick in execution_ticks(skill, ClosedLoop(arm), rest_s):
+    for target, tick in execution_ticks(skill, ClosedLoop(arm, gripper=gripper), rest_s):
         references.append(target[POSE:POSE + 7].copy())
         joints.append(tick.measurement.position.copy())
         measured.append(tick.measurement.pose.copy())

@@ -119,8 +119,27 @@ PLACE = Box((0.45, 0.22), (0.09, 0.09), 0.06)
 def pick_and_place(spec: mujoco.MjSpec) -> None:
     """Add two open boxes, and a body ``cube`` in the first of them."""
     _add_boxes(spec, [PICK, PLACE])
+    _add_cube(spec, np.array([*PICK.centre, 2.0 * _THIN + 0.5 * CUBE_EDGE, 1.0, 0.0, 0.0, 0.0]))
+
+
+def cube_and_box(spec: mujoco.MjSpec, cube: np.ndarray, box: np.ndarray) -> None:
+    """
+    Add a body ``cube`` on the floor, and an open box that is turned about the vertical.
+
+    :param cube: pose of its centre
+    :param box: pose of the middle of its floor
+    """
+    body = spec.worldbody.add_body(name='box1', pos=box[:3], quat=box[3:])
+    shade = [0.6, 0.62, 0.7, 0.55]
+    body.add_geom(name='box1_floor', type=_BOX, size=[*PLACE.half, _THIN], pos=[0.0, 0.0, _THIN],
+                  rgba=shade, **_SOLID)
+    _walls(body, PLACE.half, PLACE.height, shade, 'box1')
+    _add_cube(spec, cube)
+
+
+def _add_cube(spec: mujoco.MjSpec, where: np.ndarray) -> None:
     half = 0.5 * CUBE_EDGE
-    cube = spec.worldbody.add_body(name='cube', pos=[*PICK.centre, _THIN * 2.0 + half])
+    cube = spec.worldbody.add_body(name='cube', pos=where[:3], quat=where[3:])
     cube.add_freejoint()
     cube.mass, cube.explicitinertial, cube.ipos = CUBE_MASS, True, [0.0, 0.0, 0.0]
     cube.inertia = [CUBE_MASS * CUBE_EDGE ** 2 / 6.0] * 3

@@ -2,12 +2,17 @@
 import numpy as np
 import pytest
 from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data import recordings
+from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.teaching import press, Teacher
 from gdmp_ros.ros.clients.testbed import MODULES, TAKE_RECORDER
+from gdmp_ros.ros.messages import stamp_of
+from gdmp_ros.ros.middleware import best_effort
 from test.ros.nodes import FRAME
+from test.ros.test_frames import at, static_broadcaster, transform
 
 
 @pytest.fixture
@@ -86,3 +91,50 @@ def test_a_pause_needs_a_take(teacher):
     press(teacher, '')
     press(teacher, 'p')
     assert 'messages' in press(teacher, '')  # a take that is paused is kept
+
+
+def test_takes_between_objects_have_their_frames(nodes, tmp_path):
+    """Of the camera, best effort, and of a fixture that was published once, long before."""
+    nodes.start_arm(gripper=True)
+    box, hole = at(0.4, -0.2, 0.1), at(0.5, 0.2, 0.1)
+    static_broadcaster(nodes, transform(FRAME, 'hole', hole, stamp_of(1)))
+    nodes.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
+        'folder': str(tmp_path / 'takes'), 'transforms': True})
+    teacher = Teacher(FRAME, nodes.check)
+    teacher.await_nodes()
+    clock, publisher = nodes.client.clock, nodes.participant.publisher(
+        TFMessage, '/tf', best_effort(10))
+    nodes._made.append(publisher)
+
+    def camera():
+        while True:
+            yield clock.now() + 33_000_000
+            publisher.publish(TFMessage(transforms=[transform(
+                FRAME, 'box', box, stamp_of(clock.wall()))]))
+    camera = clock.start(camera())
+    try:
+        press(teacher, 'f')
+        start = teacher.pose.copy()
+        for number in range(2):
+            press(teacher, '')
+            teacher.move_to(shifted(start, y=0.05))
+            press(teacher, 'c')
+            if number:
+                press(teacher, 'p')
+                teacher.spend(1.0)
+                press(teacher, 'p')
+            teacher.move_to(shifted(start, y=0.1, z=0.03))
+            press(teacher, '')
+            press(teacher, 'o')
+            teacher.move_to(shifted(start))
+    finally:
+        camera.end()
+        teacher.close()
+    takes = sorted((tmp_path / 'takes').glob('take_*'))
+    assert len(takes) == 2
+    learned = skill_from_bags(takes, LearningSettings(
+        20, objects=('box', 'hole'), stiffness='none', moving=('box',), ends=('box', 'hole')))
+    assert [np.abs(view.pose - where).max() < 1e-6 for view, where in zip(
+        learned.skill.views, (box, hole))] == [True, True]
+    # Where the gripper closes, the object of the start is grasped.
+    assert learned.skill.views[0].grasped == learned.skill.events[0].progress

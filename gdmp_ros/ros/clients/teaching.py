@@ -239,6 +239,7 @@ class TeachingSettings:
     :ivar node: name of an arm that runs already, with its namespace; empty: ``arm`` is started
     :ivar window: whether the simulation has a window
     :ivar gripper: whether the arm that is started has a gripper
+    :ivar transforms: whether /tf and /tf_static are recorded, too
     """
 
     folder: Path
@@ -248,6 +249,7 @@ class TeachingSettings:
     node: str = ''
     window: bool = False
     gripper: bool = False
+    transforms: bool = False
 
 
 def teach(settings: TeachingSettings, demos: Sequence[Demonstration]) -> None:
@@ -303,7 +305,8 @@ def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterato
         namespace = node.rpartition('/')[0].strip('/')
         children.start_node(recorder, MODULES[TAKE_RECORDER], {
             'folder': str(settings.folder.absolute()), 'storage': settings.storage,
-            'pose_topic': f'/{node.strip("/")}/measured_pose'},
+            'pose_topic': f'/{node.strip("/")}/measured_pose',
+            'transforms': settings.transforms},
             ['-r', f'__node:={recorder}', '-r', f'__ns:=/{namespace}'])
         teacher = Teacher(settings.frame, children.check, f'/{node.strip("/")}',
                           '/'.join(['', *filter(None, [namespace]), recorder]),

@@ -27,12 +27,15 @@ SPECS = (
     Spec('storage', 'mcap', 'storage format of the bags', choices=STORAGES),
     Spec('pose_topic', '/panda_sim/measured_pose', 'geometry_msgs/PoseStamped of the tool'),
     Spec('also', [''], 'more topics to record, as TOPIC=package/msg/Type'),
+    Spec('transforms', False, 'record /tf and /tf_static, too: where objects are, for skills with '
+         'task frames'),
     Spec('rare', ['gripper/command=gdmp_msgs/msg/GripperCommand'], 'topics with a message now and '
          'then, as TOPIC=package/msg/Type; a take need not have one'),
     Spec('longest', 600.0, 'a take ends after this time', 's', 1.0, 86400.0),
     Spec('keep_free', 64.0, 'a take ends if the disk has less free space', 'MB', 1.0, 1e6),
 )
 POSE = 'geometry_msgs/msg/PoseStamped'
+TF, TF_STATIC, TRANSFORMS = '/tf', '/tf_static', 'tf2_msgs/msg/TFMessage'
 
 
 class TakeRecorder(ManagedNode):
@@ -52,7 +55,9 @@ class TakeRecorder(ManagedNode):
         _check_folder(self._folder)
         self._pose_topic = self.resolve_topic_name(self.parameters.pose_topic)
         self._rare = self._named('rare')
-        self._topics = {self._pose_topic: POSE, **self._named('also'), **self._rare}
+        self._transforms = [TF, TF_STATIC] if self.parameters.transforms else []
+        self._topics = {self._pose_topic: POSE, **self._named('also'), **self._rare,
+                        **dict.fromkeys(self._transforms, TRANSFORMS)}
         self._publisher = self.add_publisher(RecorderState, '~/state', 10)
         for name, action in (('start', self.start), ('stop', self.stop),
                              ('discard', self.discard)):
@@ -62,7 +67,9 @@ class TakeRecorder(ManagedNode):
         self.parameters.locked = True
 
     def activate(self) -> None:
-        self._tap = Tap(self.participant, self._topics, rare=self._rare)
+        # Publishers of /tf may be of either kind.
+        self._tap = Tap(self.participant, self._topics, best_effort=[TF],
+                        rare=[*self._rare, *self._transforms], lasting=[TF_STATIC])
         self._timer = self.participant.timer(DRAIN_S, self._drain)
         self.get_logger().info(
             f'takes are written to {self._folder}, topics: {", ".join(self._topics)}')
@@ -115,6 +122,7 @@ class TakeRecorder(ManagedNode):
         self._tap.begin()
         self._take = Take(self._folder / name, self.parameters.storage, self._pose_topic,
                           self._rare)
+        self._tap.repeat(self._take, self.time_ns())
         self._begun = self.clock.now()
         self._state.take, self._state.messages, self._state.problem = name, 0, ''
         return f'recording {name}'

@@ -17,7 +17,7 @@ from gdmp_ros.data.bags import BagWriter
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.loop import Loop, NS, run
 from gdmp_ros.ros.dds import current
-from gdmp_ros.ros.middleware import Participant, reliable
+from gdmp_ros.ros.middleware import latched, Participant, reliable
 from gdmp_ros.util.dds_network import default_environment
 from gdmp_ros.util.processes import stop_event
 
@@ -76,25 +76,29 @@ class Tap:
     """
 
     def __init__(self, participant: Participant, topics: Mapping[str, str],
-                 best_effort: Collection[str] = (), rare: Collection[str] = ()):
+                 best_effort: Collection[str] = (), rare: Collection[str] = (),
+                 lasting: Collection[str] = ()):
         """
         Subscribe.
 
         :param topics: topic names and their types (``package/msg/Name``)
         :param best_effort: topics whose publishers are not reliable
         :param rare: topics with a message now and then: nothing waits for them
+        :param lasting: topics whose messages hold until there is another one (transient local):
+            what came before is written by `repeat`
         """
+        self._lasting: dict[bytes, tuple[str, str]] = {}
         self._participant = participant
         self._inputs = []
         self._expected = frozenset(topics) - frozenset(rare)
         self.waiting = set(self._expected)
         for topic, kind in topics.items():
-            quality = reliable(HISTORY)
+            quality = latched(HISTORY) if topic in lasting else reliable(HISTORY)
             if topic in best_effort:
                 quality.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = participant.subscription(message_class(kind), topic, quality)
             extra = definition(kind) if kind.startswith('gdmp_msgs/') else (None, None)
-            self._inputs.append((topic, kind, subscription, *extra))
+            self._inputs.append((topic, kind, subscription, topic in lasting, *extra))
 
     def begin(self) -> None:
         """Discard the messages that have arrived so far."""
@@ -104,13 +108,20 @@ class Tap:
     def drain(self, writer: Sink | None) -> int:
         """Write the messages that have arrived, or discard them; returns their number."""
         count = 0
-        for topic, kind, subscription, text, digest in self._inputs:
+        for topic, kind, subscription, lasts, text, digest in self._inputs:
             while (received := subscription.take()) is not None:
                 count += 1
                 self.waiting.discard(topic)
+                if lasts:
+                    self._lasting[received.data] = topic, kind
                 if writer is not None:
                     writer.raw(topic, kind, received.published, received.data, text, digest)
         return count
+
+    def repeat(self, writer: Sink, time_ns: int) -> None:
+        """Write what holds since before, as of a time."""
+        for data, (topic, kind) in self._lasting.items():
+            writer.raw(topic, kind, time_ns, data)
 
     def release(self) -> None:
         """Unsubscribe."""

@@ -4,6 +4,7 @@ from functools import partial
 import json
 import sys
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.evaluation import reproduction_error
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.execution import Execution
 from gdmp_ros.util.profiles import minimum_jerk
 from test.commands import experiments
@@ -208,10 +210,25 @@ def test_a_task_with_objects_is_done_where_they_are(name):
 
 def test_a_peg_beside_its_hole_has_not_succeeded(rng):
     task = frame_tasks.TASKS['peg']
-    where = frame_tasks.situation(rng, task.places)
+    where = task.situation(rng)
     skill = Skill.learn(task.shown(where, rng))
     poses = np.array([skill.goal[:7]])
-    assert task.succeeded(where, Execution(np.zeros((1, 7)), poses, poses))
+    assert task.succeeded(where, Execution(np.zeros((1, 7)), poses, poses), Arm())
     for offset in ([0.003, 0.0, 0.0], [0.0, 0.0, 0.01]):
         moved = poses + np.append(offset, np.zeros(4))
-        assert not task.succeeded(where, Execution(np.zeros((1, 7)), moved, moved))
+        assert not task.succeeded(where, Execution(np.zeros((1, 7)), moved, moved), Arm())
+
+
+def test_a_cube_beside_its_box_is_not_placed(rng):
+    task = frame_tasks.TASKS['pick']
+    where = task.situation(rng)
+    arm = task.arm(where)
+    done = Execution(*3 * [np.zeros((1, 7))])
+    assert not task.succeeded(where, done, arm)
+    cube = arm.data.joint(int(arm.model.body('cube').jntadr[0])).qpos
+    cube[:3] = where.goal[:3] + [0.05, 0.0, 0.03]
+    mujoco.mj_forward(arm.model, arm.data)
+    assert task.succeeded(where, done, arm)
+    cube[2] += 0.1
+    mujoco.mj_forward(arm.model, arm.data)
+    assert not task.succeeded(where, done, arm)
