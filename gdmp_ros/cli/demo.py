@@ -11,6 +11,7 @@ examples:
   gdmp demo --out out/demo
   gdmp demo --task pick --out out/pick
   gdmp demo --task joints --out out/joints
+  gdmp demo --task objects --out out/objects
   gdmp demo --task wipe --out out/wipe
   gdmp demo --task tray --out out/tray
   gdmp demo --arm franka --protocol-server --out out/franka
@@ -36,6 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--task', choices=TASKS, default=TASKS[0],
                         help='letter; pick: a cube, from a box to another, with the gripper; '
                              'joints: a skill of the joints, whose goal is switched by a pose; '
+                             'objects: shown once, done where a camera sees box and hole, also '
+                             'while the hole moves; '
                              'wipe: a table that is higher or lower than the one shown; '
                              'tray: two arms, coupled, carry a tray with a ball (without ROS) '
                              '(default %(default)s)')

@@ -18,6 +18,7 @@ from gdmp_ros.control.target import resting_target, WRENCH, WRENCH_GAIN
 from gdmp_ros.data import bags, lasa, recordings
 from gdmp_ros.data.runs import limit_figures, Run
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
+from gdmp_ros.demo.objects import Camera, follow_objects, motion, PLACES
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
@@ -84,7 +85,7 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     """
     Show a task to the simulated arm by hand, learn it, and let an arm execute it.
 
-    :param task: ``pick`` or ``joints``
+    :param task: ``pick``, ``joints`` or ``objects``
     :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
     :returns: exit code: 0 if it succeeded
     :raises GdmpError: if something does not happen in time
@@ -99,7 +100,8 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
         _teach(bed, task)
     print('learning', flush=True)
     learned = skill_from_bags(sorted((folder / 'takes').glob('take_*')), LearningSettings(
-        frame=FRAME, stiffness='none', joint_topic='' if task == 'joints' else None))
+        frame=FRAME, stiffness='none', joint_topic='' if task == 'joints' else None,
+        objects=('box', 'hole') if task == 'objects' else ()))
     skill = learned.skill
     if arm.kind == 'franka':  # the same joints in the same order, with other names
         skill = replace(skill, provenance={
@@ -107,10 +109,13 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     skill.save(folder / 'skill.json')
     with (arm.robot(folder / 'logs', gripper=task == 'pick'),
           testbed(NodeTestbed, folder, arm=arm) as bed):
-        document = {'pick': _pick, 'joints': _follow_joints}[task](bed)
+        document = {'pick': _pick, 'joints': _follow_joints, 'objects': _among_objects}[task](bed)
     document['task'], document['arm'] = task, arm.node
     write_json(folder / 'report.json', document)
-    table('measured', ['', 'value'], [[name, value] for name, value in document.items()])
+    for place in document.get('places', ()):
+        table('', ['at a place', 'value'], [[name, value] for name, value in place.items()])
+    table('measured', ['', 'value'], [[name, value] for name, value in document.items()
+                                      if name != 'places'])
     return 0 if document['succeeded'] else 1
 
 
@@ -119,12 +124,20 @@ def _teach(bed: NodeTestbed, task: str) -> None:
     bed.start_arm(**({'scene': 'pick_and_place'} if task == 'pick' else {}))
     bed.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(bed.folder / 'takes'),
-        'also': ['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else ['']})
+        'also': ['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else [''],
+        'transforms': task == 'objects'})
     teacher = Teacher(FRAME, check=bed.check)
     try:
         teacher.ready()
         if task == 'joints':
             print(teacher.take(lasa.robot_demonstrations('GShape')[0]), flush=True)
+            return
+        if task == 'objects':
+            camera = Camera(bed.client, FRAME, PLACES[0].at)
+            try:
+                print(teacher.take(motion()), flush=True)
+            finally:
+                camera.end()
             return
         demo, closes = picking_motion()
         teacher.command_gripper(OPEN)
@@ -133,13 +146,22 @@ def _teach(bed: NodeTestbed, task: str) -> None:
         teacher.close()
 
 
-def _start(bed: NodeTestbed, arm: dict[str, Any]) -> None:
+def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
+    _start(bed, {}, moving_objects=['hole'])
+
+    def home() -> None:
+        move_joints(bed.client, bed.arm.node)
+        bed.wait_holding()
+    return follow_objects(bed, FRAME, home)
+
+
+def _start(bed: NodeTestbed, arm: dict[str, Any], **server: Any) -> None:
     """Start arm and server with the skill; a Franka goes to its home posture first."""
     print('starting arm and server', flush=True)
     bed.start_arm(**arm)
     if bed.arm.kind == 'franka':
         move_joints(bed.client, bed.arm.node)
-    bed.start_server(skill=str(bed.folder / 'skill.json'))
+    bed.start_server(skill=str(bed.folder / 'skill.json'), **server)
     bed.wait_holding()
 
 

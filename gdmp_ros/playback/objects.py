@@ -124,6 +124,7 @@ class Objects:
         self.settings = settings
         self._source, self._goals, self._refuse = source, goals, refuse
         self._followed: Followed = {}
+        self._motion = 0
 
     @property
     def names(self) -> set[str]:
@@ -165,9 +166,9 @@ class Objects:
             if isinstance(step, MotionStep) and step.skill.views else step
             for step in sequence.steps], sequence.name)
 
-    def begin(self, followed: Followed) -> None:
-        """Follow these objects from now on, and no others."""
-        self._followed = followed
+    def begin(self, followed: Followed, motion: int) -> None:
+        """Let a motion follow these objects, and no others, from when it begins."""
+        self._followed, self._motion = followed, motion
 
     def _recent(self, name: str) -> Located:
         found = self._source.locate(name)
@@ -194,9 +195,9 @@ class Objects:
 
         :param time: that the motions have had [s]
         """
-        if not self._followed:
-            return
-        if not player.allows(Request.GOAL):
+        if not self._followed or player.motion < self._motion:
+            return  # what is known of the player is of the motion before
+        if player.motion > self._motion or not player.allows(Request.GOAL):
             self._followed = {}
             return
         ended = (player.state is State.FINISHED

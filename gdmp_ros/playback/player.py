@@ -580,6 +580,7 @@ class Player:
             raise RuntimeError('there is no reference, or no robot')
         self._approach = self.playing.approach(self.target, pending.measured)
         self.rollout, self._pending, self._releases = None, pending, True
+        self.goal_switched = False
         self._state, self.motion = State.APPROACHING, pending.number
 
     def _begin(self, pending: _Pending | None, measured: np.ndarray | None) -> None:
@@ -652,6 +653,7 @@ class Player:
     def _retarget(self, goal: Goal) -> None:
         """Switch the goal of the motion, or of the one that has not begun."""
         pending, rollout = self._pending, self.rollout
+        self.goal_switched |= goal.place is not None
         if pending is not None:
             if goal.place is None:
                 pending.goal = pending.goal._replace(stiffness=goal.stiffness)
@@ -661,7 +663,6 @@ class Player:
             return
         if rollout is None:
             return
-        self.goal_switched |= goal.place is not None
         twist = self._goal_twist if goal.place is None else goal.twist
         velocity = None if twist is None else self.playing.tangent_of_twist(twist)
         rollout.retarget(self.playing.changed(rollout.goal, goal.place, goal.stiffness, goal.side),

@@ -221,10 +221,11 @@ class Streamer:
             later, goal_pose = LaterGoal(self.time + goal_after, goal), None
         self.sequence.cancel(OTHER_MOTION)
         self.commands.begin(later)
-        self.objects.begin(followed)
         self.robot.begin()
-        return player.start(measured, None if goal_pose is None else goal, factor, duration,
-                            tolerances, cycles)
+        motion = player.start(measured, None if goal_pose is None else goal, factor, duration,
+                              tolerances, cycles)
+        self.objects.begin(followed, motion)
+        return motion
 
     def begin_sequence(self, sequence: SkillSequence, first: int = 0) -> None:
         """
@@ -243,7 +244,6 @@ class Streamer:
         player.check_kind(tool)
         moves = not player.state.at_rest
         self.commands.begin()
-        self.objects.begin({})
         self.robot.begin()
         self.sequence.begin(prepared, measured)
         if moves and not prepared.moves_first:

@@ -25,6 +25,13 @@ def test_a_skill_of_the_joints_is_shown_learned_and_executed(tmp_path):
     assert report(tmp_path)['succeeded']
 
 
+def test_a_motion_between_objects_is_shown_once_and_executed_where_they_are(tmp_path):
+    assert run_task('objects', tmp_path, ArmChoice(), lockstep_bed) == 0
+    made = report(tmp_path)
+    assert [place['error'] for place in made['places']] == 4 * ['']
+    assert made['places'][-1]['hole_speed_m_s'] > 0.0 and made['succeeded']
+
+
 def test_wiping_is_shown_learned_and_executed(tmp_path):
     assert run_wiping(tmp_path, ArmChoice(), lockstep_bed) == 0
     made = report(tmp_path)

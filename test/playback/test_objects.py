@@ -137,6 +137,26 @@ def test_a_hole_that_moves_is_met_and_followed_by_the_stamps_of_the_camera(skill
     assert run.streamer.refusals.count == 0
 
 
+def test_a_look_while_a_motion_is_being_prepared_does_not_end_its_following(skill, monkeypatch):
+    """Another thread looks: after the end of a motion, whose goal was switched."""
+    run = Run(skill, Camera(belt(0.05))).begin().go(1.0)
+    run.streamer.commands.goal_pose(compose(HOLE, INSIDE), run.streamer.now)
+    run.go(4.0)
+    assert run.streamer.player.state is State.FINISHED
+    start = Player.start
+
+    def looked_at(player, *rest):
+        run.streamer.follow_objects()
+        result = start(player, *rest)
+        run.streamer.follow_objects()
+        return result
+    monkeypatch.setattr(Player, 'start', looked_at)
+    run.streamer.begin()
+    run.streamer.follow_objects()
+    run.go(4.0)
+    assert run.streamer.player.rollout.finished and run.error < 1e-3
+
+
 def test_a_hole_that_comes_to_rest_ends_the_motion(skill):
     run = Run(skill, Camera(belt(0.05, ends=1.5))).begin().go(6.0)
     assert run.streamer.player.state is State.FINISHED
