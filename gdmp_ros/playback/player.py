@@ -30,8 +30,6 @@ from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 
 #: Requests that may wait for the next tick.
 MAX_WAITING = 1000
-#: Moments of which the time of the motion is known, to tell when a frame was where.
-_PASSED = 100
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 # Looked up once: this is done in every tick.
@@ -125,8 +123,6 @@ class Player:
         self._pending: _Pending | None = None
         self._approach: Approach | None = None
         self._time = time
-        # Times of the player, and those of the motion then [s].
-        self._passed: deque[tuple[float, float]] = deque(maxlen=_PASSED)
         # Point where the motion ends, or where it was set if it moves on with the twist.
         self._goal: np.ndarray | None = None
         self._goal_twist: np.ndarray | None = None
@@ -602,7 +598,6 @@ class Player:
         self.playing, self.rollout, self.target = tool, rollout, target
         self._goal, self._goal_twist, self._state = rollout.goal, None, State.MOVING
         self._goal_waited = 0.0
-        self._passed.clear()
         self.goal_switched = False
         self.numbers = np.empty(rollout.state_size)
         try:
@@ -677,11 +672,7 @@ class Player:
         if pending is not None:
             pending.frames[name] = pose, at
         elif rollout is not None:
-            self._passed.append((self._time, rollout.time))
-            # The tempo of the stream may hold the motion up: its time is another one then.
-            times, own = zip(*self._passed)
-            stamp = np.interp(at, times, own) + min(at - times[0], 0.0)
-            rollout.move_frame(name, pose, stamp=float(stamp))
+            rollout.move_frame(name, pose, stamp=rollout.time + at - self._time)
 
     def _rest_frame(self, name: str) -> None:
         if self._pending is None and self.rollout is not None:

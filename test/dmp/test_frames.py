@@ -499,3 +499,33 @@ def test_a_frame_that_is_not_seen_any_more_comes_to_rest(skill):
     assert np.abs(rows[-1, 9:12]).max() < 1e-3
     with pytest.raises(ParameterError, match='no such frame'):
         rollout.rest_frame('box')
+
+
+def test_until_its_object_is_grasped_the_frame_of_the_start_alone_counts(rng):
+    skill = Skill.learn(shown(), grasp_at=0.4)
+    assert skill.views[0].grasped == 0.4
+    frames = {'start': ELSEWHERE['start'], 'goal': random_pose(rng)}
+    start = compose(ELSEWHERE['start'], pose([0.05, 0.1, 0.3], [0.3, 0.2, 0.1]))
+    held = Rollout(skill.views[0].skill).sample(np.array([0.4 * DURATION])).points[0]
+    for begins in (None, start):  # also from elsewhere: the offset of the start has faded
+        point = Rollout(skill, begins, frames=frames).sample(np.array([0.4 * DURATION])).points[0]
+        assert np.less(apart(point, compose(frames['start'], held)), (1e-6, 1e-5)).all()
+    ends = Rollout(skill, start, frames=frames).sample(np.array([DURATION, 8.0])).points[-1]
+    assert max(apart(ends, goal_in(frames['goal']))) < 1e-3
+    for wrong in (0.95, -0.1, np.nan):
+        with pytest.raises(ParameterError, match='grasp_at is'):
+            Skill.learn(shown(), grasp_at=wrong)
+
+
+def test_the_skill_file_keeps_what_is_said_of_objects(tmp_path):
+    skill = Skill.learn(shown(), free_yaw=['goal'], grasp_at=0.4)
+    skill.save(tmp_path / 'skill.json')
+    loaded = Skill.load(tmp_path / 'skill.json')
+    assert [(view.free_yaw, view.grasped) for view in loaded.views] == [(False, 0.4), (True, None)]
+    document = json.loads((tmp_path / 'skill.json').read_text())
+    jsonschema.validate(document, json.loads(
+        (Path(__file__).parents[2] / 'docs' / 'skill.schema.json').read_text()))
+    document['frames'][0]['grasped'] = 2.0
+    (tmp_path / 'wrong.json').write_text(json.dumps(document))
+    with pytest.raises(DataError, match='it is grasped at s = 2.0'):
+        Skill.load(tmp_path / 'wrong.json')

@@ -221,9 +221,13 @@ def carried(rng, box, shelf, belt=0.0, noise=0.0, grasps=True):
 
 @pytest.mark.parametrize(('belt', 'noise'), [(0.0, 0.0), (0.0, 5e-4), (0.05, 0.0), (0.05, 5e-4)])
 def test_a_box_that_was_grasped_rests_where_it_was_grasped(belt, noise, rng):
+    demo = carried(rng, pose(0.4, -0.2, 0.1, 0.5), pose(0.6, 0.2, 0.3), belt, noise)
     with pytest.warns(GdmpWarning, match='frame box: the tool holds the object from .* %'):
-        skill = Skill.learn(carried(rng, pose(0.4, -0.2, 0.1, 0.5), pose(0.6, 0.2, 0.3), belt,
-                                    noise))
+        skill = Skill.learn(demo)
+    # Where it was grasped, it does what was shown, also while the box is carried.
+    path = Rollout(skill, frames={'box': skill.views[0].pose}).sample(demo.times).points
+    carries = demo.times > 2.6
+    assert np.linalg.norm((path - demo.points)[carries, :3], axis=1).max() < 5e-3
     grasped = skill.views[0].grasped
     assert 1.5 / 6.0 < grasped < 2.7 / 6.0  # held from 2 s on, carried from 2.5 s on
     assert skill.views[-1].grasped is None
