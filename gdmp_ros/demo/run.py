@@ -1,7 +1,6 @@
 """The demonstration, from recorded bags to a report."""
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 import shutil
 import time
@@ -21,7 +20,7 @@ from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.ros.arm_choice import ArmChoice
-from gdmp_ros.ros.clients.arm_client import identify_alone, move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints, with_friction
 from gdmp_ros.ros.clients.testbed import NodeTestbed, process_bed, SERVER
 from gdmp_ros.util.files import write_json
 from gdmp_ros.util.processes import interrupt_on_sigterm
@@ -56,12 +55,7 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     error = float(reproduction_error(skill, recording.demonstration)[0])
     skill.save(folder / 'skill.json')
     switch = _switch(skill)
-    if arm.protocol_server and not arm.parameter_files:
-        print('identifying the friction of the robot, which takes three minutes: --friction YAML '
-              'leaves it out', flush=True)
-        friction = folder / 'friction.yaml'
-        identify_alone(arm, friction)
-        arm = replace(arm, parameter_files=(friction,))
+    arm = with_friction(arm, folder)
     with arm.robot(folder / 'logs'), process_bed(NodeTestbed, folder, arm=arm) as bed:
         timeline = _stream(bed, bags[0], switch)
         print('reading the recorded bag', flush=True)

@@ -24,7 +24,7 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA_GRIPPER, SIMULATED
-from gdmp_ros.ros.clients.arm_client import move_joints
+from gdmp_ros.ros.clients.arm_client import move_joints, with_friction
 from gdmp_ros.ros.clients.server_client import START_UP_S
 from gdmp_ros.ros.clients.teaching import Teacher
 from gdmp_ros.ros.clients.testbed import MODULES, NodeTestbed, Opener, process_bed, TAKE_RECORDER
@@ -107,6 +107,7 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
         skill = replace(skill, provenance={
             name: value for name, value in skill.provenance.items() if name != 'joints'})
     skill.save(folder / 'skill.json')
+    arm = with_friction(arm, folder)
     with (arm.robot(folder / 'logs', gripper=task == 'pick'),
           testbed(NodeTestbed, folder, arm=arm) as bed):
         document = {'pick': _pick, 'joints': _follow_joints, 'objects': _among_objects}[task](bed)

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 import sys
 from tempfile import TemporaryDirectory
@@ -115,6 +116,22 @@ def identify_alone(arm: ArmChoice, output: Path) -> dict[str, list[float]]:
         result = _measure(bed.client, arm.node)
     _write(output, arm.node, result)
     return result
+
+
+def with_friction(arm: ArmChoice, folder: Path) -> ArmChoice:
+    """
+    The same arm; one behind a server of the protocol is identified if no friction is given.
+
+    :param folder: for ``friction.yaml``
+    :raises GdmpError: as `identify_alone`
+    """
+    if not arm.protocol_server or arm.parameter_files:
+        return arm
+    print('identifying the friction of the robot, which takes three minutes: --friction YAML '
+          'leaves it out', flush=True)
+    friction = folder / 'friction.yaml'
+    identify_alone(arm, friction)
+    return replace(arm, parameter_files=(friction,))
 
 
 def _write(output: Path, arm: str, result: dict[str, list[float]]) -> None:
