@@ -154,7 +154,7 @@ def measure(count: int, parts: Collection[str]) -> dict[str, Any]:
                     default=np.inf), LOST)]
         if 'tasks' in parts:
             document['tasks'] = {kind: task(kind, folder / kind, friction)
-                                 for kind in ('pick', 'joints')}
+                                 for kind in ('pick', 'joints', 'objects')}
             document['rows'].append(_row('tasks that failed', sum(
                 not done['succeeded'] for done in document['tasks'].values()), 0))
         if 'page' in parts:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, TransformStamped
 import numpy as np
-from rclpy.qos import QoSPresetProfiles
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data.bags import ns_of
@@ -17,6 +16,7 @@ from gdmp_ros.realtime.loop import Loop, NS
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.clients.testbed import NodeTestbed
+from gdmp_ros.ros.middleware import best_effort
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -81,7 +81,7 @@ class Camera:
         self._client, self._frame, self._where = client, frame, where
         self._begins = client.clock.wall()
         self._publisher = client.participant.publisher(
-            TFMessage, '/tf', QoSPresetProfiles.SENSOR_DATA.value)
+            TFMessage, '/tf', best_effort(10))
         self._box, self._random = Arm().pose_at(Arm().home), np.random.default_rng(0)
         self._running = client.clock.start(self._send())
 
