@@ -90,8 +90,7 @@ class Skill(Primitive):
         Source: [GDMP] eqs. (20), (21).
         """
         # Here, and below, this package uses a higher one: see docs/design.md.
-        from gdmp_ros.learning.fit import FitSettings, learn
-        from gdmp_ros.learning.frames_fit import FrameSettings
+        from gdmp_ros.learning.fit import FitSettings, FrameSettings, learn
         settings = FitSettings(Gains(alpha_z, alpha_x, alpha_g), connection, smoothing,
                                regularization, split, dict(provenance or {}), fit, end, align,
                                demonstration_weights, contexts)

@@ -20,7 +20,7 @@ from gdmp_ros.learning.rhythmic_fit import learn_cycle
 from gdmp_ros.learning.variation_fit import Contexts, variation_of
 from gdmp_ros.util.parallel import one_thread
 
-__all__ = ['FitSettings', 'learn', 'learn_cycle']
+__all__ = ['FitSettings', 'FrameSettings', 'learn', 'learn_cycle']
 
 #: Range of basis functions that ``n_basis='auto'`` searches.
 MIN_BASIS, MAX_BASIS = 5, 500
