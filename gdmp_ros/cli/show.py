@@ -280,7 +280,12 @@ def _matters(skill: Skill, view: View) -> str:
     at = places[np.logical_and.reduce(heaviest)[:, 0]]
     most = (f'matters most for s = {min(at):.2f} … {max(at):.2f}' if len(at)
             else 'never matters most')
-    return f'{_numbers(view.pose)}; {most}'
+    said = [_numbers(view.pose), most]
+    if view.free_yaw:
+        said.append('symmetric about its z axis')
+    if view.grasped is not None:
+        said.append(f'grasped at s = {view.grasped:.2f}')
+    return '; '.join(said)
 
 
 def _segments(skill: Skill) -> str:

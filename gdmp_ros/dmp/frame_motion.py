@@ -258,7 +258,7 @@ class TaskFrames:
         return self._names.index(name)
 
     @property
-    def move(self) -> bool:
+    def are_moving(self) -> bool:
         """Whether a frame moves on: faster than the noise of a measurement."""
         twists = np.array([self._row(k)[TWIST:TWIST + 6] for k in range(len(self._names))])
         return bool((np.linalg.norm(twists.reshape(-1, 2, 3), axis=2) > SLOW).any())

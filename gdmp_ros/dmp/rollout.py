@@ -281,7 +281,7 @@ class Rollout:
     @property
     def frames_move(self) -> bool:
         """Whether a task frame moves on; its goal does not rest then."""
-        return self._frames is not None and self._frames.move
+        return self._frames is not None and self._frames.are_moving
 
     def observe(self, measured: np.ndarray) -> float:
         """

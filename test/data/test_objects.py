@@ -1,4 +1,6 @@
 """Task frames from the transforms of bags."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
@@ -151,6 +153,25 @@ def test_a_table_tells_where_objects_were_in_files_of_other_programs(tmp_path):
     with pytest.raises(DataError, match="frame 'goal' is named twice"):
         skill_from_bags([bag], LearningSettings(60, objects=('goal',), object_table=table_of(
             table, take=SHOWN)))
+
+
+def test_what_is_said_of_objects_is_learned_and_shown(tmp_path):
+    bag = record(tmp_path / 'take', shown(count=200), {'box': SHOWN['start'],
+                                                       'cup': SHOWN['goal']})
+    skill = tmp_path / 'skill.json'
+    done = gdmp('learn', bag, '-o', skill, '--n-basis', 60, '--frames', 'box', 'cup',
+                '--free-yaw', 'cup')
+    assert done.returncode == 0, done.stderr
+    replace(Skill.load(skill), views=[replace(view, grasped=grasped) for view, grasped in zip(
+        Skill.load(skill).views, (0.4, None))]).save(skill)
+    told = ' '.join(gdmp('show', skill).stdout.replace('│', ' ').split())  # a table, wrapped
+    assert 'symmetric about its z axis' in told and 'grasped at s = 0.40' in told
+    near = [f'{number:.9f}' for number in ELSEWHERE['goal']]
+    ends = [np.array(gdmp('rollout', skill, '--object', 'cup', *near, '--dt', 0.5, '--scale',
+                          scale).stdout.splitlines()[-1].split(',')[2:], dtype=float)
+            for scale in ('none', 'distance')]
+    assert max(apart(*ends)) < 1e-3
+    assert apart(ends[0], compose(ELSEWHERE['goal'], ENTERS))[0] < 1e-3
 
 
 def test_a_frame_that_was_lost_is_an_error_with_the_time(tmp_path):
