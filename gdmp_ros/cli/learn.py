@@ -145,7 +145,8 @@ def _add_task_frames(parser: argparse.ArgumentParser) -> None:
     objects = parser.add_argument_group('task frames')
     objects.add_argument('--frames', nargs='+', default=[], metavar='NAME',
                          help='objects, by the names of their frames in /tf and /tf_static, or '
-                              'NAME=/TOPIC of a PoseStamped: the skill is then done where they '
+                              'NAME=/TOPIC of a PoseStamped; in files of other programs by '
+                              'their columns, or NAME=COLUMN: the skill is then done where they '
                               'are')
     objects.add_argument('--object-table', type=Path, metavar='CSV',
                          help='where objects are in each take: a column "take" with the names of '

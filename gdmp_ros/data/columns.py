@@ -35,6 +35,8 @@ EXACT = 1e-9
 NEAR_ZERO = 0.2
 NEEDS_KEY = ('name them with --key position=NAME --key orientation=NAME (or NAME,NAME,NAME for '
              'columns), or --key points=NAME')
+#: What separates the name of an object from that of a number.
+MARKS = '._/'
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class Import:
     :ivar angle_unit: of angles: rad or deg
     :ivar drop_bad: leave out samples that are not numbers, or whose times do not increase
     :ivar tf_frames: of a bag with transforms: frame of the tool, and of its base
+    :ivar objects: arrays, or beginnings of their names, with poses of objects and not of the tool
     """
 
     keys: Mapping[str, str] = field(default_factory=dict)
@@ -65,6 +68,12 @@ class Import:
     angle_unit: str = ''
     drop_bad: bool = False
     tf_frames: tuple[str, str] | None = None
+    objects: tuple[str, ...] = ()
+
+
+def belongs(name: str, column: str) -> bool:
+    """Whether an array is that of an object, or one of its columns."""
+    return name == column or any(name.startswith(column + mark) for mark in MARKS)
 
 
 class Motion(NamedTuple):
@@ -115,7 +124,9 @@ class Columns:
         :param where: the file, for messages
         :raises DataError: if an array is named that does not exist
         """
-        self._where, self._arrays, self._settings = where, dict(arrays), settings
+        self._where, self._settings = where, settings
+        self._arrays = {name: array for name, array in arrays.items()
+                        if not any(belongs(name, one) for one in settings.objects)}
         self.notes: list[str] = []
         self._rest: np.ndarray | None = None
         self._keys = {}

@@ -5,6 +5,7 @@ A file or a LeRobot data set may have several episodes: ``data.hdf5#2`` is its t
 """
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 import re
@@ -12,12 +13,14 @@ import re
 import numpy as np
 
 from gdmp_ros.data import foreign, lerobot, robomimic, tables
-from gdmp_ros.data.columns import Import
+from gdmp_ros.data.columns import Import, MARKS
 from gdmp_ros.data.foreign import Imported
 from gdmp_ros.errors import DataError
 
 #: What separates a file from the number of its episode.
 MARK = '#'
+#: Numbers of the pose of an object.
+PARTS = ('x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
 
 
 def is_foreign(source: Path) -> bool:
@@ -56,6 +59,28 @@ def read_joints(source: Path, settings: Import | None = None
     :raises DataError: naming the file and what is missing in it
     """
     return foreign.joint_demonstration(str(source), _arrays(source), settings or Import())
+
+
+def read_object(source: Path, column: str, settings: Import | None = None) -> Imported:
+    """
+    Read the poses of an object in an episode.
+
+    :param column: array of seven numbers a sample, or beginning of the names of seven columns that
+        end in x, y, z, qw, qx, qy, qz
+    :raises DataError: if there are none
+    """
+    arrays, settings = _arrays(source), settings or Import()
+    keys = {role: name for role, name in settings.keys.items() if role == 'times'}
+    for mark in MARKS:
+        names = [f'{column}{mark}{part}' for part in PARTS]
+        if all(name in arrays for name in names):
+            keys['position'], keys['orientation'] = ','.join(names[:3]), ','.join(names[3:])
+    if column in arrays:
+        keys['points'] = column
+    elif 'position' not in keys:
+        raise DataError(f'{source}: no array {column}, and no columns {column}.x to {column}.qz; '
+                        f'there are {", ".join(arrays)}')
+    return foreign.demonstration(str(source), arrays, replace(settings, keys=keys, objects=()))
 
 
 def _arrays(source: Path) -> dict[str, np.ndarray]:

@@ -8,7 +8,9 @@ import warnings
 
 import numpy as np
 
-from gdmp_ros.data import bags
+from gdmp_ros.data import bags, episodes
+from gdmp_ros.data.columns import Import
+from gdmp_ros.data.episodes import PARTS
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
@@ -21,20 +23,19 @@ from gdmp_ros.manifolds.quaternion import rotation_angles
 STANDS = 0.005, 0.03
 #: Longest time without the transforms of a frame that moves [s].
 LOST_S = 0.5
-#: Columns of an object in a table.
-_PARTS = ('x', 'y', 'z', 'qw', 'qx', 'qy', 'qz')
 
 
 def with_objects(recordings: Sequence[Recording], demonstrations: Sequence[Demonstration],
-                 names: Sequence[str], moving: Sequence[str] = (), table: Path | None = None
-                 ) -> list[Demonstration]:
+                 names: Sequence[str], moving: Sequence[str] = (), table: Path | None = None,
+                 reading: Import | None = None) -> list[Demonstration]:
     """
     The same demonstrations with the poses of objects as task frames.
 
-    :param names: of the frames, in ``/tf`` and ``/tf_static`` of the bags; ``NAME=/topic`` for
-        the poses on a topic
+    :param names: of the frames, in ``/tf`` and ``/tf_static`` of the bags, or in columns of files
+        of other programs; ``NAME=/topic``, or ``NAME=column``, if they are called otherwise
     :param moving: those of them that may move; the others stand still
     :param table: file with more of them, which stand still (`read_poses`)
+    :param reading: what is said about files of other programs
     :raises DataError: if a bag or the table does not have one, or one that moves was lost
     """
     topics = {name.partition('=')[0]: name.partition('=')[2] for name in names}
@@ -48,7 +49,8 @@ def with_objects(recordings: Sequence[Recording], demonstrations: Sequence[Demon
         if any(name in poses for poses in given):
             raise DataError(f'{table}: frame {name!r} is named twice, with --frames and here')
     return [replace(same, frames={**poses, **{
-        name: _poses(recording, same, name, topic, name in moving)
+        name: _poses(recording, same, name, name in moving, _series(recording, name, topic,
+                                                                     reading))
         for name, topic in topics.items() if name != BASE}})
             for recording, same, poses in zip(recordings, demonstrations, given)]
 
@@ -64,28 +66,41 @@ def read_poses(path: Path, takes: Sequence[str]) -> list[dict[str, np.ndarray]]:
     """
     numbers = read_numbers(path, takes)
     names = list(dict.fromkeys(column.rpartition('.')[0] for column in numbers))
-    for column in (f'{name}.{part}' for name in names for part in _PARTS):
+    for column in (f'{name}.{part}' for name in names for part in PARTS):
         if column not in numbers:
-            raise DataError(f'{path}: no column {column}; an object has {", ".join(_PARTS)}')
-    if len(numbers) != len(names) * len(_PARTS):
+            raise DataError(f'{path}: no column {column}; an object has {", ".join(PARTS)}')
+    if len(numbers) != len(names) * len(PARTS):
         raise DataError(f'{path}: the columns are {", ".join(numbers)}, expected '
-                        f'NAME.{", NAME.".join(_PARTS)} of each object')
-    return [{name: np.array([numbers[f'{name}.{part}'][i] for part in _PARTS])
+                        f'NAME.{", NAME.".join(PARTS)} of each object')
+    return [{name: np.array([numbers[f'{name}.{part}'][i] for part in PARTS])
              for name in names} for i in range(len(takes))]
 
 
-def _poses(recording: Recording, demonstration: Demonstration, name: str, topic: str,
-           moving: bool) -> np.ndarray:
-    """Pose of a frame while a demonstration was shown, or its poses at the samples."""
+def _series(recording: Recording, name: str, called: str, reading: Import | None) -> bags.Series:
+    """
+    Poses of a frame in a recording, in the frame of its poses.
+
+    :param called: topic, or columns; empty if they are called as the frame
+    """
+    bag = recording.bag
+    if episodes.is_foreign(Path(bag)):
+        shown = episodes.read_object(Path(bag), called or name, reading).demonstration
+        return bags.Series(bag, name, np.round(shown.times * bags.NS).astype(np.int64),
+                           shown.flat_points[:, :7], recording.frame)
     if not recording.frame:
-        raise DataError(f'{recording.bag}: the poses have no frame_id, so it is not known where '
-                        f'{name} is')
-    with bags.opened(recording.bag) as reader:
-        series = (bags.series_in(reader, recording.bag, topic, bags.POSE) if topic else
-                  bags.transforms_in(reader, recording.bag, name, recording.frame))
-        if topic and series.frame != recording.frame:
-            series = _in_base(series, bags.transforms_in(reader, recording.bag, series.frame,
-                                                         recording.frame))
+        raise DataError(f'{bag}: the poses have no frame_id, so it is not known where {name} is')
+    with bags.opened(bag) as reader:
+        if not called:
+            return bags.transforms_in(reader, bag, name, recording.frame)
+        series = bags.series_in(reader, bag, called, bags.POSE)
+        if series.frame == recording.frame:
+            return series
+        return _in_base(series, bags.transforms_in(reader, bag, series.frame, recording.frame))
+
+
+def _poses(recording: Recording, demonstration: Demonstration, name: str, moving: bool,
+           series: bags.Series) -> np.ndarray:
+    """Pose of a frame while a demonstration was shown, or its poses at the samples."""
     stamps = recording.begins + np.round(demonstration.times * bags.NS).astype(np.int64)
     if moving:
         return _at(series, stamps, name)

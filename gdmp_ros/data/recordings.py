@@ -168,7 +168,8 @@ class Recording:
         if none was read
     :ivar events: commands for a gripper
     :ivar joints: names of the joints, of a demonstration of the joints (`read_joints`)
-    :ivar begins: stamp of the first sample [ns]; 0 in files of other programs
+    :ivar begins: stamp of the first sample [ns]; in files of other programs since the first one
+        that was read
     """
 
     demonstration: Demonstration
@@ -423,7 +424,9 @@ def _noted(source: str | Path, result: Imported) -> Demonstration:
 
 def _trimmed(source: str, full: Demonstration, joints: tuple[str, ...] = ()) -> Recording:
     """The demonstration of another program without rest."""
-    return Recording(_part(full, without_rest(full, source)), source, FRAME, None, joints=joints)
+    kept = without_rest(full, source)
+    return Recording(_part(full, kept), source, FRAME, None, joints=joints,
+                     begins=round(full.times[kept][0] * bags.NS))
 
 
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from dataclasses import replace as replaced
 import os
 from pathlib import Path
 import shutil
@@ -133,7 +134,8 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
         demonstrations = recordings.with_wrench(takes, demonstrations)
         if among:
             demonstrations = with_objects(takes, demonstrations, settings.objects,
-                                          settings.moving, settings.object_table)
+                                          settings.moving, settings.object_table,
+                                          settings.source)
     provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,
                   'stiffness': source,
                   **({'joints': list(takes[0].joints)} if takes[0].joints else {})}
@@ -184,8 +186,9 @@ def _cycle(demos: list[Demonstration], settings: LearningSettings, provenance: d
 def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:
     if settings.joint_topic is not None:
         return recordings.read_joints(bag, settings.joint_topic, settings.source)
+    columns = tuple(name.partition('=')[2] or name for name in settings.objects)
     return recordings.read(bag, settings.pose_topic, settings.stiffness_topic,
-                           settings.wrench_topic, settings.source)
+                           settings.wrench_topic, replaced(settings.source, objects=columns))
 
 
 def _of_the_same_joints(takes: Sequence[recordings.Recording]) -> list[Demonstration]:

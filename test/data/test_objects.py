@@ -7,6 +7,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from gdmp_ros import DataError, Demonstration, GdmpWarning, ParameterError, Rollout, Skill
 from gdmp_ros.data import bags, recordings
+from gdmp_ros.data.columns import Import
 from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
@@ -153,6 +154,41 @@ def test_a_table_tells_where_objects_were_in_files_of_other_programs(tmp_path):
     with pytest.raises(DataError, match="frame 'goal' is named twice"):
         skill_from_bags([bag], LearningSettings(60, objects=('goal',), object_table=table_of(
             table, take=SHOWN)))
+
+
+@pytest.mark.parametrize('kind', ['csv', 'npz'])
+def test_columns_and_arrays_of_other_programs_are_frames_too(kind, tmp_path):
+    """A hole that moves while the tool goes there; rest before the motion is cut off."""
+    still, velocity = shown(count=200), np.array([0.03, 0.0, 0.0])
+    late = minimum_jerk(still.times / 5.0)[:, None]
+    points = still.points.copy()
+    points[:, :3] += late * still.times[:, None] * velocity
+    times = np.concatenate([np.arange(-1.0, 0.0, 0.025), still.times])
+    points = np.concatenate([np.tile(points[0], (40, 1)), points])
+    hole = SHOWN['goal'] + np.append(times[:, None] * velocity, np.zeros((240, 4)), axis=1)
+    box = np.tile(SHOWN['start'], (240, 1))
+    file = tmp_path / f'take.{kind}'
+    if kind == 'npz':
+        np.savez(file, time=times + 1.0, pose=points, box=box, hole_seen=hole)
+    else:
+        heads = ['time', *'xyz', 'qw', 'qx', 'qy', 'qz', *(
+            f'{name}.{part}' for name in ('box', 'hole_seen')
+            for part in ('x', 'y', 'z', 'qw', 'qx', 'qy', 'qz'))]
+        np.savetxt(file, np.column_stack([times + 1.0, points, box, hole]), delimiter=',',
+                   header=','.join(heads), comments='')
+    settings = LearningSettings(60, stiffness='none', objects=('box', 'hole=hole_seen'),
+                                moving=('hole',), ends=('box', 'hole'),
+                                source=Import(quaternion='wxyz'))
+    learned = skill_from_bags([file], settings)
+    frames = learned.demonstrations[0].frames
+    assert np.abs(frames['box'] - SHOWN['start']).max() < 1e-9
+    first = frames['hole'][0][:3] - SHOWN['goal'][:3]
+    assert np.linalg.norm(first) < 0.03 * 0.3  # where it was when the motion began
+    end = Rollout(learned.skill, frames={'box': SHOWN['start'], 'hole': SHOWN['goal']}).sample(
+        np.linspace(0.0, 8.0, 20)).points[-1]
+    assert max(apart(end, compose(SHOWN['goal'], ENTERS))) < 3e-3
+    with pytest.raises(DataError, match='no array cup, and no columns cup.x to cup.qz'):
+        skill_from_bags([file], replace(settings, objects=('box', 'hole_seen', 'cup'), moving=()))
 
 
 def test_what_is_said_of_objects_is_learned_and_shown(tmp_path):
