@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 from gdmp_ros.choices import ARMS, ROLES, ROTATIONS, SCALES, STORAGES
 from gdmp_ros.errors import DataError, ParameterError
+from gdmp_ros.util.optional_imports import extra, optional_import
 
 if TYPE_CHECKING:
+    from gdmp_ros.data.arm_joints import ArmJoints
     from gdmp_ros.data.columns import Import
     from gdmp_ros.dmp.skill import Skill
     from gdmp_ros.ros.arm_choice import ArmChoice
@@ -61,8 +63,12 @@ def add_pose_topic(parser: argparse.ArgumentParser) -> None:
                         help='topic of the poses, if a bag has several')
 
 
-def add_import(parser: argparse.ArgumentParser) -> None:
-    """Declare what is said about files of other programs; see `import_settings`."""
+def add_import(parser: argparse.ArgumentParser, has_model: bool = False) -> None:
+    """
+    Declare what is said about files of other programs; see `import_settings`.
+
+    :param has_model: whether ``--model`` means something else
+    """
     parser.add_argument('--key', action='append', default=[], metavar='ROLE=NAME',
                         help='name of an array, or of columns with commas between them (w first); '
                              f'roles: {", ".join(ROLES)}')
@@ -79,8 +85,20 @@ def add_import(parser: argparse.ArgumentParser) -> None:
                         help='samples per second of the source; its times are not used then')
     parser.add_argument('--time-unit', choices=('s', 'ms', 'us', 'ns'), default='',
                         help='unit of the times of the source')
-    parser.add_argument('--angle-unit', choices=('rad', 'deg'), default='',
-                        help='unit of angles in the source')
+    parser.add_argument('--angle-unit', '--units', choices=('rad', 'deg', 'percent'), default='',
+                        help='unit of angles in the source; percent: of the range of the motors, '
+                             'as LeRobot writes it')
+    parser.add_argument('--urdf', type=Path, metavar='FILE',
+                        help='read recordings of joints as motions of the tool of this robot')
+    parser.add_argument('--tip', default='', metavar='LINK',
+                        help='link of the URDF that is the tool')
+    parser.add_argument('--base', default='', metavar='LINK',
+                        help='link of the URDF that the poses are in (default: the first one)')
+    parser.add_argument('--joints-of', *([] if has_model else ['--model']), default='',
+                        metavar='MODEL', dest='joints_of',
+                        help='as --urdf, of a model: panda, fr3, an MJCF file, menagerie:NAME')
+    parser.add_argument('--calibration', type=Path, metavar='JSON',
+                        help='of the motors of a LeRobot arm, for --units percent')
     parser.add_argument('--tf-frame', nargs=2, metavar=('TOOL', 'BASE'),
                         help='frames of a bag with transforms: the poses of TOOL in BASE')
     parser.add_argument('--drop-bad', action='store_true',
@@ -104,7 +122,29 @@ def import_settings(options: argparse.Namespace) -> Import:
         keys[role] = name
     return Import(keys, options.quaternion, options.rate_hz, options.scale, tuple(options.offset),
                   options.rotation, options.time_unit, options.angle_unit, options.drop_bad,
-                  options.tf_frame and tuple(options.tf_frame))
+                  options.tf_frame and tuple(options.tf_frame), joints=_arm_joints(options))
+
+
+def _arm_joints(options: argparse.Namespace) -> ArmJoints | None:
+    """
+    The arm whose joints are read as motions of its tool; None without one.
+
+    :raises ParameterError: if half of it is said
+    """
+    if options.urdf is None and not options.joints_of:
+        for name in ('tip', 'base', 'calibration'):
+            if getattr(options, name):
+                raise ParameterError(f'--{name} is for --urdf or --joints-of')
+        return None
+    if options.urdf is not None and (options.joints_of or not options.tip):
+        raise ParameterError('--urdf needs --tip LINK, the tool' if not options.joints_of else
+                             '--urdf and --joints-of: give one of them')
+    from gdmp_ros.data.arm_joints import ArmJoints
+    with optional_import(extra('sim')):
+        from gdmp_ros.sim.tip import from_model, from_urdf
+    arm = (from_urdf(options.urdf, options.tip, options.base) if options.urdf is not None else
+           from_model(options.joints_of, options.tip, options.base))
+    return ArmJoints(arm, options.calibration)
 
 
 def add_arm_node(parser: argparse.ArgumentParser) -> None:
@@ -146,8 +186,8 @@ def add_objects(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scale(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--scale``, what happens to the size of a motion between objects."""
-    parser.add_argument('--scale', choices=SCALES, default='none',
+    """Declare ``--object-scale``, what happens to the size of a motion between objects."""
+    parser.add_argument('--object-scale', choices=SCALES, default='none',
                         help='of a skill with task frames: its shape keeps its size (default), or '
                              'shrinks and grows with the distance from start to goal')
 

@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """Check, print, draw."""
     check_output(options.plot, '.png', '.pdf', '.svg')
     from gdmp_ros.dmp.skill import Skill
-    skill = among_objects(Skill.load(options.skill), options.objects, options.scale)
+    skill = among_objects(Skill.load(options.skill), options.objects, options.object_scale)
     with optional_import(extra('sim')):
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.path_check import check_skill, PathChecker

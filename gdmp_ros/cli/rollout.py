@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
     from gdmp_ros.dmp.rollout import Rollout
     from gdmp_ros.dmp.skill import Skill
     skill = among_objects(Skill.load(options.skill).in_context(options.context),
-                          options.objects, options.scale)
+                          options.objects, options.object_scale)
     goal = _goal(skill, options)
     from_the_start = options.switch_at <= 0.0
     rollout = Rollout(skill, goal=goal if from_the_start else None, duration=options.duration)

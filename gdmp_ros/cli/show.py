@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                required=False)
     add_pose_topic(parser)
     add_robot(parser)
-    add_import(parser)
+    add_import(parser, has_model=True)
     parser.add_argument('--demonstrations', type=Path, nargs='+', default=[], metavar='BAG',
                         help='picture of a skill: draw demonstrations of a tool below it')
     parser.add_argument('--skill', type=Path, metavar='SKILL',

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--port', type=integer(0, 65535), default=0, metavar='N',
                         help='port of the page (default: the first free one from 8080 on)')
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
-    add_import(parser)
+    add_import(parser, has_model=True)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -16,6 +16,16 @@ from scipy.spatial.transform import Rotation
 
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.data import labels
+from gdmp_ros.data.arm_joints import (
+    ArmJoints,
+    ArmKinematics,
+    columns_of,
+    finger_commands,
+    FingerCommand,
+    LEAST_M,
+    radians,
+    WIDEST_M,
+)
 from gdmp_ros.data.labels import Group, groups, Label, label, ORDERS
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.quaternion import rotation_angles
@@ -35,6 +45,8 @@ EXACT = 1e-9
 NEAR_ZERO = 0.2
 NEEDS_KEY = ('name them with --key position=NAME --key orientation=NAME (or NAME,NAME,NAME for '
              'columns), or --key points=NAME')
+#: Beginnings of names in LeRobot data sets: what was measured, and what was commanded.
+LEROBOT_STATE, LEROBOT_ACTION = 'observation.state.', 'action.'
 #: What separates the name of an object from that of a number.
 MARKS = '._/'
 
@@ -55,6 +67,7 @@ class Import:
     :ivar angle_unit: of angles: rad or deg
     :ivar drop_bad: leave out samples that are not numbers, or whose times do not increase
     :ivar tf_frames: of a bag with transforms: frame of the tool, and of its base
+    :ivar joints: arm whose tool is shown by recordings of its joints; None: they show the tool
     :ivar objects: arrays, or beginnings of their names, with poses of objects and not of the tool
     """
 
@@ -69,6 +82,13 @@ class Import:
     drop_bad: bool = False
     tf_frames: tuple[str, str] | None = None
     objects: tuple[str, ...] = ()
+    joints: ArmJoints | None = None
+
+
+def _angle_unit(part: Label) -> str:
+    """rad or deg, if a name tells it."""
+    factor = labels.ANGLES.get(part.unit)
+    return '' if factor is None else 'rad' if factor == 1.0 else 'deg'
 
 
 def belongs(name: str, column: str) -> bool:
@@ -83,11 +103,13 @@ class Motion(NamedTuple):
     :ivar times: from 0 on [s], shape ``(T,)``
     :ivar points: x, y, z, qw, qx, qy, qz, and a stiffness row by row, shape ``(T, 7 + k)``
     :ivar notes: how it was read, for people
+    :ivar fingers: commands that the fingers of a gripper have carried out
     """
 
     times: np.ndarray
     points: np.ndarray
     notes: tuple[str, ...]
+    fingers: tuple[FingerCommand, ...] = ()
 
 
 class JointMotion(NamedTuple):
@@ -129,6 +151,7 @@ class Columns:
                         if not any(belongs(name, one) for one in settings.objects)}
         self.notes: list[str] = []
         self._rest: np.ndarray | None = None
+        self._width: np.ndarray | None = None
         self._keys = {}
         for role, given in settings.keys.items():
             names = [labels.matching(self._arrays, name) for name in given.split(',')]
@@ -164,7 +187,8 @@ class Columns:
                             *([] if stiffness is None else [stiffness[kept]])])
         seconds = self._seconds(times, kept, moved)
         self._note_grippers()
-        return Motion(seconds, points, tuple(self.notes))
+        fingers = () if self._width is None else tuple(finger_commands(seconds, self._width[kept]))
+        return Motion(seconds, points, tuple(self.notes), fingers)
 
     def joints(self) -> JointMotion:
         """
@@ -198,6 +222,8 @@ class Columns:
 
     def _pose(self) -> tuple[_Found, _Found]:
         """Position, and orientation as it is written."""
+        if self._settings.joints is not None:
+            return self._pose_of_joints(self._settings.joints)
         if 'points' not in self._keys:
             positions = self._candidates('position')
             orientations = self._candidates('orientation')
@@ -213,6 +239,57 @@ class Columns:
             hint = '. A position was found, but no orientation'
         raise DataError(f'{self._where}: no position and orientation were found; {NEEDS_KEY}. '
                         f'There are {self._listed()}{hint}')
+
+    def _pose_of_joints(self, joints: ArmJoints) -> tuple[_Found, _Found]:
+        """
+        Pose of the tool at the joints, and the width of a gripper.
+
+        :raises DataError: if a joint is missing, or its unit cannot be told
+        """
+        names, rows = self._arm_columns(joints.arm)
+        unit = self._settings.angle_unit or _angle_unit(self._labels.get(names[0], label('')))
+        positions, unit = radians(self._where, joints, rows, unit,
+                                  names[0].startswith((LEROBOT_STATE, LEROBOT_ACTION)))
+        self.notes.append(f'joints: {", ".join(names)} in {unit}')
+        poses = joints.arm.poses(positions)
+        part = label('tool [m]')
+        return (_Found('tool', poses[:, :3], part, 'position'),
+                _Found('tool', poses[:, 3:], part, 'wxyz'))
+
+    def _arm_columns(self, arm: ArmKinematics) -> tuple[list[str], np.ndarray]:
+        """Names and numbers of the joints of an arm."""
+        named = self._keys.get('joints', [])
+        if len(named) == len(arm.names) > 1:
+            return named, self._stacked(named)
+        single = [name for name in self._free() if self._arrays[name].ndim == 1]
+        states = [name for name in single if name.startswith(LEROBOT_STATE)]
+        single = states or [name for name in single if not name.startswith(LEROBOT_ACTION)]
+        if not named and len(single) >= len(arm.names):
+            at, fingers = columns_of(arm, single)
+            self._use_fingers([single[i] for i in fingers])
+            names = [single[i] for i in at]
+            return names, self._stacked(names)
+        found = self._joint_columns()
+        if found is None or found[1].shape[1] < len(arm.names):
+            raise DataError(f'{self._where}: the joints {", ".join(arm.names)} were not found; '
+                            'name their columns with --key joints=NAME,NAME or an array with '
+                            f'--key joints=NAME. There are {self._listed()}')
+        names, rows = found
+        if rows.shape[1] > len(arm.names):
+            self.notes.append(f'the first {len(arm.names)} of {rows.shape[1]} joints are those of '
+                              'the arm')
+        return names[:len(arm.names)], rows[:, :len(arm.names)]
+
+    def _use_fingers(self, names: list[str]) -> None:
+        """Learn the commands of two fingers in metres; others are left out."""
+        if not names:
+            return
+        rows = self._stacked(names)
+        metres = len(names) > 1 and bool((rows >= -LEAST_M).all() and (rows <= WIDEST_M).all())
+        self._width = rows.sum(axis=1) if metres else None
+        self.notes.append(f'{", ".join(names)} '
+                          + ('are fingers: their commands are those of the skill' if metres
+                             else 'is no joint of the arm: left out'))
 
     def _candidates(self, role: str) -> list[_Found]:
         """Vectors that may be the position, or the orientation."""

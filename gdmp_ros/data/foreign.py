@@ -11,6 +11,7 @@ from typing import cast
 
 import numpy as np
 
+from gdmp_ros.data.arm_joints import FingerCommand
 from gdmp_ros.data.columns import Columns, Import
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
@@ -36,10 +37,12 @@ class Imported:
     A demonstration and how it was found.
 
     :ivar notes: how it was read, for people
+    :ivar fingers: commands that the fingers of a gripper have carried out
     """
 
     demonstration: Demonstration
     notes: tuple[str, ...]
+    fingers: tuple[FingerCommand, ...] = ()
 
 
 def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import) -> Imported:
@@ -49,10 +52,10 @@ def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import
     :param where: the file, for messages
     :raises DataError: naming the arrays, if something is missing or invalid
     """
-    times, points, notes = Columns(where, arrays, settings).motion()
+    times, points, notes, fingers = Columns(where, arrays, settings).motion()
     try:
         size = {0: None, 9: 3, 36: 6}[points.shape[1] - 7]
-        return Imported(Demonstration(times, points, tool_manifold(size)), notes)
+        return Imported(Demonstration(times, points, tool_manifold(size)), notes, fingers)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
 

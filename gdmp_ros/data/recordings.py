@@ -13,6 +13,15 @@ from rosbags.highlevel import AnyReader
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.data import bags, episodes
+from gdmp_ros.data.arm_joints import (
+    ArmJoints,
+    columns_of,
+    finger_commands,
+    FingerCommand,
+    LEAST_M,
+    radians,
+    WIDEST_M,
+)
 from gdmp_ros.data.bags import GRIPPER, message_of, NS, ns_of
 from gdmp_ros.data.columns import Import
 from gdmp_ros.data.foreign import Imported
@@ -243,11 +252,13 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
     :raises DataError: naming bag, topic, sample and reason
     """
     if episodes.is_foreign(Path(bag)):
-        return _trimmed(str(bag), _noted(bag, episodes.read(Path(bag), settings)))
+        return _trimmed(bag, episodes.read(Path(bag), settings))
     settings = settings or Import()
     with bags.opened(bag) as reader:
         result = bags.topics_in(reader)
-        poses = _poses_in(reader, bag, pose_topic, settings)
+        fingers: list[RecordedCommand] = []
+        poses = (_poses_in(reader, bag, pose_topic, settings) if settings.joints is None else
+                 _poses_of_joints(reader, bag, settings, settings.joints, fingers))
         matrices, block = None, None
         if poses.values.shape[1] > 7:
             matrices, block = _matrices(poses, poses.values[:, 7:])
@@ -257,7 +268,7 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
             matrices, block = _matrices(series, series.values)
             matrices = _at_stamps(matrices, series, poses)
         felt = bags.series_in(reader, bag, wrench_topic, bags.WRENCH) if wrench_topic else None
-        commands = commands_in(reader, str(bag))
+        commands = commands_in(reader, str(bag)) or fingers
     full = _joined(poses, matrices)
     kept = slice(None) if keep_rest else without_rest(full, f'{poses.bag}, topic {poses.topic}')
     demonstration = _part(full, kept)
@@ -277,7 +288,7 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
     """
     if episodes.is_foreign(Path(bag)):
         result, names = episodes.read_joints(Path(bag), settings)
-        return _trimmed(str(bag), _noted(bag, result), names)
+        return _trimmed(bag, result, names)
     settings = settings or Import()
     with bags.opened(bag) as reader:
         topic = topic or _only(bag, bags.topics_in(reader), 'joint state', bags.JOINTS)
@@ -345,6 +356,43 @@ def _poses_in(reader: AnyReader, bag: str | Path, topic: str, settings: Import) 
     topic = topic or _only(bag, known, 'pose', *(
         (bags.POSE, bags.REFERENCE) if usual else bags.POSES))
     return bags.series_in(reader, bag, topic, *bags.POSES, drop_bad=settings.drop_bad)
+
+
+def _poses_of_joints(reader: AnyReader, bag: str | Path, settings: Import, joints: ArmJoints,
+                     fingers: list[RecordedCommand]) -> bags.Series:
+    """
+    Poses of the tool at the recorded joints of an arm; what fingers have done is appended.
+
+    :raises DataError: if no topic, or several, have the joints of the arm
+    """
+    found: dict[str, tuple[bags.Series, list[int], list[int]]] = {}
+    problems = []
+    for topic in [name for name, kind, _ in bags.topics_in(reader) if kind == bags.JOINTS]:
+        series = bags.series_in(reader, bag, topic, bags.JOINTS, drop_bad=settings.drop_bad)
+        try:
+            found[topic] = series, *columns_of(joints.arm, series.names)
+        except DataError as error:
+            problems.append(f'{topic}: {error}')
+    if len(found) != 1:
+        several = f'{", ".join(found)} have the joints of the arm, expected one topic'
+        raise DataError(f'{bag}: ' + (several if found else '; '.join(problems)
+                                      or 'there are no positions of joints'))
+    (topic, (series, at, ends)), = found.items()
+    where = f'{bag}, topic {topic}'
+    positions, unit = radians(where, joints, series.values[:, at], settings.angle_unit, False)
+    said = [] if unit == 'rad' else [f'the joints are in {unit}']
+    left = [name for i, name in enumerate(series.names) if i not in {*at, *ends}]
+    if left:
+        said.append(f'{", ".join(left)} are not joints of the arm: left out')
+    if ends:
+        said.append(f'{", ".join(series.names[i] for i in ends)} belong to a gripper')
+        width = series.values[:, ends]
+        if len(ends) > 1 and (width >= -LEAST_M).all() and (width <= WIDEST_M).all():
+            times = (series.stamps - series.stamps[0]) / bags.NS
+            fingers += _recorded(finger_commands(times, width.sum(axis=1)), int(series.stamps[0]))
+    if said:
+        warnings.warn(f'{where}: {"; ".join(said)}', GdmpWarning, stacklevel=3)
+    return series._replace(values=joints.arm.poses(positions), frame=joints.arm.base, names=())
 
 
 def _only(bag: str | Path, result: Sequence[tuple[str, str, int]], what: str, *types: str) -> str:
@@ -415,18 +463,20 @@ def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.
                             for column in felt.values.T])
 
 
-def _noted(source: str | Path, result: Imported) -> Demonstration:
-    """The demonstration of another program; how it was read is told."""
+def _trimmed(source: str | Path, result: Imported, joints: tuple[str, ...] = ()) -> Recording:
+    """The demonstration of another program without rest; how it was read is told."""
     if result.notes:
         warnings.warn(f'{source}: {"; ".join(result.notes)}', GdmpWarning, stacklevel=4)
-    return result.demonstration
+    full = result.demonstration
+    kept = without_rest(full, str(source))
+    first, last = (round(full.times[kept][i] * bags.NS) for i in (0, -1))
+    return Recording(_part(full, kept), str(source), FRAME, None, joints=joints, events=during(
+        _recorded(result.fingers, 0), first, last), begins=first)
 
 
-def _trimmed(source: str, full: Demonstration, joints: tuple[str, ...] = ()) -> Recording:
-    """The demonstration of another program without rest."""
-    kept = without_rest(full, source)
-    return Recording(_part(full, kept), source, FRAME, None, joints=joints,
-                     begins=round(full.times[kept][0] * bags.NS))
+def _recorded(commands: Sequence[FingerCommand], first: int) -> list[RecordedCommand]:
+    """Commands of fingers, with stamps [ns]."""
+    return [RecordedCommand(first + round(one.time * bags.NS), *one[1:]) for one in commands]
 
 
 def _joined(poses: bags.Series, matrices: np.ndarray | None) -> Demonstration:

@@ -203,9 +203,9 @@ def test_what_is_said_of_objects_is_learned_and_shown(tmp_path):
     told = ' '.join(gdmp('show', skill).stdout.replace('│', ' ').split())  # a table, wrapped
     assert 'symmetric about its z axis' in told and 'grasped at s = 0.40' in told
     near = [f'{number:.9f}' for number in ELSEWHERE['goal']]
-    ends = [np.array(gdmp('rollout', skill, '--object', 'cup', *near, '--dt', 0.5, '--scale',
-                          scale).stdout.splitlines()[-1].split(',')[2:], dtype=float)
-            for scale in ('none', 'distance')]
+    lines = [gdmp('rollout', skill, '--object', 'cup', *near, '--dt', 0.5, '--object-scale',
+                  scale).stdout.splitlines() for scale in ('none', 'distance')]
+    ends = [np.array(one[-1].split(',')[2:], dtype=float) for one in lines]
     assert max(apart(*ends)) < 1e-3
     assert apart(ends[0], compose(ELSEWHERE['goal'], ENTERS))[0] < 1e-3
 
