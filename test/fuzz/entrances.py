@@ -42,9 +42,12 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from gdmp_ros.control.target import HOLD_STIFFNESS
 from gdmp_ros.data import bags, lasa, recordings
+from gdmp_ros.data.arm_joints import ArmJoints, radians
+from gdmp_ros.data.objects import read_poses
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.data.takes import read_numbers
 from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.frames import checked_frames
 from gdmp_ros.dmp.sequence import SequenceRollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
@@ -52,6 +55,8 @@ from gdmp_ros.learning.variation_fit import Contexts
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.ros.messages import fill_reference, stamp_of
 from gdmp_ros.ros.parameter_tables import NODES
+from gdmp_ros.sim.tip import from_model, from_urdf
+from test import urdf
 from test.fuzz import nodes
 
 TOOL = lasa.TOOL
@@ -333,6 +338,44 @@ def context_table() -> Entrance:
                            b'height,"take"\r\n1e3,a\r\n2,b\r\n-3,c\r\n.5,d'])
 
 
+def object_table() -> Entrance:
+    """Bytes of a table of poses of objects."""
+    path = _folder() / 'objects.csv'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        with suppress(GdmpError):
+            for poses in read_poses(path, ['a', 'b']):
+                checked_frames(poses, TOOL, 3)
+    return Entrance(feed, [b'take,box.x,box.y,box.z,box.qw,box.qx,box.qy,box.qz\n'
+                           b'a,0,0,0,1,0,0,0\nb,1,2,3,0,1e0,0,0\n'])
+
+
+def urdf_file() -> Entrance:
+    """Bytes of a URDF; what is accepted has poses."""
+    path = _folder() / 'robot.urdf'
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        with suppress(GdmpError):
+            arm = from_urdf(path, 'tool0')
+            arm.poses(np.zeros((2, len(arm.names))))
+    return Entrance(feed, [urdf.ur5e().encode(), urdf.ur5e(urdf.JOINTS[:1]).encode()])
+
+
+def motor_calibration() -> Entrance:
+    """Bytes of a calibration of motors."""
+    path, arm = _folder() / 'motors.json', from_model('panda')
+    rows = np.full((2, len(arm.names)), 50.0)
+
+    def feed(data: bytes) -> None:
+        path.write_bytes(data)
+        with suppress(GdmpError):
+            radians('fuzzed', ArmJoints(arm, path), rows, 'percent', True)
+    return Entrance(feed, [json.dumps({name: {'range_min': 100, 'range_max': 4000, 'drive_mode': 1}
+                                       for name in arm.names}).encode()])
+
+
 def service_refine() -> Entrance:
     """``~/refine_skill``."""
     made = server()
@@ -573,7 +616,8 @@ ENTRANCES: dict[str, Callable[[], Entrance]] = {
     made.__name__: made for made in (
         skill_file, skill_fields, bag_mcap, bag_sqlite3, bag_metadata, topic_goal_pose,
         topic_moving_goal, topic_goal_stiffness, topic_amplitude, sequence_file,
-        topic_context, context_table, service_refine,
+        topic_context, context_table, object_table, urdf_file, motor_calibration,
+        service_refine,
         topic_measured_pose, topic_clock, topic_hand_pose,
         topic_reference, topic_converted, topic_shown, topic_handle,
         service_set_speed, service_pause, service_load_skill, service_learn_skill,
