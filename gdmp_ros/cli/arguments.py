@@ -131,7 +131,8 @@ def _arm_joints(options: argparse.Namespace) -> ArmJoints | None:
 
     :raises ParameterError: if half of it is said
     """
-    if options.urdf is None and not options.joints_of:
+    model = getattr(options, 'model', '')  # of verbs that also draw the arm
+    if options.urdf is None and not options.joints_of and not model:
         for name in ('tip', 'base', 'calibration'):
             if getattr(options, name):
                 raise ParameterError(f'--{name} is for --urdf or --joints-of')
@@ -142,9 +143,11 @@ def _arm_joints(options: argparse.Namespace) -> ArmJoints | None:
     from gdmp_ros.data.arm_joints import ArmJoints
     with optional_import(extra('sim')):
         from gdmp_ros.sim.tip import from_model, from_urdf
-    arm = (from_urdf(options.urdf, options.tip, options.base) if options.urdf is not None else
-           from_model(options.joints_of, options.tip, options.base))
-    return ArmJoints(arm, options.calibration)
+    if options.urdf is not None:
+        arm = from_urdf(options.urdf, options.tip, options.base)
+    else:
+        arm = from_model(options.joints_of or model, options.tip, options.base)
+    return ArmJoints(arm, options.calibration, not (options.urdf or options.joints_of))
 
 
 def add_arm_node(parser: argparse.ArgumentParser) -> None:

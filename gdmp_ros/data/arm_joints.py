@@ -61,10 +61,12 @@ class ArmJoints(NamedTuple):
     The arm of recordings of joints, and what is said about them.
 
     :ivar calibration: of the motors, for parts of their range: a file of LeRobot
+    :ivar if_needed: only where no pose was recorded
     """
 
     arm: ArmKinematics
     calibration: Path | None = None
+    if_needed: bool = False
 
 
 def columns_of(arm: ArmKinematics, names: Sequence[str]) -> tuple[list[int], list[int]]:

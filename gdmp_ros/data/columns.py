@@ -222,8 +222,9 @@ class Columns:
 
     def _pose(self) -> tuple[_Found, _Found]:
         """Position, and orientation as it is written."""
-        if self._settings.joints is not None:
-            return self._pose_of_joints(self._settings.joints)
+        joints = self._settings.joints
+        if joints is not None and not joints.if_needed:
+            return self._pose_of_joints(joints)
         if 'points' not in self._keys:
             positions = self._candidates('position')
             orientations = self._candidates('orientation')
@@ -232,9 +233,12 @@ class Columns:
         pose = self._pose_array()
         if pose is not None:
             return pose
+        if joints is not None:
+            return self._pose_of_joints(joints)
         hint = ''
         if self._joint_columns() is not None:
-            hint = '. There are joints: learn a skill of them with --joints'
+            hint = ('. There are joints: learn a skill of them with --joints, or of the tool with '
+                    '--urdf FILE --tip LINK')
         elif 'points' not in self._keys and self._candidates('position'):
             hint = '. A position was found, but no orientation'
         raise DataError(f'{self._where}: no position and orientation were found; {NEEDS_KEY}. '

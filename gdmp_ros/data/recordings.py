@@ -257,8 +257,12 @@ def read(bag: str | Path, pose_topic: str = '', stiffness_topic: str = '',
     with bags.opened(bag) as reader:
         result = bags.topics_in(reader)
         fingers: list[RecordedCommand] = []
-        poses = (_poses_in(reader, bag, pose_topic, settings) if settings.joints is None else
-                 _poses_of_joints(reader, bag, settings, settings.joints, fingers))
+        joints = settings.joints
+        if joints is not None and joints.if_needed and (
+                pose_topic or any(kind in bags.POSES for _, kind, _ in result)):
+            joints = None
+        poses = (_poses_in(reader, bag, pose_topic, settings) if joints is None else
+                 _poses_of_joints(reader, bag, settings, joints, fingers))
         matrices, block = None, None
         if poses.values.shape[1] > 7:
             matrices, block = _matrices(poses, poses.values[:, 7:])
@@ -350,7 +354,8 @@ def _poses_in(reader: AnyReader, bag: str | Path, topic: str, settings: Import) 
         hints = [f'there are transforms: --tf-frame TOOL BASE with two of {", ".join(frames)}'
                  ] if frames else []
         if any(kind == bags.JOINTS for _, kind, _ in known):
-            hints.append('there are positions of joints: learn a skill of them with --joints')
+            hints.append('there are positions of joints: learn a skill of them with --joints, or '
+                         'of the tool with --urdf FILE --tip LINK')
         if hints:
             raise DataError(f'{bag}: no topic holds a pose; {"; ".join(hints)}')
     topic = topic or _only(bag, known, 'pose', *(

@@ -260,6 +260,27 @@ def test_the_command_line_learns_converts_and_shows_joints(file, arm, tmp_path):
     assert not (tmp_path / 'no.json').exists()
 
 
+def test_the_model_of_the_picture_shows_joints_where_no_pose_was_recorded(tmp_path):
+    panda = Arm()
+    times = np.linspace(0.0, 2.0, 200)
+    positions = panda.home + 0.3 * minimum_jerk(times / 2.0)[:, None]
+    names = [f'panda_joint{i}' for i in range(1, 8)]
+    bag = record(tmp_path / 'joints', times, positions, names)
+    done = gdmp('show', bag, '--model', 'panda')
+    assert done.returncode == 0 and 'no topic holds a pose' not in done.stdout, done.stderr
+    plain = ' '.join(gdmp('show', bag).stdout.split())
+    assert 'no topic holds a pose' in plain and 'with --urdf FILE --tip LINK' in plain
+    # Where poses were recorded, these are shown.
+    with bags.BagWriter(tmp_path / 'both') as writer:
+        for time, row in zip(times, positions):
+            stamp = BEGINS + round(time * bags.NS)
+            writer.joints('/joint_states', stamp, names, row.tolist())
+            writer.pose('/pose', stamp, [time, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 'base')
+    settings = Import(joints=ArmJoints(from_model('panda'), if_needed=True))
+    found = recordings.read(tmp_path / 'both', settings=settings)
+    assert found.frame == 'base' and found.demonstration.points[-1, 0] == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize(('text', 'reason'), [
     ('<robot', 'not XML'), ('<sdf/>', 'begins with <sdf>'), ('<robot/>', 'have no parent'),
     ('<robot xmlns:xacro="x"><xacro:macro/></robot>', 'xacro file'),
