@@ -18,6 +18,7 @@ examples:
   gdmp show data.hdf5
   gdmp show skill.json -o skill.png --demonstrations demos
   gdmp show skill.json -o skill.webp --playback 2
+  gdmp show insert.json -o insert.webp --object hole 0.5 0.1 0.2 0.92 0 0 0.38
   gdmp show out/demo/run -o run.mp4
   gdmp show out/demo/run -o run.html
   gdmp show takes/take_001 -o take.html --skill skill.json
@@ -32,9 +33,11 @@ from typing import NamedTuple, TYPE_CHECKING
 from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.cli.arguments import (
     add_import,
+    add_objects,
     add_output,
     add_pose_topic,
     add_robot,
+    among_objects,
     check_output,
     import_settings,
     number,
@@ -65,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_pose_topic(parser)
     add_robot(parser)
     add_import(parser, has_model=True)
+    add_objects(parser)
     parser.add_argument('--demonstrations', type=Path, nargs='+', default=[], metavar='BAG',
                         help='picture of a skill: draw demonstrations of a tool below it')
     parser.add_argument('--skill', type=Path, metavar='SKILL',
@@ -113,7 +117,7 @@ def _print(options: argparse.Namespace, is_bag: bool) -> int | None:
     elif source.suffix in SEQUENCES:
         _print_sequence(source)
     else:
-        _print_skill(source)
+        _print_skill(source, options.objects)
     return None
 
 
@@ -127,7 +131,7 @@ def _draw(options: argparse.Namespace) -> None:
         from gdmp_ros.data.sequences import read_sequence
         plots.save(skill_plots.sequence_figure(read_sequence(source)), options.output)
     elif source.suffix == '.json' and not episodes.is_foreign(source):
-        skill = Skill.load(source)
+        skill = among_objects(Skill.load(source), options.objects)
         demos = [recordings.read(bag, settings=reading).demonstration
                  for given in options.demonstrations for bag in takes.bags_in(given)]
         plots.save(skill_plots.skill_figure(skill, demos), options.output)
@@ -174,7 +178,7 @@ def _executed(options: argparse.Namespace) -> _Motion:
     import numpy as np
 
     from gdmp_ros.dmp.skill import Skill
-    skill = Skill.load(options.source)
+    skill = among_objects(Skill.load(options.source), options.objects)
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.execution import execute
     arm = Arm(options.model)
@@ -245,9 +249,9 @@ def _print_sequence(path: Path) -> None:
             getattr(step, 'until', '') or ''] for step in sequence.steps])
 
 
-def _print_skill(path: Path) -> None:
+def _print_skill(path: Path, objects: Sequence[Sequence[str]]) -> None:
     from gdmp_ros.dmp.skill import Skill
-    skill = Skill.load(path)
+    skill = among_objects(Skill.load(path), objects)
     gains = skill.gains
     rows: list[list[object]] = [
         ['manifold', repr(skill.manifold)], ['factors', ', '.join(skill.manifold.names)],

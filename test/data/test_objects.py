@@ -246,6 +246,8 @@ def test_the_command_line_learns_among_objects_and_goes_where_they_are(tmp_path)
     assert gdmp('show', skill, '-o', tmp_path / 'skill.png').returncode == 0
     assert drawn(tmp_path / 'skill.png') > 0.01
     goal = [f'{number:.9f}' for number in ELSEWHERE['goal']]
+    told = gdmp('show', skill, '--object', 'hole', *goal)
+    assert told.returncode == 0 and f'{ELSEWHERE["goal"][1]:.4g}' in told.stdout
     done = gdmp('rollout', skill, '--object', 'hole', *goal, '--dt', 0.5)
     last = np.array(done.stdout.splitlines()[-1].split(',')[2:], dtype=float)
     assert max(apart(last, compose(ELSEWHERE['goal'], ENTERS))) < 1e-3
