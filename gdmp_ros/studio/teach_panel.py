@@ -48,6 +48,11 @@ class TeachPanel:
             self._rhythmic = gui.add_checkbox(
                 'rhythmic', False, hint='the takes repeat a cycle, such as wiping')
             self._stiffness = gui.add_dropdown('stiffness', STIFFNESSES, initial_value='auto')
+            self._objects = gui.add_text(
+                'objects', '', hint='frames that /tf of the takes knows, that of the start first '
+                                    'and that of the goal last: box hole')
+            self._moving = gui.add_text('of them moving', '',
+                                        hint='those that move while they are shown')
             gui.add_button('learn', color='green').on_click(studio.later(self._learn))
         self._rows: list[Any] = []
         self._pulled, self._asked = False, 0.0
@@ -105,7 +110,8 @@ class TeachPanel:
         settings = LearningSettings(
             n_basis='auto' if self._automatic.value else int(self._functions.value),
             smoothing=float(self._smoothing.value) or None, stiffness=self._stiffness.value,
-            rhythmic=self._rhythmic.value)
+            rhythmic=self._rhythmic.value, objects=tuple(self._objects.value.split()),
+            moving=tuple(self._moving.value.split()))
         bench = studio.bench
 
         def learned(result: Any) -> None:

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Demonstration, Skill
-from gdmp_ros.data import recordings
+from gdmp_ros.data import bags, recordings
+from test.data.test_objects import transform
 from test.motions import circles
 from test.studio.lockstep import opened_page
 
@@ -213,6 +214,26 @@ def test_learning_that_is_refused_is_said(page):
         page.enter(name, False)
     page.click('learn')
     page.wait_text('refused: no take is used')
+
+
+def test_takes_are_learned_between_objects_that_their_transforms_know(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    times = np.linspace(0.0, 3.0, 150)
+    with bags.BagWriter(folder / 'between') as writer:
+        for name, x in (('box', 0.4), ('hole', 0.5)):
+            transform(writer, '/tf_static', name, 10 ** 9, [x, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0])
+        for time in times:
+            way = 0.5 - 0.5 * np.cos(np.pi * time / 3.0)
+            writer.pose('/pose', 10 ** 9 + round(1e9 * time), [
+                0.4 + 0.1 * way, 0.2 * way, 0.3, 0.0, 1.0, 0.0, 0.0], 'base')
+    with opened_page(folder, 'between') as page:
+        page.enter('objects', 'box cup')
+        page.click('learn')
+        page.wait_text('no transforms lead from cup to base')
+        page.enter('objects', 'box hole')
+        page.click('learn')
+        page.wait_text('learned from 1 take')
+        assert set(page.studio.scene.handles('')) == {'object box', 'object hole'}
 
 
 def test_compared_skills_and_the_time_slider(page):
