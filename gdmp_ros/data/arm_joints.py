@@ -22,7 +22,7 @@ from gdmp_ros.util.names import indices_of
 FINGERS = ('finger', 'gripper', 'jaw', 'knuckle')
 #: Joints may be beyond their limits by so much [rad].
 SLACK = 0.1
-#: Values of a motor's range, and beyond what they are none [%].
+#: Largest value of a motor, as a part of its range [%].
 PERCENT = 100.0
 #: Steps of a motor in a turn, less one, as LeRobot counts them.
 STEPS = 4095
@@ -164,6 +164,16 @@ def _motors(path: Path) -> Mapping[str, tuple[float, float, bool]]:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f'{path}: no calibration of LeRobot ({type(error).__name__}: {error}); '
                         'expected range_min and range_max of each motor') from None
+
+
+def opening(rows: np.ndarray) -> np.ndarray | None:
+    """
+    Width of a gripper, shape (T,) [m]; None if its joints are not two fingers in metres.
+
+    :param rows: of the joints of the gripper, shape (T, k)
+    """
+    metres = rows.shape[1] > 1 and bool((rows >= -LEAST_M).all() and (rows <= WIDEST_M).all())
+    return rows.sum(axis=1) if metres else None
 
 
 class FingerCommand(NamedTuple):

@@ -22,9 +22,8 @@ from gdmp_ros.data.arm_joints import (
     columns_of,
     finger_commands,
     FingerCommand,
-    LEAST_M,
+    opening,
     radians,
-    WIDEST_M,
 )
 from gdmp_ros.data.labels import Group, groups, Label, label, ORDERS
 from gdmp_ros.errors import DataError
@@ -88,7 +87,9 @@ class Import:
 def _angle_unit(part: Label) -> str:
     """rad or deg, if a name tells it."""
     factor = labels.ANGLES.get(part.unit)
-    return '' if factor is None else 'rad' if factor == 1.0 else 'deg'
+    if factor is None:
+        return ''
+    return 'rad' if factor == 1.0 else 'deg'
 
 
 def belongs(name: str, column: str) -> bool:
@@ -288,12 +289,10 @@ class Columns:
         """Learn the commands of two fingers in metres; others are left out."""
         if not names:
             return
-        rows = self._stacked(names)
-        metres = len(names) > 1 and bool((rows >= -LEAST_M).all() and (rows <= WIDEST_M).all())
-        self._width = rows.sum(axis=1) if metres else None
-        self.notes.append(f'{", ".join(names)} '
-                          + ('are fingers: their commands are those of the skill' if metres
-                             else 'is no joint of the arm: left out'))
+        self._width = opening(self._stacked(names))
+        self.notes.append(f'{", ".join(names)} ' + (
+            'is no joint of the arm: left out' if self._width is None else
+            'are fingers: their commands are those of the skill'))
 
     def _candidates(self, role: str) -> list[_Found]:
         """Vectors that may be the position, or the orientation."""

@@ -18,9 +18,8 @@ from gdmp_ros.data.arm_joints import (
     columns_of,
     finger_commands,
     FingerCommand,
-    LEAST_M,
+    opening,
     radians,
-    WIDEST_M,
 )
 from gdmp_ros.data.bags import GRIPPER, message_of, NS, ns_of
 from gdmp_ros.data.columns import Import
@@ -391,10 +390,10 @@ def _poses_of_joints(reader: AnyReader, bag: str | Path, settings: Import, joint
         said.append(f'{", ".join(left)} are not joints of the arm: left out')
     if ends:
         said.append(f'{", ".join(series.names[i] for i in ends)} belong to a gripper')
-        width = series.values[:, ends]
-        if len(ends) > 1 and (width >= -LEAST_M).all() and (width <= WIDEST_M).all():
+        width = opening(series.values[:, ends])
+        if width is not None:
             times = (series.stamps - series.stamps[0]) / bags.NS
-            fingers += _recorded(finger_commands(times, width.sum(axis=1)), int(series.stamps[0]))
+            fingers += _recorded(finger_commands(times, width), int(series.stamps[0]))
     if said:
         warnings.warn(f'{where}: {"; ".join(said)}', GdmpWarning, stacklevel=3)
     return series._replace(values=joints.arm.poses(positions), frame=joints.arm.base, names=())

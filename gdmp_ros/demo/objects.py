@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, TransformStamped
@@ -59,10 +60,17 @@ PLACES = (Place((0.0, 0.0, 0.0)), Place((-0.08, -0.1, 0.05), 0.6), Place((0.05, 
           Place((0.0, 0.1, 0.1), 0.3, (0.0, -0.03, 0.0)))
 
 
+@cache
+def home_pose() -> np.ndarray:
+    """Pose of the tool of the built-in arm in its home posture, where the box is."""
+    arm = Arm()
+    return arm.pose_at(arm.home)
+
+
 def motion() -> Demonstration:
     """From the home posture of the arm to above the hole."""
     times = np.arange(0.0, DURATION_S + 1e-9, 0.01)
-    poses, home, end = tool_manifold(None), Arm().pose_at(Arm().home), compose(HOLE, _ABOVE)
+    poses, home, end = tool_manifold(None), home_pose(), compose(HOLE, _ABOVE)
     points = np.array([poses.geodesic(home, poses.align(end, home), float(share))
                        for share in minimum_jerk(times / DURATION_S)])
     points[:, 2] += ARC_M * np.sin(np.pi * times / DURATION_S) ** 2
@@ -80,9 +88,8 @@ class Camera:
         """
         self._client, self._frame, self._where = client, frame, where
         self._begins = client.clock.wall()
-        self._publisher = client.participant.publisher(
-            TFMessage, '/tf', best_effort(10))
-        self._box, self._random = Arm().pose_at(Arm().home), np.random.default_rng(0)
+        self._publisher = client.participant.publisher(TFMessage, '/tf', best_effort(10))
+        self._box, self._random = home_pose(), np.random.default_rng(0)
         self._running = client.clock.start(self._send())
 
     def hole(self, stamp_ns: int) -> np.ndarray:
@@ -92,19 +99,16 @@ class Camera:
     def _send(self) -> Loop:
         clock = self._client.clock
         while True:
-            stamp = clock.wall()
-            yield clock.now() + round(LATENCY_S * NS)
+            stamp = clock.wall() - round(LATENCY_S * NS)
             self._publisher.publish(TFMessage(transforms=[
                 self._seen(name, pose, stamp)
                 for name, pose in (('box', self._box), ('hole', self.hole(stamp)))]))
-            yield clock.now() + max(round((INTERVAL_S - LATENCY_S) * NS), 0)
+            yield clock.now() + round(INTERVAL_S * NS)
 
     def _seen(self, name: str, pose: np.ndarray, stamp: int) -> TransformStamped:
-        seen, result = pose.copy(), TransformStamped(child_frame_id=name)
+        seen = pose.copy()
         seen[:3] += NOISE_M * self._random.standard_normal(3)
-        result.header.frame_id, result.header.stamp = self._frame, messages.stamp_of(stamp)
-        messages.set_transform(result.transform, seen)
-        return result
+        return messages.stamped_transform(self._frame, name, seen, messages.stamp_of(stamp))
 
     def end(self) -> None:
         """Send nothing any more."""

@@ -18,7 +18,7 @@ from gdmp_ros.control.target import resting_target, WRENCH, WRENCH_GAIN
 from gdmp_ros.data import bags, lasa, recordings
 from gdmp_ros.data.runs import limit_figures, Run
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
-from gdmp_ros.demo.objects import Camera, follow_objects, motion, PLACES
+from gdmp_ros.demo.objects import Camera, follow_objects, home_pose, motion, PLACES
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
@@ -67,7 +67,7 @@ SAMPLE_EVERY = 5
 
 def picking_motion() -> tuple[Demonstration, float]:
     """Motion of the tool from a box to another one, and when the fingers are to close [s]."""
-    home = Arm().pose_at(Arm().home)
+    home = home_pose()
     times, points, at, now = [], [], home[:3], 0.0
     for goal, seconds in WAY:
         end = at if goal is None else np.array(goal)

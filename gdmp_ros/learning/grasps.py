@@ -17,7 +17,7 @@ from gdmp_ros.manifolds.quaternion import rotation_angles
 #: The tool holds a frame that stays within this of the same place, seen from the tool, and a frame
 #: follows its earlier motion within this [m, rad]: a camera is less exact, an object slips.
 SAME = np.array([0.005, 0.03])
-#: A frame that departs from its earlier motion by so many times `SAME` was carried.
+#: A frame was carried if it leaves its earlier motion by this many times `SAME`.
 CARRIED = 4.0
 #: Time from which its earlier motion is known [s].
 EARLIER_S = 0.5

@@ -17,7 +17,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.manifolds.quaternion import rotate, UnitQuaternion
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import checked_numbers, set_transform, transform_numbers
+from gdmp_ros.ros.messages import checked_numbers, stamped_transform, transform_numbers
 from gdmp_ros.ros.middleware import deserialized
 
 NS = 1_000_000_000
@@ -179,10 +179,8 @@ class Tf2Frames:
 
     def add(self, transform: Transform, fixed: bool) -> None:
         """Remember a transform."""
-        message = TransformStamped(child_frame_id=transform.child)
-        message.header.frame_id = transform.parent
-        message.header.stamp = Time(nanoseconds=transform.stamp_ns).to_msg()
-        set_transform(message.transform, transform.pose)
+        message = stamped_transform(transform.parent, transform.child, transform.pose,
+                                    Time(nanoseconds=transform.stamp_ns).to_msg())
         (self._buffer.set_transform_static if fixed else self._buffer.set_transform)(
             message, _AUTHORITY)
 

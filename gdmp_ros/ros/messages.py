@@ -6,7 +6,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gdmp_msgs.msg import JointReference, Reference, RobotState, Tube
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance, Transform
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance, Transform, TransformStamped
 from nav_msgs.msg import Path
 import numpy as np
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
@@ -56,6 +56,17 @@ def stamped_pose(numbers: np.ndarray, frame: str, stamp: Time | None = None) -> 
     result.header.frame_id = frame
     if stamp is not None:
         result.header.stamp = stamp
+    return result
+
+
+def stamped_transform(parent: str, child: str, numbers: np.ndarray, stamp: Time | None = None
+                      ) -> TransformStamped:
+    """Pose (x, y, z, qw, qx, qy, qz) of a child in its parent; without a stamp it always holds."""
+    result = TransformStamped(child_frame_id=child)
+    result.header.frame_id = parent
+    if stamp is not None:
+        result.header.stamp = stamp
+    set_transform(result.transform, numbers)
     return result
 
 

@@ -104,11 +104,15 @@ def boxes(where: list[Box]) -> mujoco.MjSpec:
 
 def _add_boxes(spec: mujoco.MjSpec, where: list[Box]) -> None:
     for number, box in enumerate(where, 1):
-        body = spec.worldbody.add_body(name=f'box{number}', pos=[*box.centre, 0.0])
-        shade = [0.55 + 0.12 * number, 0.62, 0.75 - 0.1 * number, 0.55]
-        body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
-                      pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
-        _walls(body, box.half, box.height, shade, f'box{number}')
+        _add_box(spec, number, box, np.array([*box.centre, 0.0, 1.0, 0.0, 0.0, 0.0]))
+
+
+def _add_box(spec: mujoco.MjSpec, number: int, box: Box, where: np.ndarray) -> None:
+    body = spec.worldbody.add_body(name=f'box{number}', pos=where[:3], quat=where[3:])
+    shade = [0.55 + 0.12 * number, 0.62, 0.75 - 0.1 * number, 0.55]
+    body.add_geom(name=f'box{number}_floor', type=_BOX, size=[*box.half, _THIN],
+                  pos=[0.0, 0.0, _THIN], rgba=shade, **_SOLID)
+    _walls(body, box.half, box.height, shade, f'box{number}')
 
 
 #: Boxes to pick from and to place in, edge of the cube [m] and its mass [kg].
@@ -129,11 +133,7 @@ def cube_and_box(spec: mujoco.MjSpec, cube: np.ndarray, box: np.ndarray) -> None
     :param cube: pose of its centre
     :param box: pose of the middle of its floor
     """
-    body = spec.worldbody.add_body(name='box1', pos=box[:3], quat=box[3:])
-    shade = [0.6, 0.62, 0.7, 0.55]
-    body.add_geom(name='box1_floor', type=_BOX, size=[*PLACE.half, _THIN], pos=[0.0, 0.0, _THIN],
-                  rgba=shade, **_SOLID)
-    _walls(body, PLACE.half, PLACE.height, shade, 'box1')
+    _add_box(spec, 1, PLACE, box)
     _add_cube(spec, cube)
 
 

@@ -29,7 +29,7 @@ CAMERA = np.array([0.0, -0.8, 0.5, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 
 class Camera:
     """
-    Sends where a board is, in its own frame, at 30 Hz with jitter, noise and losses; late.
+    Sends where a board is, in its own frame, at 11 Hz: late, with jitter, noise and losses.
 
     :ivar hidden: nothing is sent
     """

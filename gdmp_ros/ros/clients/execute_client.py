@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LoadSkill, SetSpeed
-from geometry_msgs.msg import TransformStamped
 import numpy as np
 
 from gdmp_ros.errors import GdmpError
@@ -178,9 +177,7 @@ def _goal(request: ExecuteRequest) -> ExecuteSkill.Goal:
         place.x, place.y, place.z = map(float, request.position)
         turned.w = 0.0  # the rotation stays that of the skill
     for name, pose in request.objects.items():
-        placed = TransformStamped(child_frame_id=name)
-        messages.set_transform(placed.transform, np.array(pose))
-        goal.objects.append(placed)
+        goal.objects.append(messages.stamped_transform('', name, np.array(pose)))
     return goal
 
 

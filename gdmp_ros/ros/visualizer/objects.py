@@ -3,14 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from geometry_msgs.msg import TransformStamped
 import numpy as np
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from gdmp_ros.ros.frames import BaseFrame, FrameError
 from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import set_transform
+from gdmp_ros.ros.messages import stamped_transform
 from gdmp_ros.ros.visualizer import markers
 from gdmp_ros.ros.visualizer.handles import handle, InteractiveMarkers
 
@@ -63,7 +62,5 @@ class ObjectHandles:
             self._publish(name)
 
     def _publish(self, name: str) -> None:
-        transform = TransformStamped(child_frame_id=name)
-        transform.header.frame_id, transform.header.stamp = self._frame, self._node.stamp()
-        set_transform(transform.transform, self._placed[name])
-        self._out.publish(TFMessage(transforms=[transform]))
+        self._out.publish(TFMessage(transforms=[stamped_transform(
+            self._frame, name, self._placed[name], self._node.stamp())]))
