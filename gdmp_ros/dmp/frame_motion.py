@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +27,14 @@ from gdmp_ros.dmp.fusion import (
 from gdmp_ros.dmp.initial import finite_tangent, initialise, new_memory, Start
 from gdmp_ros.dmp.layout import Motion, parts
 from gdmp_ros.dmp.options import Options
+from gdmp_ros.dmp.pose_track import offset_from, PoseTrack
 from gdmp_ros.dmp.primitive import Primitive, State
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds import Manifold
 from gdmp_ros.manifolds.poses import compose, IDENTITY, POSE_SIZE
 from gdmp_ros.manifolds.quaternion import (
-    conjugate_multiply,
-    log_at_identity,
     multiply_conjugate,
     rotate,
-    rotate_by_vector,
 )
 from gdmp_ros.util.numeric import numbers
 
@@ -55,22 +53,6 @@ _SOON_S = 0.2
 _MATCHES = 6
 #: A frame that is slower rests: its twist is noise [m/s, rad/s].
 SLOW = np.array([0.005, 0.03])
-#: Poses from which a twist is estimated: within this time [s], at least so many, over this time.
-_WINDOW, _FEWEST, _LEAST_SPAN = 1.0, 4, 0.1
-#: A pose this far from where the ones before lead is a jump [m, rad], and in their deviations.
-_JUMP, _JUMP_DEVIATIONS = np.array([0.005, 0.03]), 5.0
-
-
-class Seen(NamedTuple):
-    """
-    A measured pose of a frame.
-
-    :ivar stamp: time of the roll-out [s]
-    :ivar pose: shape (7,)
-    """
-
-    stamp: float
-    pose: np.ndarray
 
 
 class TaskFrames:
@@ -85,7 +67,7 @@ class TaskFrames:
         self._skill = skill
         self._dimension, self._actions = actions_of(skill.manifold)
         self._names = [view.name for view in skill.views]
-        self._seen: dict[str, tuple[Seen, ...]] = {}
+        self._seen: dict[str, PoseTrack] = {}
         self._fades = START_FADES
         own = new_memory(skill, options)
         sizes, knots = parts(own).sizes, len(skill.views[0].shares)
@@ -231,8 +213,8 @@ class TaskFrames:
         if view.grasped is not None and self._motion.scalars.progress >= view.grasped:
             self._rest(number)
             return
-        seen = self._seen.get(view.name, ())
-        if seen and at < seen[-1].stamp:
+        track = self._seen.get(view.name)
+        if track is not None and at < track.stamp:
             return
         if view.free_yaw:
             expected = _where(row, at, offset=False)
@@ -268,9 +250,9 @@ class TaskFrames:
         """Use a measured pose as it is."""
         name = self._names[number]
         measured[3:] *= -1.0 if measured[3:] @ self._row(number)[3:POSE_SIZE] < 0.0 else 1.0
-        seen = _with(self._seen.get(name, ()), Seen(at, measured))
-        self._seen = {**self._seen, name: seen}
-        target = _estimate(seen) if twist is None else np.concatenate([measured, twist])
+        track = self._seen.get(name, PoseTrack()).with_pose(at, measured)
+        self._seen = {**self._seen, name: track}
+        target = track.motion if twist is None else np.concatenate([measured, twist])
         self._aim(number, target, at, now)
 
     def _twist(self, name: str, given: Any) -> np.ndarray:
@@ -291,7 +273,7 @@ class TaskFrames:
         row[:TWIST + 6], row[STAMP], row[RATE] = target, stamp, 0.0
         if row[3:POSE_SIZE] @ expected[3:] < 0.0:
             row[3:POSE_SIZE] *= -1.0
-        offsets = np.array([_offset(_where(row, moment), old)
+        offsets = np.array([offset_from(_where(row, moment), old)
                             for moment, old in zip(moments, before)])
         first = offsets[1]
         slope = (offsets[2] - offsets[0]) / (2.0 * _MOMENT)
@@ -301,10 +283,10 @@ class TaskFrames:
         row[OFFSET:OFFSET + 18] = np.concatenate([first, second, third])
         row[SINCE], row[RATE] = now, FADE_RATE
         scalars = self._motion.scalars
-        soon = _offset(_where(row, now + _SOON_S, offset=False), later)
+        soon = offset_from(_where(row, now + _SOON_S, offset=False), later)
         if (np.abs(soon) > self._tolerances()).any():
             scalars.switched_at = scalars.progress  # what was computed ahead is no longer true
-        jump = _offset(_where(row, now, offset=False), expected)
+        jump = offset_from(_where(row, now, offset=False), expected)
         if (np.abs(jump) > self._tolerances()).any():
             scalars.finished = scalars.not_settled = 0
             scalars.settle_by = max(scalars.settle_by, scalars.progress + 1.0
@@ -376,79 +358,6 @@ def _axis(pose: np.ndarray) -> np.ndarray:
     axis = np.empty(3)
     rotate(pose[3:], np.array([0.0, 0.0, 1.0]), axis)
     return axis
-
-
-def _offset(to: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Offset of a pose from another: of the position, and as rotation vector in the other."""
-    turn = np.empty(4)
-    conjugate_multiply(to[3:], pose[3:], turn)
-    return np.concatenate([pose[:3] - to[:3], _vector(turn)])
-
-
-def _vector(q: np.ndarray) -> np.ndarray:
-    """Rotation vector of a unit quaternion, with its sign: up to a full turn [rad]."""
-    half = np.empty(3)
-    log_at_identity(q, half)
-    return 2.0 * half
-
-
-def _with(seen: tuple[Seen, ...], new: Seen) -> tuple[Seen, ...]:
-    """The poses that tell of a twist, with a new one: those before a jump do not."""
-    recent = tuple(one for one in seen if one.stamp > new.stamp - _WINDOW)
-    if len(recent) >= _FEWEST:
-        line = _line(recent)
-        if line is not None:
-            expected, spread = line
-            far = _lengths(_offset(_led(expected, new.stamp - recent[-1].stamp), new.pose))
-            if (far > np.maximum(_JUMP, _JUMP_DEVIATIONS * spread)).any():
-                return (new,)
-    return (*recent, new)
-
-
-def _lengths(offset: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.norm(offset.reshape(2, 3), axis=1))
-
-
-def _led(target: np.ndarray, passed: float) -> np.ndarray:
-    """Where a pose with a twist is after a time."""
-    row = np.zeros(FRAME_ROW)
-    row[:TWIST + 6] = target
-    return _where(row, passed)
-
-
-def _estimate(seen: tuple[Seen, ...]) -> np.ndarray:
-    """Pose and twist of a frame at its last measurement, shape (13,)."""
-    line = _line(seen)
-    return np.concatenate([seen[-1].pose, np.zeros(6)]) if line is None else line[0]
-
-
-def _line(seen: tuple[Seen, ...]) -> tuple[np.ndarray, np.ndarray] | None:
-    """
-    Straight line through measured poses; None for too few.
-
-    :returns: pose and twist at the last stamp; deviations of position and rotation, RMS
-    """
-    last = seen[-1]
-    times = np.array([one.stamp - last.stamp for one in seen])
-    if len(seen) < _FEWEST or -times[0] < _LEAST_SPAN:
-        return None
-    values = np.array([np.concatenate([
-        one.pose[:3] - last.pose[:3], _vector(_turn_between(last.pose, one.pose))])
-                       for one in seen])
-    design = np.stack([np.ones(len(times)), times], axis=1)
-    fitted = np.linalg.lstsq(design, values, rcond=None)[0]
-    deviations = values - design @ fitted
-    spread = np.sqrt((deviations.reshape(len(times), 2, 3) ** 2).sum(axis=2).mean(axis=0))
-    turned = np.empty(4)
-    rotate_by_vector(last.pose[3:], fitted[0, 3:], turned)
-    return np.concatenate([last.pose[:3] + fitted[0, :3], turned, fitted[1]]), spread
-
-
-def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The quaternion that turns the first pose to the second one, in the base, the short way."""
-    turn = np.empty(4)
-    multiply_conjugate(second[3:], first[3:], turn)
-    return -turn if turn[0] < 0.0 else turn
 
 
 def _split(manifold: Manifold, point: np.ndarray) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.manifolds.product import Product
-from gdmp_ros.manifolds.quaternion import multiply, rotate, UnitQuaternion
+from gdmp_ros.manifolds.quaternion import multiply, rotate, rotate_by_vector, UnitQuaternion
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 #: Numbers of a pose, and that of a frame in itself.
@@ -28,6 +28,20 @@ def inverse(pose: np.ndarray) -> np.ndarray:
     result = np.empty(POSE_SIZE)
     result[3:] = pose[3:] * [1.0, -1.0, -1.0, -1.0]
     rotate(result[3:], -pose[:3], result[:3])
+    return result
+
+
+def moved_on(pose: np.ndarray, twist: np.ndarray, time: float) -> np.ndarray:
+    """
+    A pose after it has moved with a twist.
+
+    :param twist: velocity of its origin and angular velocity, both in the outer frame
+        [m/s, rad/s]
+    :param time: [s]
+    """
+    result = np.empty(POSE_SIZE)
+    result[:3] = pose[:3] + time * twist[:3]
+    rotate_by_vector(pose[3:], time * twist[3:], result[3:])
     return result
 
 

@@ -43,12 +43,6 @@ class MovingGoal(NamedTuple):
     twist: np.ndarray | None
 
 
-def moved_on(pose: np.ndarray, twist: np.ndarray, time: float) -> np.ndarray:
-    """A pose after it has moved with a twist for a time [s]."""
-    # Tangents on S³ are half the rotation vector.
-    return POSES.exp(pose, time * np.concatenate([twist[:3], 0.5 * twist[3:]]))
-
-
 class GoalTracker:
     """Estimates where a goal is and how it moves; times are in seconds of one clock."""
 

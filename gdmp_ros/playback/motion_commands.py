@@ -8,9 +8,9 @@ import numpy as np
 
 from gdmp_ros.dmp.options import check_range, MAX_AMPLITUDE, MAX_SPEED
 from gdmp_ros.errors import ManifoldError, ParameterError
-from gdmp_ros.manifolds.poses import POSE_SIZE
+from gdmp_ros.manifolds.poses import moved_on, POSE_SIZE
 from gdmp_ros.playback.goal_check import GoalCheck
-from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on
+from gdmp_ros.playback.goal_tracker import GoalTracker
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.states import Request, State
 from gdmp_ros.playback.streamed_skill import Kind

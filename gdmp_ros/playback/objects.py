@@ -8,9 +8,12 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from gdmp_ros.choices import SCALES
+from gdmp_ros.dmp.frames import nearest_turn
+from gdmp_ros.dmp.pose_track import PoseTrack
 from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.manifolds.poses import POSE_SIZE
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.player import Player
@@ -89,17 +92,28 @@ class FollowedObject:
     An object that is followed.
 
     :ivar at: when it was where it was seen last, of the motions [s]
-    :ivar seen: the newest pose that was looked at
     :ivar pose: the newest one that was used
     :ivar problem: why the newest one was not used; empty if it was
     :ivar rests: whether its frame was told to rest
     """
 
     at: float
-    seen: Located
     pose: np.ndarray
     problem: str = ''
     rests: bool = False
+
+
+@dataclass
+class _Known:
+    """
+    What is known of an object that moves, also between motions.
+
+    :ivar seen: the newest pose that was looked at
+    :ivar track: of those that were used; stamps as of the motions
+    """
+
+    seen: Located | None = None
+    track: PoseTrack = PoseTrack()
 
 
 #: Objects that a motion follows, by name.
@@ -124,6 +138,7 @@ class Objects:
         self.settings = settings
         self._source, self._goals, self._refuse = source, goals, refuse
         self._followed: Followed = {}
+        self._known: dict[str, _Known] = {}
         self._motion = 0
 
     @property
@@ -152,7 +167,7 @@ class Objects:
         poses = {**{name: one.pose for name, one in found.items()}, **given}
         if poses:
             skill = skill.with_frames(poses, self.settings.object_scale)
-        return skill, {name: FollowedObject(time - one.age, one, one.pose)
+        return skill, {name: FollowedObject(time - one.age, one.pose)
                        for name, one in found.items() if name in self.settings.moving_objects}
 
     def place_steps(self, sequence: SkillSequence, time: float) -> SkillSequence:
@@ -195,6 +210,8 @@ class Objects:
 
         :param time: that the motions have had [s]
         """
+        for name in {*self.settings.moving_objects} - {'', *self._followed}:
+            self._watch(player, name, time)
         if not self._followed or player.motion < self._motion:
             return  # what is known of the player is of the motion before
         if player.motion > self._motion or not player.allows(Request.GOAL):
@@ -211,22 +228,47 @@ class Objects:
             else:
                 self._follow(player, name, one, time)
 
-    def _follow(self, player: Player, name: str, one: FollowedObject, time: float) -> None:
+    def _watch(self, player: Player, name: str, time: float) -> None:
+        """Find out how an object moves before a motion follows it."""
+        known, found = self._look(name)
+        if found is not None and not self._age_problem(found):
+            self._use(player, name, known, found, time)
+
+    def _look(self, name: str) -> tuple[_Known, Located | None]:
+        """What is known of an object, and where it is if that is new."""
+        known = self._known.setdefault(name, _Known())
         try:
-            found: Located | None = self._source.locate(name)
+            found = self._source.locate(name)
         except GdmpError:
-            found = None
-        if found is not None and not _same(found, one.seen):
+            return known, None
+        if known.seen is not None and _same(found, known.seen):
+            return known, None
+        known.seen = found
+        return known, found
+
+    @staticmethod
+    def _use(player: Player, name: str, known: _Known, found: Located, time: float) -> None:
+        """Use a new pose of an object."""
+        pose, view, track = found.pose, player.view(name), known.track
+        if track.seen and view is not None and view.free_yaw:
+            pose = nearest_turn(pose, track.seen[-1].pose)
+        known.track = track.with_pose(time - found.age, pose)
+
+    def _follow(self, player: Player, name: str, one: FollowedObject, time: float) -> None:
+        known, found = self._look(name)
+        if found is not None:
             problem = self._age_problem(found) or self._problem(player, name, one, found)
-            one.seen = found
             if not problem:
-                one.at, one.pose, one.rests = time - found.age, found.pose, False
-                player.move_frame(name, found.pose, one.at)
+                self._use(player, name, known, found, time)
+                motion = known.track.motion
+                one.at, one.pose, one.rests = known.track.stamp, found.pose, False
+                player.move_frame(name, motion[:POSE_SIZE], one.at, motion[POSE_SIZE:])
             elif not one.problem:
                 self._refuse(f'object {name}: {problem}; the pose is not used')
             one.problem = problem
         passed = time - one.at
-        if one.seen.stamp_ns and passed > self.settings.object_age and not one.rests:
+        fixed = known.seen is not None and not known.seen.stamp_ns
+        if passed > self.settings.object_age and not fixed and not one.rests:
             player.rest_frame(name)
             one.rests = True
             self._refuse(f'object {name}: no pose that can be used for {passed:.2g} s; its frame '

@@ -20,8 +20,8 @@ from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.manifolds.poses import moved_on
 from gdmp_ros.playback.approach import Approach
-from gdmp_ros.playback.goal_tracker import moved_on
 from gdmp_ros.playback.plain_tick import end_of
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.settings import PlayerSettings
@@ -52,6 +52,19 @@ class Goal(NamedTuple):
     twist: np.ndarray | None = None
 
 
+class FrameMotion(NamedTuple):
+    """
+    A measurement of a task frame.
+
+    :ivar at: when it was there, of the player [s]
+    :ivar twist: None: not known
+    """
+
+    pose: np.ndarray
+    at: float
+    twist: np.ndarray | None = None
+
+
 @dataclass
 class _Pending:
     """
@@ -62,7 +75,7 @@ class _Pending:
     :ivar cycles: of a rhythmic motion, before it comes to rest at its centre
     :ivar wanted: whether it is still to begin, asked by the tick that begins it
     :ivar place_since: time of the player at which the place of the goal was set [s]
-    :ivar frames: newest pose of task frames, and when they were there, of the player [s]
+    :ivar frames: newest measurements of task frames
     """
 
     tool: StreamedSkill
@@ -75,7 +88,7 @@ class _Pending:
     place_since: float = 0.0
     amplitude: float | None = None
     frequency: float | None = None
-    frames: dict[str, tuple[np.ndarray, float]] = field(default_factory=dict)
+    frames: dict[str, FrameMotion] = field(default_factory=dict)
 
 
 class _Waiting(NamedTuple):
@@ -122,7 +135,7 @@ class Player:
         self._queue: deque[_Waiting] = deque()
         self._pending: _Pending | None = None
         self._approach: Approach | None = None
-        self._time = time
+        self._time, self._passing = time, 1.0
         # Point where the motion ends, or where it was set if it moves on with the twist.
         self._goal: np.ndarray | None = None
         self._goal_twist: np.ndarray | None = None
@@ -330,13 +343,15 @@ class Player:
         """Switch the stiffness goal (`StreamedSkill.stiffness_factor`)."""
         self._ask(Request.GOAL, self._retarget, Goal(stiffness=factor))
 
-    def move_frame(self, name: str, pose: np.ndarray, at: float) -> None:
+    def move_frame(self, name: str, pose: np.ndarray, at: float, twist: np.ndarray | None = None
+                   ) -> None:
         """
         Take a measurement of a task frame (`Rollout.move_frame`).
 
         :param at: when the frame was there, of the player, which counts from its first time [s]
+        :param twist: of the frame, in this time [m/s, rad/s]
         """
-        self._ask(Request.GOAL, self._move_frame, name, pose, at)
+        self._ask(Request.GOAL, self._move_frame, name, FrameMotion(pose, at, twist))
 
     def rest_frame(self, name: str) -> None:
         """Let a task frame come to rest where it is (`Rollout.rest_frame`)."""
@@ -423,6 +438,7 @@ class Player:
         :returns: numbers of the target, valid until the next tick; None while there is nothing to
             hold
         """
+        self._passing = tempo
         if self._queue:
             self._carry_out()
         self._time += dt
@@ -620,9 +636,9 @@ class Player:
         if pending.frequency is not None:
             self._set_frequency(pending.frequency)
         views = pending.tool.skill.views
-        for name, (pose, at) in pending.frames.items():
+        for name, measured in pending.frames.items():
             if goal.place is None or name != views[-1].name:
-                self._move_frame(name, pose, at)
+                self._move_frame(name, measured)
 
     def _begin_at(self, tool: StreamedSkill, rollout: Rollout, measured: np.ndarray | None
                   ) -> np.ndarray:
@@ -666,13 +682,18 @@ class Player:
         if goal.place is not None:
             self._goal_waited = 0.0
 
-    def _move_frame(self, name: str, pose: np.ndarray, at: float) -> None:
+    def _move_frame(self, name: str, measured: FrameMotion) -> None:
         """Take a measurement of a frame of the motion, or of the one that has not begun."""
-        pending, rollout = self._pending, self.rollout
+        pending, rollout, twist = self._pending, self.rollout, measured.twist
+        passed = self._time - measured.at
         if pending is not None:
-            pending.frames[name] = pose, at
-        elif rollout is not None:
-            rollout.move_frame(name, pose, stamp=rollout.time + at - self._time)
+            pending.frames[name] = measured
+        elif rollout is not None and twist is None:
+            rollout.move_frame(name, measured.pose, stamp=rollout.time - passed)
+        elif rollout is not None and twist is not None:
+            # The frame does not wait with the motion: in the time of that it is faster.
+            rollout.move_frame(name, moved_on(measured.pose, twist, passed),
+                               twist / self._passing)
 
     def _rest_frame(self, name: str) -> None:
         if self._pending is None and self.rollout is not None:

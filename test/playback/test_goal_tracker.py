@@ -5,7 +5,8 @@ import pytest
 from experiments.timing import demonstration
 from gdmp_ros import Skill
 from gdmp_ros.data.recordings import tool_manifold
-from gdmp_ros.playback.goal_tracker import GoalTracker, moved_on, TIME_OUT
+from gdmp_ros.manifolds.poses import moved_on
+from gdmp_ros.playback.goal_tracker import GoalTracker, TIME_OUT
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.settings import PlayerSettings

@@ -275,6 +275,30 @@ def test_a_slow_stream_meets_the_hole_when_it_has_time(skill):
     assert run.error < 1e-3
 
 
+def test_a_motion_that_the_stream_has_slowed_down_is_called_finished_beside_the_hole(skill):
+    run = Run(skill, Camera(belt(0.05)), stream={'stream_speed': 0.12}).begin().go(1.0)
+    rollout, behind = run.streamer.player.rollout, []
+    assert run.streamer.bounds.tempo < 0.5
+    while not rollout.finished:
+        run.go(0.02)
+        behind.append(np.linalg.norm((rollout.frames['hole'] - belt(0.05)(
+            'hole', run.camera.now))[:3]))
+    # A frame that waited with the motion would be behind by twice as much.
+    assert max(behind) < 0.06
+    for _ in range(50):
+        assert run.error < 6e-4
+        run.go(0.02)
+
+
+def test_how_an_object_moves_is_known_when_a_motion_begins(skill):
+    run = Run(skill, Camera(belt(0.05))).go(0.5).begin().go(0.06)
+    assert run.streamer.player.rollout.frames_move
+    frame = run.streamer.player.rollout.frames['hole']
+    run.camera.where = lambda name, time: None  # its next pose does not come
+    moved = run.go(0.4).streamer.player.rollout.frames['hole'] - frame
+    assert moved[1] > 0.008
+
+
 @pytest.mark.parametrize('hidden', [False, True], ids=['seen', 'hidden by the gripper'])
 def test_what_the_tool_has_grasped_is_not_followed(skill, hidden):
     from dataclasses import replace

@@ -16,7 +16,7 @@ from test.ros.nodes import FRAME
 from test.ros.test_frames import static_broadcaster, transform
 
 NS = 1_000_000_000
-SPEED, LATENCY_S = 0.05, 0.08
+SPEED, LATENCY_S, PERIOD_NS = 0.05, 0.08, NS // 30
 
 
 def pose(x, y, z):
@@ -29,7 +29,7 @@ CAMERA = np.array([0.0, -0.8, 0.5, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 
 class Camera:
     """
-    Sends where a board is, in its own frame, at 11 Hz: late, with jitter, noise and losses.
+    Sends where a board is, in its own frame, at 30 Hz: late, with jitter, noise and losses.
 
     :ivar hidden: nothing is sent
     """
@@ -52,8 +52,8 @@ class Camera:
     def _send(self):
         choose, clock = random.Random(1), self._clock
         while True:
-            stamp = clock.wall()
-            yield clock.now() + round((LATENCY_S + 0.01 * choose.random()) * NS)
+            yield clock.now() + PERIOD_NS
+            stamp = clock.wall() - round((LATENCY_S + 0.01 * choose.random()) * NS)
             if not self.hidden and choose.random() > 0.05:
                 seen = compose(inverse(CAMERA), self.where(stamp))
                 seen[:3] += [choose.gauss(0.0, 0.5e-3) for _ in range(3)]
