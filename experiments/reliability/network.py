@@ -28,6 +28,8 @@ _SIOCETHTOOL, _ETHTOOL_STXCSUM, _ETHTOOL_STSO, _ETHTOOL_SGSO = 0x8946, 0x17, 0x1
 _LARGEST = 65_536
 _SHARED = Path('/dev/shm')
 HOSTS = ('server', 'robot')
+#: SCHED_FIFO priority of the thread of a cable.
+_PRIORITY = 30
 
 
 @dataclass
@@ -72,6 +74,9 @@ class Cable:
             end.close()
 
     def _run(self) -> None:
+        # A busy machine must not lower the quality.
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         selector = selectors.DefaultSelector()
         for number, end in enumerate(self._sockets):
             selector.register(end, selectors.EVENT_READ, number)

@@ -61,6 +61,10 @@ def continues(sequence, last):
     return last == 0 or 0 < sequence - last <= LARGEST_GAP
 
 
+#: In the reason why a reference is refused that came too late.
+HELD_UP = 'was held up'
+
+
 def refusal(origin: Origin, settings: GuardSettings, on_time_before: bool = False) -> str | None:
     """
     Why a reference must not be followed because of where it comes from; None if it may.
@@ -72,7 +76,7 @@ def refusal(origin: Origin, settings: GuardSettings, on_time_before: bool = Fals
     if not is_on_time(origin, settings):
         past = origin.age > 0.0
         clocks = 'the clocks of the machines differ, simulated and wall time are mixed, or '
-        late = ('their publisher, the network or this process was held up' if past else
+        late = (f'their publisher, the network or this process {HELD_UP}' if past else
                 'this process was held up and its time is behind')
         return (f'stamp is {abs(origin.age):.3g} s in the {"past" if past else "future"}, '
                 f'expected within {settings.stamp_tolerance:g} s: '

@@ -12,6 +12,7 @@ import numpy as np
 from experiments.reliability.network import Quality, TwoHosts
 from experiments.reliability.trial import FaultTrial, goal_of, judge_limits
 from experiments.reliability.trial_result import TrialResult
+from gdmp_ros.control.reference_check import HELD_UP
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, Run
 from gdmp_ros.errors import GdmpError
@@ -55,18 +56,25 @@ def _tried(trial: FaultTrial, quick: bool, quality: Quality, arrive: float | Non
     outcome = TrialResult()
     try:
         for reliability in RELIABILITIES[:1] if quick else RELIABILITIES:
-            run, output = _run(trial, trial.folder / reliability, reliability, quality, cut)
-            _judge(run, output, trial, outcome, f'{reliability}: ', arrive, late_ms, cut > 0.0)
+            which = f'{reliability}: '
+            run, output, held_up = _run(trial, trial.folder / reliability, reliability, quality,
+                                        cut)
+            _judge(run, output, trial, outcome, which, arrive, late_ms, cut > 0.0, held_up)
             if more is not None:
-                more(f'{reliability}: ', run, outcome)
+                more(which, run, outcome)
     except NotPossible as problem:
         outcome.missing = str(problem)
     return outcome
 
 
 def _run(trial: FaultTrial, folder: Path, reliability: str, quality: Quality, cut: float
-         ) -> tuple[Run, str]:
-    """Execute the skill across the network; the recorded run and the output of the client."""
+         ) -> tuple[Run, str, bool]:
+    """
+    Execute the skill across the network.
+
+    :returns: the recorded run, the output of the client, and whether references came too late for
+        the arm
+    """
     folder.mkdir(parents=True)
     environment = reaching_other_machines(trial.environment)
     with ExitStack() as stack:
@@ -79,7 +87,7 @@ def _run(trial: FaultTrial, folder: Path, reliability: str, quality: Quality, cu
 
 
 def _execute(nodes: FaultTrial, reliability: str, quality: Quality, cut: float, hosts: TwoHosts
-             ) -> tuple[Run, str]:
+             ) -> tuple[Run, str, bool]:
     server, robot = hosts.on('server'), hosts.on('robot')
     overrides = f'qos_overrides.{REFERENCE_TOPIC}'
     nodes.start_arm(prefix=robot, **{f'{overrides}.subscription.reliability': reliability})
@@ -100,11 +108,11 @@ def _execute(nodes: FaultTrial, reliability: str, quality: Quality, cut: float, 
     nodes.wait_log('client', 'done', 120.0)
     nodes.children.stop('client')
     time.sleep(3.0)
-    return nodes.recorded(), nodes.log('client')
+    return nodes.recorded(), nodes.log('client'), HELD_UP in nodes.log(nodes.arm.node)
 
 
 def _judge(run: Run, output: str, trial: FaultTrial, outcome: TrialResult, which: str,
-           arrive: float | None, late_ms: float | None, lost: bool) -> None:
+           arrive: float | None, late_ms: float | None, lost: bool, held_up: bool) -> None:
     from gdmp_msgs.action import ExecuteSkill
     # After a cut a second motion is needed: the arm does not go on by itself.
     ended = _ends(output)
@@ -112,20 +120,23 @@ def _judge(run: Run, output: str, trial: FaultTrial, outcome: TrialResult, which
     outcome.claim(f'{which}the motion reaches its goal'
                   + (f' ({code} {said})' if code != ExecuteSkill.Result.SUCCESSFUL else ''),
                   code == ExecuteSkill.Result.SUCCESSFUL and (lost or len(ended) == 1),
-                  code == ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED)
+                  held_up or code == ExecuteSkill.Result.GOAL_TOLERANCE_VIOLATED)
     outcome.claim(f'{which}a lost motion is not called reached',
                   not lost or ended[0][0] != ExecuteSkill.Result.SUCCESSFUL)
     numbers = np.unique(run.sequences)
     arrived = len(numbers) / float(numbers[-1] - numbers[0] + 1)
     age = 1e3 * _ages(run)
-    median, high = np.percentile(age, [50.0, 99.0])
+    outcome.claim(f'{which}the arm follows references', len(age) > 0, held_up)
     outcome.need(f'{which}references that arrived [%]', 100.0 * arrived,
                  lambda v: arrive is None or v >= 100.0 * arrive, of_speed=True)
-    outcome.measured[f'{which}median age of a followed reference [ms]'] = float(median)
-    outcome.need(f'{which}99 % age of a followed reference [ms]', float(high),
-                 lambda v: late_ms is None or v <= late_ms, of_speed=True)
+    if len(age):
+        median, high = np.percentile(age, [50.0, 99.0])
+        outcome.measured[f'{which}median age of a followed reference [ms]'] = float(median)
+        outcome.need(f'{which}99 % age of a followed reference [ms]', float(high),
+                     lambda v: late_ms is None or v <= late_ms, of_speed=True)
     final = float(np.abs(run.poses[-1, :3] - goal_of(trial.skill)[:3]).max())
-    outcome.need(f'{which}final distance from the goal [m]', final, lambda v: v < 0.002)
+    outcome.need(f'{which}final distance from the goal [m]', final, lambda v: v < 0.002,
+                 held_up and not lost)
     judged = TrialResult()
     judge_limits(run, judged)
     outcome.measured.update({which + name: value for name, value in judged.measured.items()})
