@@ -1,9 +1,11 @@
 """Convert demonstrations and skills from and to other formats.
 
 Demonstrations: rosbag2 folders, tables (.csv), NumPy archives (.npz), MATLAB (.mat), HDF5 (.h5,
-.hdf5; also robomimic), Parquet, LeRobot data sets (version 3). Skills: ours, and CartesianDMP in
-movement_primitives' JSON. From a skill its motion is written; with --rollouts N, N random motions
-from the distribution of its takes.
+.hdf5; also robomimic), Parquet, LeRobot data sets (versions 2 and 3; version 3 is written).
+Skills: ours, and CartesianDMP in movement_primitives' JSON. From a skill its motion is written;
+with --rollouts N, N random motions from the distribution of its takes. A skill of joints that was
+learned from a LeRobot data set is written with its names and units, for lerobot-replay: --start
+says where the robot is, because replay sends the first action at once.
 
 What the arrays and columns of other programs mean is told by their names (position, tx, x_mm,
 roll [deg], tcp_quat_xyzw, ...) and printed. What no name tells is decided from the numbers; where
@@ -22,6 +24,7 @@ examples:
   gdmp convert takes -o dataset --as lerobot --fps 30 --task "write a G"
   gdmp convert skill.json -o rollouts.hdf5 --rollouts 50 --fps 20
   gdmp convert skill.json -o motion.npz --rate-hz 200
+  gdmp convert joints.json -o episode --as lerobot --start -3.1 20.4 5 -12 0 31.5
   gdmp convert skill.json -o cartesian_dmp.json --as movement_primitives
 """
 from __future__ import annotations
@@ -44,6 +47,9 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.util.optional_imports import extra, optional_import
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from gdmp_ros.data.lerobot import Joints
     from gdmp_ros.dmp.demonstration import Demonstration
     from gdmp_ros.dmp.skill import Skill
 
@@ -51,8 +57,8 @@ FORMATS = ('csv', 'npz', 'tum', 'bag', 'skill', 'movement_primitives', 'lerobot'
 _BY_SUFFIX = {'.csv': 'csv', '.npz': 'npz', '.tum': 'tum', '.json': 'skill', '.h5': 'robomimic',
               '.hdf5': 'robomimic', '': 'bag', '.bag': 'bag'}
 T = TypeVar('T')
-#: Samples per second of a skill's motion, and of a data set.
-RATE_HZ, FPS = 100.0, 30
+#: Samples per second of a skill's motion, and of a data set; type of the robot of a data set.
+RATE_HZ, FPS, ROBOT = 100.0, 30, 'panda'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,9 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--as', dest='format', choices=FORMATS, help='format of the result')
     add_pose_topic(parser)
     add_import(parser)
-    parser.add_argument('--fps', type=integer(1, 1000), default=FPS, metavar='N',
-                        help='frames per second of LeRobot and robomimic data sets '
-                             '(default %(default)s)')
+    parser.add_argument('--fps', type=integer(1, 1000), metavar='N',
+                        help='frames per second of LeRobot and robomimic data sets (default: '
+                             f'those of the data set that a skill was learned from, else {FPS})')
+    parser.add_argument('--start', type=float, nargs='+', metavar='NUMBER',
+                        help='where the motion of a skill begins, in the numbers of the result: '
+                             'the present joints of a robot that replays it')
     parser.add_argument('--task', default='a demonstrated motion', metavar='TEXT',
                         help='what is done, in words, for LeRobot')
     parser.add_argument('--rollouts', type=integer(1, 100_000), default=1, metavar='N',
@@ -98,6 +107,9 @@ def _convert(options: argparse.Namespace, target: str) -> None:
         deviation = foreign.to_movement_primitives(output, _skill(_only(options.sources)))
         print(f'the pose only; its motion deviates by at most {1e3 * deviation:.1f} mm')
         return
+    if options.start is not None and any(source.suffix != '.json' for source in options.sources):
+        raise DataError('--start is for skills (.json): demonstrations begin where they were '
+                        'shown')
     result = [demo for source in options.sources for demo in _demonstrations(options, source)]
     demos = [demonstration for demonstration, _ in result]
     if target in ('lerobot', 'robomimic') and demos and demos[0].manifold.point_size > 7:
@@ -111,9 +123,10 @@ def _convert(options: argparse.Namespace, target: str) -> None:
     elif target == 'lerobot':
         if output.exists():
             raise DataError(f'{output}: exists; a data set is not replaced')
-        lerobot.write(output, demos, options.fps, options.task)
+        robot, joints, shown_fps = _recorded_as(options.sources)
+        lerobot.write(output, demos, options.fps or shown_fps, options.task, robot, joints)
     elif target == 'robomimic':
-        robomimic.write(output, demos, options.fps)
+        robomimic.write(output, demos, options.fps or FPS)
     else:
         {'csv': foreign.write_csv, 'npz': foreign.write_npz, 'tum': foreign.write_tum}[target](
             output, _only(demos))
@@ -179,10 +192,34 @@ def _motions(options: argparse.Namespace, source: Path) -> list[tuple[Demonstrat
     from gdmp_ros.dmp.skill import Skill
     skill, step = Skill.load(source), 1.0 / (options.rate_hz or RATE_HZ)
     frame = skill.provenance.get('frame', options.frame)
+    start = None if options.start is None else _start_of(skill, options.start, source)
     if options.rollouts == 1:
-        return [(foreign.motion(skill, step), frame)]
+        return [(foreign.motion(skill, step, start), frame)]
     around, rng = skill.distribution, np.random.default_rng(0)
     if around is None:
         raise DataError(f'{source}: a skill of a single take does not know how takes vary: '
                         '--rollouts needs one of several')
-    return [(foreign.motion(around.sample(rng), step), frame) for _ in range(options.rollouts)]
+    return [(foreign.motion(around.sample(rng), step, start), frame)
+            for _ in range(options.rollouts)]
+
+
+def _start_of(skill: Skill, given: list[float], source: Path) -> np.ndarray:
+    import numpy as np
+    if len(given) != skill.manifold.point_size:
+        raise DataError(f'{source}: --start has {len(given)} numbers, expected '
+                        f'{skill.manifold.point_size}')
+    flat = np.array(given) * float(skill.provenance.get('joint_unit', 1.0))
+    return skill.manifold.check_point(flat.reshape(skill.manifold.point_shape))
+
+
+def _recorded_as(sources: list[Path]) -> tuple[str, Joints | None, int]:
+    """Type of the robot, joints, and frames per second of what a skill was learned from."""
+    from gdmp_ros.data import foreign
+    from gdmp_ros.data.lerobot import Joints
+    from gdmp_ros.dmp.skill import Skill
+    source = sources[0]
+    said = {} if source.suffix != '.json' or foreign.is_foreign(source) else Skill.load(
+        source).provenance
+    joints = (Joints(said['joints'], float(said.get('joint_unit', 1.0)))
+              if said.get('joints') else None)
+    return said.get('robot_type', ROBOT), joints, said.get('fps', FPS)

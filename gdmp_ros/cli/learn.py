@@ -24,6 +24,7 @@ examples:
   gdmp learn recorded.bag -o skill.json --end moving
   gdmp learn first.bag second.bag -o skill.json --weights 1 3
   gdmp learn takes -o skill.json --joints
+  gdmp learn dataset -o skill.json --joints action --units deg
   gdmp learn takes -o skill.json --contexts heights.csv
   gdmp learn takes -o insert.json --frames box hole
   gdmp learn wiping.bag -o wipe.json --rhythmic
@@ -93,7 +94,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--joints', nargs='?', const='', default=None, metavar='TOPIC',
                         dest='joint_topic',
                         help='learn a skill of the joints, from this JointState topic, or from '
-                             'the only one')
+                             'the only one; of a data set from this feature, such as action: '
+                             'with the gripper, as it was commanded')
     parser.add_argument('--stiffness', choices=STIFFNESSES, default='auto',
                         help='recorded; variance: high where the takes agree, low where they '
                         'vary; none; auto (default): recorded, else variance if there are two '

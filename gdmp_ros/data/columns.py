@@ -23,6 +23,7 @@ from gdmp_ros.data.arm_joints import (
     finger_commands,
     FingerCommand,
     opening,
+    PERCENT,
     radians,
 )
 from gdmp_ros.data.labels import Group, groups, Label, label, ORDERS
@@ -120,12 +121,14 @@ class JointMotion(NamedTuple):
     :ivar times: from 0 on [s], shape ``(T,)``
     :ivar positions: [rad], shape ``(T, n)``
     :ivar names: of the joints
+    :ivar unit: of the recorded numbers [rad]
     """
 
     times: np.ndarray
     positions: np.ndarray
     names: tuple[str, ...]
     notes: tuple[str, ...]
+    unit: float
 
 
 class _Found(NamedTuple):
@@ -206,18 +209,23 @@ class Columns:
         times = self._time_columns(len(rows))
         kept = self._kept(times, rows)
         listed = ', '.join(names)
-        # An arm with all joints within a few degrees of 0 is unusual.
-        factor = self._radians(listed, self._labels.get(names[0], label('')), rows[kept], DEGREES)
-        positions = factor * rows[kept]
+        if self._settings.angle_unit == 'percent':
+            unit = 1.0 / PERCENT  # of motors: no angles without their calibration
+        else:
+            # An arm with all joints within a few degrees of 0 is unusual.
+            unit = self._radians(listed, self._labels.get(names[0], label('')), rows[kept],
+                                 DEGREES)
+        positions = unit * rows[kept]
         unwrapped = np.unwrap(positions, axis=0)
         wrapped = [name for name, a, b in zip(names, positions.T, unwrapped.T)
                    if not np.allclose(a, b)]
-        self.notes.append(f'joints: {listed}')
+        percent = ' in percent of motors' if self._settings.angle_unit == 'percent' else ''
+        self.notes.append(f'joints: {listed}{percent}')
         if wrapped:
             self.notes.append(f'{", ".join(wrapped)} pass from pi to -pi: read as continuous')
         moved = float(np.abs(np.diff(unwrapped, axis=0)).max(axis=1).sum()) * RADIAN_M
         return JointMotion(self._seconds(times, kept, moved), unwrapped, tuple(names),
-                           tuple(self.notes))
+                           tuple(self.notes), unit)
 
     # Pose
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 
@@ -51,14 +52,29 @@ def read(source: Path, settings: Import | None = None) -> Imported:
     return foreign.demonstration(str(source), _arrays(source), settings or Import())
 
 
-def read_joints(source: Path, settings: Import | None = None
-                ) -> tuple[Imported, tuple[str, ...]]:
+def read_joints(source: Path, settings: Import | None = None, group: str = '') -> Imported:
     """
-    Read the joints of an episode, and their names.
+    Read the joints of an episode.
 
+    :param group: beginning of their names, such as the feature ``action`` of a LeRobot data set:
+        all of it, the gripper too
     :raises DataError: naming the file and what is missing in it
     """
-    return foreign.joint_demonstration(str(source), _arrays(source), settings or Import())
+    arrays, settings = _arrays(source), settings or Import()
+    if group:
+        names = [name for name in arrays if name.startswith(f'{group}.')]
+        if not names and group not in arrays:
+            raise DataError(f'{source}: no array {group}, and none whose name begins with '
+                            f'{group}.; there are {", ".join(arrays)}')
+        settings = replace(settings, keys={**settings.keys, 'joints': ','.join(names or [group])})
+    result = foreign.joint_demonstration(str(source), arrays, settings)
+    return replace(result, joints=tuple(name.removeprefix(f'{group}.') for name in result.joints))
+
+
+def described(source: Path) -> dict[str, Any]:
+    """What a LeRobot data set says of its robot and its frames per second; else nothing."""
+    path, _ = _parts(source)
+    return lerobot.described(path) if path.is_dir() and lerobot.is_dataset(path) else {}
 
 
 def read_object(source: Path, column: str, settings: Import | None = None) -> Imported:

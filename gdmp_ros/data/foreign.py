@@ -38,11 +38,15 @@ class Imported:
 
     :ivar notes: how it was read, for people
     :ivar fingers: commands that the fingers of a gripper have carried out
+    :ivar joints: names of the joints, of a demonstration of them
+    :ivar joint_unit: of their recorded numbers [rad]
     """
 
     demonstration: Demonstration
     notes: tuple[str, ...]
     fingers: tuple[FingerCommand, ...] = ()
+    joints: tuple[str, ...] = ()
+    joint_unit: float = 1.0
 
 
 def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import) -> Imported:
@@ -61,17 +65,18 @@ def demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import
 
 
 def joint_demonstration(where: str, arrays: Mapping[str, np.ndarray], settings: Import
-                        ) -> tuple[Imported, tuple[str, ...]]:
+                        ) -> Imported:
     """
-    Find times and positions of joints [rad]; their names too.
+    Find times and positions of joints [rad], and their names.
 
     :param where: the file, for messages
     :raises DataError: naming the arrays, if something is missing or invalid
     """
-    times, positions, names, notes = Columns(where, arrays, settings).joints()
+    times, positions, names, notes, unit = Columns(where, arrays, settings).joints()
     try:
         manifold = Product(Euclidean(positions.shape[1]), names=('joints',))
-        return Imported(Demonstration(times, positions, manifold), notes), names
+        return Imported(Demonstration(times, positions, manifold), notes, joints=names,
+                        joint_unit=unit)
     except GdmpError as error:
         raise DataError(f'{where}: {error}') from None
 
@@ -213,8 +218,13 @@ def next_of(rows: np.ndarray) -> np.ndarray:
     return np.vstack([rows[1:], rows[-1:]])
 
 
-def motion(skill: Skill, step: float) -> Demonstration:
-    """Motion of a skill as a demonstration with a sample every ``step`` seconds."""
-    result = skill.reproduce(step)
+def motion(skill: Skill, step: float, start: np.ndarray | None = None) -> Demonstration:
+    """
+    Motion of a skill as a demonstration with a sample every ``step`` seconds.
+
+    :param start: point; by default that of the skill
+    """
+    result = (skill.reproduce(step) if start is None else
+              skill.rollout(start=start).sample(skill.reproduce(step).times))
     points = result.points.reshape(len(result.times), -1)
     return Demonstration(result.times, points, cast(Product, skill.manifold))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 import shutil
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,18 @@ STATE, ACTION = 'observation.state', 'action'
 _INFO, _STATS, _TASKS = 'meta/info.json', 'meta/stats.json', 'meta/tasks.parquet'
 _INDICES = ('frame_index', 'episode_index', 'index', 'task_index')
 _QUANTILES = {'q01': 0.01, 'q10': 0.10, 'q50': 0.50, 'q90': 0.90, 'q99': 0.99}
+
+
+class Joints(NamedTuple):
+    """
+    What the numbers of demonstrations of joints are called in a data set.
+
+    :ivar names: of the joints
+    :ivar unit: of the numbers in the data set [rad]
+    """
+
+    names: Sequence[str]
+    unit: float = 1.0
 
 
 def is_dataset(folder: Path) -> bool:
@@ -63,6 +75,17 @@ def episodes(folder: Path) -> list[dict[str, np.ndarray]]:
             for episode in sorted(result)]
 
 
+def described(folder: Path) -> dict[str, Any]:
+    """
+    Type of the robot, and frames per second, as far as a data set says them.
+
+    :raises DataError: naming the file and what is wrong with it
+    """
+    info = _info(folder)
+    return {name: info[name] for name, kind in (('robot_type', str), ('fps', int))
+            if isinstance(info.get(name), kind)}
+
+
 def _info(folder: Path) -> dict[str, Any]:
     path = folder / _INFO
     try:
@@ -93,16 +116,20 @@ def _named(features: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, n
 
 
 def write(folder: Path, demos: Sequence[Demonstration], rate_hz: float, task: str,
-          robot: str = 'panda') -> None:
+          robot: str = 'panda', joints: Joints | None = None) -> None:
     """
-    Write demonstrations of a tool as episodes.
+    Write demonstrations of a tool, or of joints, as episodes.
 
-    The state is the pose (and the stiffness) at each frame; the action is that of the next frame,
-    which is what a controller gets as its reference. Numbers are float32, as policies expect.
+    The state is the pose (and the stiffness), or the joints, at each frame; the action is that of
+    the next frame, which is what a controller gets as its reference. Numbers are float32, as
+    policies expect.
 
     :param rate_hz: frames per second; demonstrations are resampled
     :param task: what is done, in words
-    :raises DataError: unless they are poses with the same stiffness, or the folder exists
+    :param robot: its type
+    :param joints: that the demonstrations are of; None for a tool
+    :raises DataError: unless they are poses with the same stiffness, or these joints; or the
+        folder exists
     """
     with optional_import(extra('datasets')):
         import pyarrow as pa
@@ -111,8 +138,9 @@ def write(folder: Path, demos: Sequence[Demonstration], rate_hz: float, task: st
         raise DataError(f'{folder}: exists already')
     if rate_hz != round(rate_hz):
         raise DataError(f'{rate_hz:g} frames per second: expected a whole number')
-    names = _names_of(folder, demos)
-    rows = [frames(demo, rate_hz)[1] for demo in demos]
+    names = _names_of(folder, demos, joints)
+    unit = 1.0 if joints is None else joints.unit
+    rows = [frames(demo, rate_hz)[1] / unit for demo in demos]
     features = {STATE: _feature('float32', len(names), names),
                 ACTION: _feature('float32', len(names), names),
                 'timestamp': _feature('float32'),
@@ -144,9 +172,15 @@ def write(folder: Path, demos: Sequence[Demonstration], rate_hz: float, task: st
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _names_of(folder: Path, demos: Sequence[Demonstration]) -> list[str]:
+def _names_of(folder: Path, demos: Sequence[Demonstration], joints: Joints | None) -> list[str]:
     if not demos:
         raise DataError(f'{folder}: there is nothing to write')
+    if joints is not None:
+        for demo in demos:
+            if demo.manifold.point_size != len(joints.names):
+                raise DataError(f'{folder}: {len(joints.names)} joints expected, got a '
+                                f'demonstration on {demo.manifold!r}')
+        return list(joints.names)
     sizes = {stiffness_size_of(demo, folder) for demo in demos}
     if len(sizes) > 1:
         raise DataError(f'{folder}: only poses with the same kind of stiffness can be written')

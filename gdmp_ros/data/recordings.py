@@ -176,6 +176,7 @@ class Recording:
         if none was read
     :ivar events: commands for a gripper
     :ivar joints: names of the joints, of a demonstration of the joints (`read_joints`)
+    :ivar joint_unit: of their recorded numbers [rad]
     :ivar begins: stamp of the first sample [ns]; in files of other programs since the first one
         that was read
     """
@@ -186,6 +187,7 @@ class Recording:
     rotational_stiffness: np.ndarray | None
     wrench: np.ndarray | None = None
     joints: tuple[str, ...] = ()
+    joint_unit: float = 1.0
     events: tuple[GripperEvent, ...] = ()
     begins: int = 0
 
@@ -285,13 +287,13 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
     """
     Read positions of joints; rest at both ends is cut off.
 
-    :param topic: of type JointState; by default the only such topic
+    :param topic: of type JointState; by default the only such topic. In files of other programs
+        the beginning of the names of the joints, such as ``action``
     :param settings: as for `read`
     :raises DataError: naming bag, topic, sample and reason
     """
     if episodes.is_foreign(Path(bag)):
-        result, names = episodes.read_joints(Path(bag), settings)
-        return _trimmed(bag, result, names)
+        return _trimmed(bag, episodes.read_joints(Path(bag), settings, topic))
     settings = settings or Import()
     with bags.opened(bag) as reader:
         topic = topic or _only(bag, bags.topics_in(reader), 'joint state', bags.JOINTS)
@@ -467,15 +469,16 @@ def _wrench_at(felt: bags.Series, poses: bags.Series, stamps: np.ndarray) -> np.
                             for column in felt.values.T])
 
 
-def _trimmed(source: str | Path, result: Imported, joints: tuple[str, ...] = ()) -> Recording:
+def _trimmed(source: str | Path, result: Imported) -> Recording:
     """The demonstration of another program without rest; how it was read is told."""
     if result.notes:
         warnings.warn(f'{source}: {"; ".join(result.notes)}', GdmpWarning, stacklevel=4)
     full = result.demonstration
     kept = without_rest(full, str(source))
     first, last = (round(full.times[kept][i] * bags.NS) for i in (0, -1))
-    return Recording(_part(full, kept), str(source), FRAME, None, joints=joints, events=during(
-        _recorded(result.fingers, 0), first, last), begins=first)
+    return Recording(_part(full, kept), str(source), FRAME, None, joints=result.joints,
+                     joint_unit=result.joint_unit, begins=first,
+                     events=during(_recorded(result.fingers, 0), first, last))
 
 
 def _recorded(commands: Sequence[FingerCommand], first: int) -> list[RecordedCommand]:

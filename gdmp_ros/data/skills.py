@@ -9,7 +9,7 @@ from pathlib import Path
 import shutil
 from typing import Any, NamedTuple
 
-from gdmp_ros.data import recordings
+from gdmp_ros.data import episodes, recordings
 from gdmp_ros.data.columns import Import
 from gdmp_ros.data.objects import with_objects
 from gdmp_ros.data.recordings import common_events
@@ -138,7 +138,7 @@ def skill_from_bags(bags: Sequence[str | Path], settings: LearningSettings,
                                           settings.source)
     provenance = {'demonstrations': [str(bag) for bag in bags], 'frame': takes[0].frame,
                   'stiffness': source,
-                  **({'joints': list(takes[0].joints)} if takes[0].joints else {})}
+                  **_of_joints(takes[0])}
     if settings.rhythmic:
         return LearnedSkill(_cycle(demonstrations, settings, provenance), demonstrations, source)
     events = common_events([take.demonstration for take in takes], [take.bag for take in takes],
@@ -191,11 +191,23 @@ def _read(bag: str | Path, settings: LearningSettings) -> recordings.Recording:
                            settings.wrench_topic, replaced(settings.source, objects=columns))
 
 
+def _of_joints(take: recordings.Recording) -> dict[str, Any]:
+    """What is kept of the joints, so that their motion can be written as it was recorded."""
+    if not take.joints:
+        return {}
+    return {'joints': list(take.joints), 'joint_unit': take.joint_unit,
+            **episodes.described(Path(take.bag))}
+
+
 def _of_the_same_joints(takes: Sequence[recordings.Recording]) -> list[Demonstration]:
     for take in takes:
         if take.joints != takes[0].joints:
             raise DataError(f'{take.bag}: the joints are {", ".join(take.joints)}, expected those '
                             f'of {takes[0].bag}: {", ".join(takes[0].joints)}')
+        if take.joint_unit != takes[0].joint_unit:
+            raise DataError(f'{take.bag}: a unit of its joints is {take.joint_unit:.4g} rad, '
+                            f'expected {takes[0].joint_unit:.4g} rad as in {takes[0].bag}: say '
+                            'with --units what they are')
     return [take.demonstration for take in takes]
 
 

@@ -19,7 +19,8 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 #: Time step of the control loop [s].
 PERIOD = 0.001
 #: Models of this package.
-BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in ('panda', 'fr3')}
+BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in (
+    'panda', 'fr3', 'ur5e')}
 
 
 class Tool(NamedTuple):
@@ -39,9 +40,10 @@ def load(name: str) -> mujoco.MjSpec:
     """
     Load a model.
 
-    :param name: MJCF file; ``panda`` or ``fr3``, which are built in; ``menagerie:NAME`` or
-        ``menagerie:NAME/ENTRY``, such as ``menagerie:ur5e``; ``robot_descriptions:NAME``, such as
-        ``robot_descriptions:panda_mj_description``. The latter two are downloaded once
+    :param name: MJCF file; ``panda``, ``fr3`` or ``ur5e``, which are built in; ``menagerie:NAME``
+        or ``menagerie:NAME/ENTRY``, such as ``menagerie:kuka_iiwa_14``;
+        ``robot_descriptions:NAME``, such as ``robot_descriptions:panda_mj_description``. The
+        latter two are downloaded once
     :raises DataError: if there is no such model, or it cannot be downloaded
     """
     source, colon, rest = name.partition(':')

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
@@ -322,3 +323,100 @@ def test_a_stiffness_in_matrices_is_read(shown, tmp_path):
     np.testing.assert_allclose(found.demonstration.points, points, atol=1e-9)
     done = gdmp('show', tmp_path / 'a.mat')
     assert done.returncode == 0 and 'stiffness' in done.stdout
+
+
+MOTORS = ['shoulder_pan.pos', 'shoulder_lift.pos', 'elbow_flex.pos', 'wrist_flex.pos',
+          'wrist_roll.pos', 'gripper.pos']
+
+
+def teleoperated(folder, version, scale=1.0):
+    """
+    A data set of two takes of a low-cost arm; the follower's gripper stops at what it holds.
+
+    :returns: the actions of the takes, as LeRobot has them
+    """
+    actions = []
+    for number in range(2):
+        s = np.arange(91) / 90.0
+        rise = s ** 2 * (3.0 - 2.0 * s)
+        joints = np.outer(rise, [60.0 + 4.0 * number, -35.0, 50.0, 20.0, -90.0])
+        closes = 1.0 / (1.0 + np.exp(-(s - 0.6) / 0.03))
+        actions.append(np.column_stack([[12.0, -80.0, 70.0, 5.0, 3.0] + joints,
+                                        60.0 - 55.0 * closes]) * scale)
+    states = [rows.copy() for rows in actions]
+    for rows in states:
+        rows[:, 5] = np.maximum(rows[:, 5], 20.0 * scale)
+    part = {'dtype': 'float32', 'shape': [6], 'names': MOTORS}
+    (folder / 'data' / 'chunk-000').mkdir(parents=True)
+    (folder / 'meta').mkdir()
+    (folder / 'meta' / 'info.json').write_text(json.dumps({
+        'codebase_version': version, 'fps': 30, 'robot_type': 'so101_follower', 'features': {
+            'observation.state': part, 'action': part,
+            **{name: {'dtype': kind, 'shape': [1], 'names': None}
+               for name, kind in (('timestamp', 'float32'), ('episode_index', 'int64'))}}}))
+    count = len(actions[0])
+    columns = {'observation.state': np.vstack(states), 'action': np.vstack(actions),
+               'timestamp': np.tile(np.arange(count) / 30.0, 2),
+               'episode_index': np.repeat([0, 1], count)}
+    files = ([(0, 1, 'file-000')] if version == 'v3.0' else
+             [(0, 0, 'episode_000000'), (1, 1, 'episode_000001')])
+    for first, last, name in files:
+        rows = slice(first * count, (last + 1) * count)
+        pq.write_table(pa.table({key: array[rows].tolist() for key, array in columns.items()}),
+                       folder / 'data' / 'chunk-000' / f'{name}.parquet')
+    return actions
+
+
+def actions_of(folder):
+    """What `lerobot-replay` sends: the numbers of ``action`` by the names of its parts."""
+    info = json.loads((folder / 'meta/info.json').read_text())
+    assert info['features']['action']['names'] == MOTORS
+    table = pq.read_table(folder / info['data_path'].format(chunk_index=0, file_index=0))
+    return info, np.array(table['action'].to_pylist())
+
+
+@pytest.mark.parametrize(('version', 'units'), [('v2.1', 'deg'), ('v3.0', 'percent'),
+                                                ('v3.0', 'deg')])
+def test_a_skill_of_motors_is_written_for_the_robot_that_replays_it(version, units, tmp_path):
+    shown = teleoperated(tmp_path / 'set', version)
+    skill = tmp_path / 'skill.json'
+    gdmp('learn', f'{tmp_path / "set"}#0', '-o', skill, '--joints', 'action', '--units', units)
+    gdmp('convert', skill, '-o', tmp_path / 'again', '--as', 'lerobot')
+    info, sent = actions_of(tmp_path / 'again')
+    assert (info['fps'], info['robot_type']) == (30, 'so101_follower')
+    # The rest at both ends is cut off.
+    at = np.array([np.linalg.norm(shown[0] - row, axis=1).min() for row in sent])
+    assert at.max() < 1.0
+    assert np.abs(sent[[0, -1]] - shown[0][[0, -1]]).max() < 0.6
+    # The gripper is commanded beyond what it holds: it squeezes as it did when it was shown.
+    assert sent[-1, 5] < 6.0
+    here = shown[0][0] + [-6.0, 4.0, 0.0, 8.0, 0.0, -20.0]
+    gdmp('convert', skill, '-o', tmp_path / 'here', '--as', 'lerobot', '--start', *here)
+    _, sent = actions_of(tmp_path / 'here')
+    assert np.abs(sent[0] - here).max() < 0.3
+    assert np.abs(np.diff(sent, axis=0)).max() < 1.6 * np.abs(np.diff(shown[0], axis=0)).max()
+    assert np.abs(sent[-1] - shown[0][-1]).max() < 0.6
+
+
+def test_motors_of_takes_are_learned_in_one_unit(tmp_path):
+    teleoperated(tmp_path / 'set', 'v3.0')
+    teleoperated(tmp_path / 'rad', 'v3.0', np.pi / 180.0)
+    done = gdmp('learn', f'{tmp_path / "set"}#0', f'{tmp_path / "rad"}#0', '-o',
+                tmp_path / 'skill.json', '--joints', 'action')
+    assert done.returncode == 1
+    assert 'a unit of its joints is 1 rad, expected 0.01745 rad' in done.stderr
+    done = gdmp('learn', tmp_path / 'set', '-o', tmp_path / 'skill.json', '--joints', 'commands')
+    assert done.returncode == 1 and 'no array commands, and none whose name beg' in done.stderr
+    assert not (tmp_path / 'skill.json').exists()
+
+
+def test_where_a_robot_is_has_a_number_for_each_joint(tmp_path):
+    teleoperated(tmp_path / 'set', 'v3.0')
+    skill = tmp_path / 'skill.json'
+    gdmp('learn', tmp_path / 'set', '-o', skill, '--joints', 'action', '--units', 'deg')
+    for sources, given, reason in (([skill], (1, 2), 'has 2 numbers, expected 6'),
+                                   ([tmp_path / 'set'], range(6), '--start is for skills')):
+        done = gdmp('convert', *sources, '-o', tmp_path / 'none', '--as', 'lerobot', '--start',
+                    *given)
+        assert done.returncode == 1 and reason in done.stderr
+    assert not (tmp_path / 'none').exists()

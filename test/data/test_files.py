@@ -371,14 +371,16 @@ def test_joints_are_read_and_unwrapped(tmp_path):
     joints = np.column_stack([np.mod(turns + np.pi, 2.0 * np.pi) - np.pi, T.rpy, T.rpy])
     names = ['t', *(f'joint_{i}' for i in range(1, 8)), 'finger_joint1']
     (tmp_path / 'a.csv').write_text(text(names, stacked(T.times, joints, T.times)))
-    found, joint_names = episodes.read_joints(tmp_path / 'a.csv')
+    found = episodes.read_joints(tmp_path / 'a.csv')
+    joint_names = found.joints
     assert joint_names == tuple(names[1:8])
     np.testing.assert_allclose(found.demonstration.points[:, 0], turns, atol=1e-6)
     assert any('joint_1 pass from pi to -pi' in note for note in found.notes)
     names = ['timestamp', 'shoulder_pan.pos', 'elbow_flex.pos', 'gripper.pos']
     (tmp_path / 'b.csv').write_text(text(names, stacked(
         T.times, np.degrees(T.rpy[:, :2]), T.times)))
-    found, joint_names = episodes.read_joints(tmp_path / 'b.csv')
+    found = episodes.read_joints(tmp_path / 'b.csv')
+    joint_names = found.joints
     np.testing.assert_allclose(found.demonstration.points, T.rpy[:, :2], atol=1e-6)
     assert joint_names == ('shoulder_pan.pos', 'elbow_flex.pos')
     assert any('gripper.pos is no joint' in note for note in found.notes)

@@ -26,6 +26,9 @@ class Truth:
     _angle = math.pi - 0.9 * _rise
     xyzw = np.column_stack([np.sin(_angle / 2.0), 0.0 * _s, 0.0 * _s, np.cos(_angle / 2.0)])
     joints = np.outer(_rise, [0.3, -0.5, 0.2, 0.9, -0.4, 0.6, 0.1])
+    #: Of a low-cost arm: degrees, and percent of the gripper.
+    motors = np.array([12.0, -80.0, 70.0, 5.0, 3.0, 60.0]) + np.outer(
+        _rise, [60.0, -35.0, 50.0, 20.0, -90.0, -55.0])
 
 
 T = Truth
@@ -158,10 +161,13 @@ def write_lerobot(folder):
     import inspect
     kind = _data_set()
     joints = [f'joint_{k}.pos' for k in range(1, 8)]
+    motors = [f'{name}.pos' for name in ('shoulder_pan', 'shoulder_lift', 'elbow_flex',
+                                         'wrist_flex', 'wrist_roll', 'gripper')]
     pose = ['ee.x', 'ee.y', 'ee.z', 'ee.qx', 'ee.qy', 'ee.qz', 'ee.qw']
     for name, names, rows in (('lerobot_joints', joints, T.joints),
+                              ('lerobot_motors', motors, T.motors),
                               ('lerobot_poses', pose, np.hstack([T.position, T.xyzw]))):
-        feature = {'dtype': 'float32', 'shape': (7,), 'names': names}
+        feature = {'dtype': 'float32', 'shape': (len(names),), 'names': names}
         made = kind.create('me/reach', RATE_HZ, root=folder / name, robot_type='panda',
                            features={'observation.state': feature, 'action': feature},
                            use_videos=False)
@@ -182,6 +188,40 @@ def read_lerobot(folder):
     data = _data_set()('me/ours', root=folder / 'ours_lerobot')
     rows = [np.asarray(data[k]['observation.state'])[:3].tolist() for k in (0, len(data) - 1)]
     return {'lerobot': [rows, len(data)]}
+
+
+class Robot:
+    """A robot without motors: it remembers what `lerobot-replay` sends."""
+
+    name, robot_type, is_connected = 'so101_follower', 'so101_follower', True
+
+    def __init__(self):
+        self.sent = []
+
+    def connect(self, *_, **__):
+        pass
+
+    def disconnect(self):
+        pass
+
+    def get_observation(self):
+        return {}
+
+    def send_action(self, action):
+        self.sent.append({name: float(value) for name, value in action.items()})
+        return action
+
+
+def read_replay(folder):
+    """Replay our episode with LeRobot's own program, on a robot without motors."""
+    from lerobot.scripts import lerobot_replay as program
+    robot = Robot()
+    program.make_robot_from_config = lambda config: robot
+    program.replay(program.ReplayConfig(
+        robot=program.RobotConfig(), play_sounds=False,
+        dataset=program.DatasetReplayConfig(
+            repo_id='me/motors', episode=0, root=folder / 'ours_motors', fps=RATE_HZ)))
+    return {'sent': robot.sent}
 
 
 def read_robomimic(folder):

@@ -28,6 +28,10 @@ from test.interop.libraries import Truth
 SCRIPT = Path(__file__).with_name('libraries.py')
 #: Largest error of a start or goal [m or rad]: float32 has seven digits.
 EXACT = 1e-6
+#: Largest error of an action that is replayed, a hundredth of the way [deg, % of the gripper].
+CLOSE = 0.9
+#: Options with which all motors are learned, as they were commanded.
+MOTORS = ['--joints', 'action', '--units', 'deg']
 
 
 class Part(NamedTuple):
@@ -38,6 +42,7 @@ class Part(NamedTuple):
     :ivar writes: functions of `libraries` that write, and that read
     :ivar files: that are written, with the options that our reader needs
     :ivar ours: names of what they read, with options of ``gdmp convert``
+    :ivar replays: whether a skill of motors is replayed
     """
 
     packages: tuple[str, ...]
@@ -45,9 +50,10 @@ class Part(NamedTuple):
     reads: tuple[str, ...]
     files: dict[str, list[str]]
     ours: dict[str, list[str]]
+    replays: bool = False
 
 
-_LEROBOT = {'lerobot_joints': ['--joints'], 'lerobot_poses': []}
+_LEROBOT = {'lerobot_joints': ['--joints'], 'lerobot_poses': [], 'lerobot_motors': MOTORS}
 PARTS = {
     'tables': Part(('evo', 'pandas', 'pyarrow'), ('tables',), ('tables',), {
         name: [] for name in ('pandas_index.csv', 'pandas.csv', 'pandas_german.csv',
@@ -59,7 +65,7 @@ PARTS = {
         {'ours_mcap': []}),
     'lerobot-0.3': Part(('lerobot==0.3.3',), ('lerobot',), (), _LEROBOT, {}),
     'lerobot-0.4': Part(('lerobot==0.4.4',), ('lerobot',), ('lerobot',), _LEROBOT,
-                        {'ours_lerobot': ['--as', 'lerobot', '--fps', '50']}),
+                        {'ours_lerobot': ['--as', 'lerobot', '--fps', '50']}, replays=True),
     'robomimic': Part(('robomimic==0.3.0', 'h5py'), (), ('robomimic',), {},
                       {'ours.hdf5': ['--as', 'robomimic', '--fps', '50']}),
 }
@@ -92,7 +98,9 @@ def learned(path: Path, options: list[str], folder: Path) -> float:
         return float('inf')
     skill = Skill.load(skill_file)
     first = skill.manifold.factors[0]
-    if isinstance(first, Euclidean) and first.point_size == 7:
+    if isinstance(first, Euclidean) and first.point_size == 6:
+        wanted = np.radians(Truth.motors[[0, -1]])
+    elif isinstance(first, Euclidean) and first.point_size == 7:
         wanted = Truth.joints[[0, -1]]
     else:
         wanted = np.hstack([Truth.position, np.roll(Truth.xyzw, 1, axis=1)])[[0, -1]]
@@ -103,6 +111,21 @@ def learned(path: Path, options: list[str], folder: Path) -> float:
             flat[3:7] *= np.sign(flat[3:7] @ expected[3:])
         errors.append(float(np.abs(flat - expected).max()))
     return max(errors)
+
+
+def replayed(python: Path, folder: Path) -> list[str]:
+    """Error and verdict of a skill of motors that LeRobot replays from where the robot is."""
+    skill, here = folder / 'motors.skill.json', Truth.motors[0] + [4.0, -3.0, 0.0, 6.0, 0.0, -9.0]
+    if (gdmp(['learn', str(folder / 'lerobot_motors'), '-o', str(skill), *MOTORS])
+            or gdmp(['convert', str(skill), '-o', str(folder / 'ours_motors'), '--as', 'lerobot',
+                     '--start', *map(str, here)])):
+        return ['', 'WRONG']
+    sent = call(python, 'replay', 'read', folder)['sent']
+    rows = np.array([list(one.values()) for one in sent])
+    error = float(max(np.abs(rows[0] - here).max(), np.abs(rows[-1] - Truth.motors[-1]).max()))
+    names = [f'{name}.pos' for name in ('shoulder_pan', 'shoulder_lift', 'elbow_flex',
+                                        'wrist_flex', 'wrist_roll', 'gripper')]
+    return [f'{error:.1e}', 'right' if error < CLOSE and list(sent[0]) == names else 'WRONG']
 
 
 def check(name: str, part: Part, folder: Path) -> list[list[str]]:
@@ -125,6 +148,9 @@ def check(name: str, part: Part, folder: Path) -> list[list[str]]:
     for file, options in part.ours.items():
         if gdmp(['convert', str(files / 'truth.csv'), '-o', str(files / file), *options]):
             rows.append([name, f'{file} written here', '', 'WRONG'])
+    if part.replays:
+        rows.append([name, 'a skill of motors, replayed by lerobot-replay',
+                     *replayed(python, files)])
     for function in part.reads:
         for reader, (ends, count) in call(python, function, 'read', files).items():
             error = float(np.abs(np.array(ends) - Truth.position[[0, -1]]).max())

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from gdmp_ros import DataError
+from gdmp_ros.control.gripper import GripperCommand
+from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
 from gdmp_ros.sim.model_sources import load
+from gdmp_ros.util.profiles import minimum_jerk
+from test import urdf
 
 
 def position_controlled():
@@ -114,3 +120,48 @@ def test_what_cannot_be_had_is_said(menagerie, tmp_path, monkeypatch):
         servo.forcelimited, servo.forcerange = False, [0.0, 0.0]
     with pytest.raises(DataError, match="joint 'joint1' has no torque limit"):
         Arm(spec, tool='flange')
+
+
+def test_the_built_in_ur5e_is_where_denavit_and_hartenberg_say(rng):
+    arm = Arm('ur5e', 'flange')
+    for _ in range(20):
+        position = rng.uniform(-np.pi, np.pi, 6)
+        # The model stands in base_link, which is turned by half a turn from base.
+        expected = compose(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+                           urdf.by_denavit_hartenberg(position))
+        found = arm.pose_at(position)
+        found[3:] *= np.sign(found[3:] @ expected[3:])
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert arm.names == list(urdf.JOINTS)
+    # As the data sheet says of the arm without its base; the hand has 0.76 kg.
+    assert arm.known.model.body_mass.sum() - 4.0 - 0.76 == pytest.approx(17.7, abs=0.01)
+
+
+@pytest.mark.parametrize('stiffness', [300.0, 800.0])
+def test_the_ur5e_follows_a_circle_with_the_impedance_law(stiffness):
+    loop = ClosedLoop(Arm('ur5e'))
+    begun, s = loop.arm.measure().pose, np.linspace(0.0, 1.0, 5000)
+    angle = 2.0 * np.pi * minimum_jerk(s)
+    rate = np.gradient(angle, 1e-3)
+    references = np.array([resting_target(begun)] * len(s))
+    references[:, POSE] += 0.08 * (np.cos(angle) - 1.0)
+    references[:, POSE + 1] += 0.08 * np.sin(angle)
+    references[:, TWIST] = -0.08 * np.sin(angle) * rate
+    references[:, TWIST + 1] = 0.08 * np.cos(angle) * rate
+    references[:, ACCELERATION:ACCELERATION + 2] = np.gradient(
+        references[:, TWIST:TWIST + 2], 1e-3, axis=0)
+    references[:, STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+    poses = loop.follow_all(references)
+    errors = np.linalg.norm(poses[:, :3] - references[:, POSE:POSE + 3], axis=1)
+    assert np.sqrt((errors ** 2).mean()) < 5e-4 and errors.max() < 1.5e-3
+    assert loop.controller.counters.recent() == ''
+
+
+def test_the_hand_of_the_ur5e_closes_on_something():
+    arm = Arm('ur5e', extras=[add_gripper])
+    gripper = SimulatedGripper(arm.model, arm.data)
+    loop = ClosedLoop(arm, gripper=gripper)
+    gripper.command(GripperCommand(0.02))
+    for _ in range(1500):
+        loop.tick()
+    assert gripper.state.width == pytest.approx(0.02, abs=2e-3) and not gripper.state.problem

@@ -57,8 +57,8 @@ ARM = (
 )
 SIMULATION = (
     *ARM,
-    Spec('model', '', 'another arm: fr3, MJCF file, menagerie:NAME or robot_descriptions:NAME; '
-         'empty: the built-in Panda'),
+    Spec('model', '', 'another arm: fr3, ur5e, MJCF file, menagerie:NAME or '
+         'robot_descriptions:NAME; empty: the built-in Panda'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('pace', 'wall', 'wall: simulated time passes like wall time; fast: as fast as possible, '
          'with /clock', choices=('wall', 'fast')),
