@@ -6,9 +6,6 @@ import sys
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.clients.server_client import ServerClient
 
-#: Time in which a network delivers what a cut has held up [s].
-HELD_UP_S = 1.0
-
 
 def main(timeout: str) -> int:
     """Execute the loaded skill, at most twice; print ``executing``, then ``ended with N``."""
@@ -24,8 +21,6 @@ def main(timeout: str) -> int:
                 break
             client.wait('the robot', lambda: client.state is not None
                         and 'no_robot' not in client.state.flags, 60.0)
-            # The first poses after a cut are those that it held up: where the robot was then.
-            client.spend(HELD_UP_S)
         print('done', flush=True)
     except GdmpError as error:
         print(f'error: {error}', flush=True)

@@ -336,6 +336,42 @@ def test_without_a_robot_a_motion_ends_unverified(nodes):
     assert (result.error_code, result.flags[-1]) == (RESULT.SUCCESSFUL, 'unverified')
 
 
+@pytest.mark.parametrize('clock_s', [0.0, -1000.0], ids=['same clock', 'another clock'])
+def test_where_the_robot_was_during_a_gap_of_the_network_is_not_where_it_is(running, clock_s):
+    running.unconfigure()
+    assert running.transition(SERVER, CONFIGURE, ACTIVATE)
+    running.wait('the flag', lambda: 'no_robot' in running.state.flags)
+    robot = running.client.participant.publisher(PoseStamped, f'{ARM}/measured_pose',
+                                                 best_effort(1))
+    clock, sends, late = running.client.clock, True, 0.0
+
+    def measure():
+        if sends:
+            pose = np.array([0.4, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0])
+            message = messages.stamped_pose(pose, FRAME)
+            message.header.stamp = messages.stamp_of(
+                clock.wall() + round((clock_s - late) * 1e9))
+            robot.publish(message)
+    running.every(0.01, measure)
+    running.wait('the robot', lambda: 'no_robot' not in running.state.flags, 5.0)
+    running.spend(2.5)
+    sends = False
+    running.spend(1.0)
+    assert 'no_robot' in running.state.flags
+    sends, late = True, 1.0
+    running.spend(0.5)
+    assert 'no_robot' in running.state.flags
+    late = 0.0
+    running.wait('the robot again', lambda: 'no_robot' not in running.state.flags, 0.5)
+    # A delay that stays is one of the network from now on.
+    sends = False
+    running.spend(1.0)
+    sends, late = True, 1.0
+    running.wait('the robot behind a slow network', lambda: 'no_robot' not in running.state.flags,
+                 3.0)
+    running.client.participant.destroy(robot)
+
+
 def test_what_best_effort_publishers_measure_is_heard(running):
     running.unconfigure()
     assert running.transition(SERVER, CONFIGURE, ACTIVATE)

@@ -30,6 +30,9 @@ from gdmp_ros.ros.serialized import PoseReader, stamp_ns_of
 STAMP_S = 0.5
 #: Oldest state that counts [s].
 STATE_S = 1.0
+#: A stream that was silent for this time may have been held up, and what comes within this time
+#: afterwards may be old [s].
+GAP_S, AFTER_GAP_S = 0.2, 2.0
 
 
 class GoalInput:
@@ -200,6 +203,30 @@ class ObjectsOnTf:
         return Located(pose, stamp_ns, age)
 
 
+class HeldUp:
+    """
+    By how much a network has held messages up, by their stamps, whatever their clock is.
+
+    After a gap the messages that were held up in it come first. A stamp that is missing, or moves
+    at another rate, says nothing: only what follows a gap is compared, with what came before it.
+    """
+
+    def __init__(self) -> None:
+        self._usual: int | None = None
+        self._arrived = self._until = 0
+
+    def by(self, stamp_ns: int, arrived_ns: int) -> float:
+        """Note a message; how much longer than usual it was on its way [s]."""
+        late = arrived_ns - stamp_ns
+        if arrived_ns - self._arrived > GAP_S * NS:
+            self._until = arrived_ns + round(AFTER_GAP_S * NS)
+        self._arrived = arrived_ns
+        if stamp_ns == 0 or self._usual is None or arrived_ns >= self._until:
+            self._usual = None if stamp_ns == 0 else late
+            return 0.0
+        return max(late - self._usual, 0) / NS
+
+
 T = TypeVar('T')
 
 
@@ -232,12 +259,15 @@ class RobotInputs:
 
     def pose_of(self, node: ManagedNode, topic: str) -> MeasuredInput:
         """Subscribe to the measured pose of a tool."""
-        poses = node.add_sensor(PoseStamped, topic)
+        poses, held_up = node.add_sensor(PoseStamped, topic), HeldUp()
 
         def newest() -> tuple[np.ndarray, float] | None:
             received = poses.newest()
             pose = None if received is None else self.read_pose(received.data)
-            return None if received is None or pose is None else (pose, poses.age(received))
+            if received is None or pose is None:
+                return None
+            late = held_up.by(stamp_ns_of(received.data), received.arrived or node.time_ns())
+            return pose, poses.age(received) + late
         return MeasuredInput(node.clock, newest, node.resolve_topic_name(topic))
 
     def _newest_joints(self) -> tuple[np.ndarray, float] | None:
