@@ -1,0 +1,190 @@
+"""
+Admittance: how an arm that takes joint positions gives way to a force.
+
+The impedance law moves a *virtual arm*, which has the kinematics of the real one, no weight and a
+chosen mass, and feels the wrench that a sensor measures. Its joint positions are the commands. So
+all limits, the guard and the energy tank are those of an arm with torques.
+
+Commands act late. Beside something with the stiffness k_e an admittance is calm only if its
+damping is larger than k_e times the whole delay: the tool is damped relative to its reference,
+and the step of the virtual arm is implicit in this damping.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gdmp_ros.kernels import kernel, local_numbers
+from gdmp_ros.manifolds.linalg import cholesky, invert_lower
+from gdmp_ros.util.settings import setting
+
+#: Damping of the tool, in units of contact stiffness times delay: below 1.5 it rings, above 2 it
+#: is sluggish.
+DAMPING_SHARE = 1.9
+#: Rotational damping is that of a force with this lever [m].
+LEVER_M = 0.1
+#: Time of motion in which an estimate of the delay forgets [s], what its first value weighs
+#: [rad²/s], and the speed of all joints from which it learns [rad/s].
+FORGETS_S, FIRST_WEIGHT, LEAST_SPEED = 1.0, 2e-4, 0.005
+
+
+@dataclass(frozen=True)
+class AdmittanceSettings:
+    """How an arm that takes joint positions gives way to a force."""
+
+    virtual_mass: float = setting(
+        2.0, 'mass with which the tool gives way, in the mean of its directions', 'kg', 0.5, 50.0)
+    contact_stiffness: float = setting(
+        30_000.0, 'largest stiffness of what is touched: the tool is damped for it', 'N/m', 100.0,
+        1e6)
+    servo_delay: float = setting(
+        0.02, 'time from a command until the arm is there, until it is measured in motion', 's',
+        0.001, 0.1)
+    servo_delay_max: float = setting(
+        0.05, 'delay above which the arm stops', 's', 0.001, 0.2)
+    sensor_max: tuple[float, float] = setting(
+        (100.0, 10.0), 'largest force and torque that the sensor can measure: with more in one '
+        'direction the arm stops', 'N, Nm', 0.1, 10_000.0)
+    measured_timeout: float = setting(
+        0.1, 'without measured joints, or a measured wrench, for this time the arm stops', 's',
+        0.002, 1.0)
+    following_error: float = setting(
+        0.1, 'largest distance of a joint from where its command leads', 'rad', 0.001, 1.0)
+
+
+class ServoState(NamedTuple):
+    """
+    What an arm that takes joint positions reports.
+
+    :ivar position: of the joints [rad], shape ``(n,)``
+    :ivar velocity: of the joints [rad/s], shape ``(n,)``
+    :ivar wrench: that acts on the sensor from the side of the tool, in its frame [N, Nm], shape
+        ``(6,)``; None without a sensor
+    :ivar age: time since the joints were measured [s]
+    :ivar wrench_age: time since the wrench was measured [s]
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    wrench: np.ndarray | None = None
+    age: float = 0.0
+    wrench_age: float = 0.0
+
+
+class PositionLink(Protocol):
+    """
+    An arm that takes joint positions.
+
+    :ivar cycle: time between two commands [s]
+    """
+
+    cycle: float
+
+    def read(self) -> ServoState | None:
+        """The newest state; None if there was none yet."""
+
+    def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Send a command: where the joints are to be now [rad], and their velocities [rad/s]."""
+
+
+class ServoDelay:
+    """
+    The time by which an arm is behind its commands, from how it follows them.
+
+    That which makes the positions most like the commands so long before.
+
+    :ivar value: [s]
+    """
+
+    def __init__(self, first: float, longest: float, dt: float):
+        """
+        Begin.
+
+        :param first: what is assumed until the arm has moved [s]
+        :param longest: that can be told [s]
+        :param dt: time between two commands [s]
+        """
+        self.value, self._dt = first, dt
+        lags = dt * np.arange(math.ceil(longest / dt) + 3)
+        self._errors = FIRST_WEIGHT * (lags - first) ** 2
+        self._sent: np.ndarray | None = None
+
+    def begin(self, position: np.ndarray) -> None:
+        """The arm rests [rad]."""
+        self._sent = np.tile(position, (len(self._errors), 1))
+
+    def behind(self, position: np.ndarray, sent: np.ndarray) -> np.ndarray:
+        """
+        Use a measured position; returns how far it is from where the commands lead [rad].
+
+        :param sent: the command that is valid now
+        """
+        past = self._sent
+        if past is None:
+            raise RuntimeError('begin comes first')
+        past[1:] = past[:-1].copy()
+        past[0] = sent
+        rate = (past[0] - past[1]) / self._dt
+        if float(rate @ rate) > LEAST_SPEED ** 2:
+            # At rest nothing is learned, and nothing forgotten.
+            self._errors *= math.exp(-self._dt / FORGETS_S)
+            self._errors += self._dt * ((past - position) ** 2).sum(axis=1)
+            self.value = self._dt * _lowest(self._errors)
+        lag = min(self.value / self._dt, len(past) - 1.001)
+        k, share = int(lag), lag % 1.0
+        return np.asarray(position - (1.0 - share) * past[k] - share * past[k + 1])
+
+
+def _lowest(values: np.ndarray) -> float:
+    """Index of the lowest value, between two of them: of a parabola through three."""
+    k = int(np.argmin(values))
+    if not 0 < k < len(values) - 1:
+        return float(k)
+    before, here, after = values[k - 1:k + 2].tolist()
+    bend = before - 2.0 * here + after
+    return k + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+
+
+@kernel
+def advance(position, velocity, inertia, jacobian, torque, wrench, twist, damping, dt):
+    """
+    Let the virtual arm move for ``dt`` seconds.
+
+    ``(M + dt Jᵀ D J) q̇' = M q̇ + dt (τ + Jᵀ (F + D v))``: implicit in the damping.
+
+    :param position: of its joints [rad], changed, as ``velocity`` [rad/s]
+    :param inertia: M, shape ``(n, n)``
+    :param jacobian: J of the tool, linear over angular, shape ``(6, n)``
+    :param torque: of the impedance law, without weight and Coriolis torque [Nm]
+    :param wrench: F, external, at the tool [N, Nm]
+    :param twist: v of the reference of the tool [m/s, rad/s]
+    :param damping: linear and angular [Ns/m, Nms/rad]
+    """
+    n = position.size
+    matrix, lower, inverse = local_numbers(n * n), local_numbers(n * n), local_numbers(n * n)
+    right, half = local_numbers(n), local_numbers(n)
+    for i in range(n):
+        right[i] = dt * torque[i]
+        for k in range(6):
+            share = damping[0] if k < 3 else damping[1]
+            right[i] += dt * jacobian[k, i] * (wrench[k] + share * twist[k])
+        for j in range(n):
+            matrix[i * n + j] = inertia[i, j]
+            right[i] += inertia[i, j] * velocity[j]
+            for k in range(6):
+                share = damping[0] if k < 3 else damping[1]
+                matrix[i * n + j] += dt * share * jacobian[k, i] * jacobian[k, j]
+    cholesky(n, matrix, lower)
+    invert_lower(n, lower, inverse)
+    for i in range(n):
+        half[i] = 0.0
+        for j in range(i + 1):
+            half[i] += inverse[i * n + j] * right[j]
+    for i in range(n):
+        velocity[i] = 0.0
+        for j in range(i, n):
+            velocity[i] += inverse[j * n + i] * half[j]
+        position[i] += dt * velocity[i]

@@ -1,0 +1,234 @@
+"""An arm that takes joint positions gives way to what a sensor at its wrist measures; lockstep."""
+import mujoco
+import numpy as np
+import pytest
+
+from gdmp_ros.control.admittance import AdmittanceSettings, DAMPING_SHARE, ServoState
+from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.sim.servo_arm import PositionLoop, ServoArm, ServoSettings
+from gdmp_ros.util.profiles import minimum_jerk
+
+CYCLE = 0.002
+#: Whole delays, of servo, lag and interpolation, are 8 and 36 ms.
+FAST, SLOW = ServoSettings(delay=0.0045), ServoSettings(delay=0.0325)
+#: Of the table.
+STIFFNESS_N_M, DAMPING_NS_M, DEPTH = 30_000.0, 20.0, 0.01
+
+
+class Trial:
+    """
+    A loop, and what touches the tool.
+
+    :ivar rows: pose of the tool (7), force of the table and wrench that was felt (6), per cycle
+    """
+
+    def __init__(self, settings=FAST, **admittance):
+        self.loop = PositionLoop(ServoArm('ur5e', settings),
+                                 admittance=AdmittanceSettings(**admittance))
+        self.servo, self.driver = self.loop.servo, self.loop.driver
+        self.table, self.hand, self.force, self.rows = None, np.zeros(3), 0.0, []
+        self.advance, self.servo.advance = self.servo.advance, self._advance
+
+    @property
+    def pose(self):
+        return self.servo.arm.site_pose('tcp')
+
+    def _advance(self):
+        arm, wrench = self.servo.arm, np.zeros(6)
+        wrench[:3] = self.hand
+        if self.table is not None:
+            jacobian = np.zeros((3, arm.model.nv))
+            mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, arm.data.site('tcp').id)
+            deep = self.table - self.pose[2]
+            self.force = (max(STIFFNESS_N_M * deep - DAMPING_NS_M * (jacobian @ arm.data.qvel)[2],
+                              0.0) if deep > 0.0 else 0.0)
+            wrench[2] += self.force
+        arm.push(wrench)
+        self.advance()
+
+    def follow(self, references):
+        begin = len(self.rows)
+        for reference in references:
+            self.loop.must_follow(reference)
+            self.loop.tick()
+            self.rows.append(np.concatenate([self.pose, [self.force], self.driver.wrench]))
+        assert self.driver.controlled
+        return np.array(self.rows[begin:])
+
+
+def resting(pose, stiffness, seconds):
+    references = np.array([resting_target(pose)] * round(seconds / CYCLE))
+    references[:, STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+    return references
+
+
+def circle(pose, stiffness, seconds=4.0, radius=0.08):
+    references = resting(pose, stiffness, seconds)
+    angle = 2.0 * np.pi * minimum_jerk(np.linspace(0.0, 1.0, len(references)))
+    rate = np.gradient(angle, CYCLE)
+    references[:, POSE] += radius * (np.cos(angle) - 1.0)
+    references[:, POSE + 1] += radius * np.sin(angle)
+    references[:, TWIST] = -radius * np.sin(angle) * rate
+    references[:, TWIST + 1] = radius * np.cos(angle) * rate
+    references[:, ACCELERATION:ACCELERATION + 2] = np.gradient(
+        references[:, TWIST:TWIST + 2], CYCLE, axis=0)
+    return references
+
+
+@pytest.mark.parametrize('stiffness', [300.0, 800.0])
+@pytest.mark.parametrize('settings', [FAST, SLOW], ids=['8 ms', '36 ms'])
+def test_in_free_space_it_is_where_its_reference_is(settings, stiffness):
+    trial = Trial(settings)
+    references = circle(trial.pose, stiffness)
+    rows = trial.follow(references)
+    errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
+    assert np.sqrt((errors ** 2).mean()) < 1e-3
+    # The whole delay is measured while it moves.
+    assert trial.driver.delay.value == pytest.approx(settings.delay + 0.0035, abs=1e-3)
+    # What hangs at the sensor, 0.76 kg, is no force of the world.
+    assert np.abs(rows[:, 8:10]).max() < 1.5
+
+
+@pytest.mark.parametrize(('settings', 'stiffness', 'speed'), [
+    (FAST, 300.0, 0.005), (FAST, 300.0, 0.05), (FAST, 800.0, 0.05), (SLOW, 300.0, 0.005),
+    (SLOW, 300.0, 0.01), (SLOW, 800.0, 0.01)])
+def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed):
+    trial = Trial(settings)
+    home = trial.pose
+    trial.table = home[2] - 0.03
+    references = resting(home, stiffness, 0.04 / speed + 1.5)
+    heights = home[2] - speed * CYCLE * np.arange(len(references))
+    references[:, POSE + 2] = np.maximum(heights, trial.table - DEPTH)
+    references[:, TWIST + 2] = np.gradient(references[:, POSE + 2], CYCLE)
+    forces = trial.follow(references)[:, 7]
+    damping = DAMPING_SHARE * STIFFNESS_N_M * trial.driver.delay.value
+    assert forces.max() < 1.4 * (stiffness * DEPTH + damping * speed)
+    if settings is FAST:
+        assert forces.max() < 35.0
+    later = forces[np.argmax(forces > 0.0) + round(0.5 / CYCLE):]
+    assert (later > 0.0).all()
+    expected = stiffness * DEPTH * STIFFNESS_N_M / (stiffness + STIFFNESS_N_M)
+    assert forces[-150:].mean() == pytest.approx(expected, rel=0.1)
+    assert trial.loop.controller.tank.energy > 0.0
+
+
+def test_without_its_damping_it_would_chatter(monkeypatch):
+    monkeypatch.setattr('gdmp_ros.sim.position_driver.DAMPING_SHARE', 0.0)
+    trial = Trial(FAST)
+    home = trial.pose
+    trial.table = home[2] - 0.001
+    down = resting(home, 300.0, 3.0)
+    down[:, POSE + 2] = np.maximum(home[2] - 0.005 * CYCLE * np.arange(len(down)),
+                                   trial.table - DEPTH)
+    forces = trial.follow(down)[:, 7]
+    assert (forces[-500:] == 0.0).mean() > 0.2
+
+
+def test_a_hand_moves_it_by_its_force_over_the_stiffness():
+    trial, stiffness = Trial(FAST), 300.0
+    home = trial.pose
+    trial.follow(resting(home, stiffness, 0.5))
+    trial.hand = np.array([0.0, 20.0, 0.0])
+    damping = DAMPING_SHARE * STIFFNESS_N_M * trial.driver.delay.value
+    rows = trial.follow(resting(home, stiffness, 3.0 * damping / stiffness))
+    assert rows[-1, 1] - home[1] == pytest.approx(20.0 / stiffness, rel=0.1)
+    trial.hand = np.zeros(3)
+    rows = trial.follow(resting(home, stiffness, 4.0 * damping / stiffness))
+    assert np.linalg.norm(rows[-1, :3] - home[:3]) < 2e-3
+
+
+def test_what_it_gives_to_the_world_comes_from_the_tank(rng):
+    """Pressed with a stiffness that varies: the books at the true port."""
+    trial = Trial(FAST)
+    home = trial.pose
+    trial.table = home[2] - 0.002
+    down = resting(home, 300.0, 2.0)
+    down[:, POSE + 2] -= np.minimum(0.005 * CYCLE * np.arange(len(down)), DEPTH)
+    last, given, power = home[2], 0.0, trial.loop.controller.tank.settings.recharge_power
+    before = trial.loop.controller.tank.energy
+    for part in range(20):
+        references = down if part == 0 else resting(down[-1, :7], rng.uniform(100.0, 1500.0), 0.2)
+        for row in trial.follow(references):
+            given += row[7] * (last - row[2])
+            last = row[2]
+            seconds = CYCLE * len(trial.rows)
+            assert given < before + power * seconds + 0.01
+    # It presses, and does not pump: as much as lies in the table.
+    assert given < 0.5 * 15.0 ** 2 / STIFFNESS_N_M + 0.05
+
+
+class Broken:
+    """A link whose states are changed."""
+
+    def __init__(self, servo):
+        self.servo, self.cycle, self.change, self.sent = servo, servo.cycle, lambda s: s, []
+
+    def read(self):
+        return self.change(self.servo.read())
+
+    def send(self, position, velocity):
+        self.sent.append(position.copy())
+        self.servo.send(position, velocity)
+
+
+def not_finite(state):
+    return state._replace(wrench=np.full(6, np.nan))
+
+
+def saturated(state):
+    return state._replace(wrench=np.array([0.0, 0.0, 101.0, 0.0, 0.0, 0.0]))
+
+
+def silent(state):
+    return state._replace(wrench_age=0.2)
+
+
+def gone(state):
+    return state._replace(age=0.3)
+
+
+def elsewhere(state):
+    return state._replace(position=state.position + [0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    (not_finite, 'the measured wrench is not finite'),
+    (saturated, 'the sensor is saturated: 101 N, its range is 100 N'),
+    (silent, 'no measured wrench for 0.2 s'), (gone, 'no measured joints for 0.3 s'),
+    (elsewhere, 'joint 3 is 0.2 rad from where its command leads')])
+def test_what_it_cannot_trust_stops_it_with_the_reason(change, reason):
+    trial = Trial(FAST)
+    link = trial.driver.link = Broken(trial.servo)
+    trial.follow(circle(trial.pose, 300.0)[:700])
+    link.change, states = change, trial.loop.states
+    for _ in range(200):
+        trial.loop.tick()
+    assert states.state is State.FAULT and reason in states.reason
+    # It brakes: neither a step, nor a jerk of the commands.
+    speed = np.diff(np.array(link.sent), axis=0) / CYCLE
+    assert np.abs(np.diff(speed, axis=0)).max() / CYCLE < 12.0
+    assert np.abs(speed[-50:]).max() == 0.0
+    link.change = lambda state: state
+    trial.loop.do(Request.RECOVER)
+    assert states.state is State.HOLDING
+    trial.loop.do(Request.ARM)
+    trial.follow(resting(trial.pose, 300.0, 0.5))
+
+
+def test_a_delay_that_its_damping_is_not_made_for_stops_it():
+    trial = Trial(ServoSettings(delay=0.08), servo_delay_max=0.05)
+    with pytest.raises(Exception, match='does not follow|FAULT|fault'):
+        trial.follow(circle(trial.pose, 300.0))
+    assert 'ms behind its commands, expected at most 50 ms' in trial.loop.states.reason
+
+
+def test_without_a_sensor_it_follows_stiffly():
+    trial = Trial(FAST)
+    read = trial.servo.read
+    trial.servo.read = lambda: ServoState(*read()[:2])
+    trial.hand = np.array([0.0, 20.0, 0.0])
+    references = circle(trial.pose, 300.0)
+    rows = trial.follow(references)
+    errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
+    assert np.sqrt((errors ** 2).mean()) < 1e-3
