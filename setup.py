@@ -54,6 +54,7 @@ setup(
         'franka_gripper = gdmp_ros.ros.arm.franka_gripper:main',
         'gdmp = gdmp_ros.cli.start:main',
         'panda_sim = gdmp_ros.ros.arm.simulated_arm:main',
+        'position_arm = gdmp_ros.ros.arm.position_arm:main',
         'take_recorder = gdmp_ros.ros.recorder.node:main',
         'trajectory_server = gdmp_ros.ros.server.node:main',
         'visualizer = gdmp_ros.ros.visualizer.node:main',

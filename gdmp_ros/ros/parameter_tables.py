@@ -24,6 +24,7 @@ NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'panda_sim': ('Simulated arm', arm_parameters.SIMULATION),
     'franka_arm': ('Franka Research 3', arm_parameters.FRANKA),
     'franka_gripper': ('Hand of a Franka', GRIPPER),
+    'position_arm': ('Arm that takes joint positions', arm_parameters.POSITION),
     'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
     'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),

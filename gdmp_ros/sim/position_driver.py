@@ -103,7 +103,7 @@ class PositionDriver:
         if state is None:
             return None
         if self._problem:
-            self._brake(state)
+            self._stand(state)
             return self._measure()
         problem = self._invalid(state)
         if not problem:
@@ -201,15 +201,18 @@ class PositionDriver:
         self._rate, self._sent = (position - self._sent) / self.dt, position
         self.link.send(position, self._velocity)
 
-    def _brake(self, state: ServoState) -> None:
-        """Come to rest; at rest, hold."""
+    def _stand(self, state: ServoState) -> None:
+        """Come to rest after a stop; then nothing is sent, and the arm is where it is."""
         velocity, left = self._stopping
+        if left == 0.0:
+            if not self._invalid(state):
+                self._hold(state)
+            return
         left = max(left - self.dt, 0.0)
         self._stopping = velocity, left
         self._velocity = velocity * left / STOP_S
         self._position = self._position + self.dt * self._velocity
-        if np.isfinite(state.position).all():
-            self._send(self._sent + self.dt * self._velocity)
+        self._send(self._sent + self.dt * self._velocity)
 
     def end(self) -> None:
         if not self._problem:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.adapter import Adapter
-from gdmp_ros.ros.arm import franka_arm, simulated_arm
+from gdmp_ros.ros.arm import franka_arm, position_arm, simulated_arm
 from gdmp_ros.ros.dds import using
 from gdmp_ros.ros.lifecycle import REPORT_S
 from gdmp_ros.ros.recorder.node import TakeRecorder
@@ -16,7 +16,8 @@ from gdmp_ros.util.processes import ros_arguments
 RECORD = 'gdmp_ros.ros.recorder.record'
 #: Nodes by the module that runs them as a process.
 NODES = {kind.__module__: kind for kind in (
-    Adapter, franka_arm.node, simulated_arm.node, TakeRecorder, TrajectoryServer, Visualizer)}
+    Adapter, franka_arm.node, position_arm.node, simulated_arm.node, TakeRecorder,
+    TrajectoryServer, Visualizer)}
 REPORT_NS = round(1e9 * REPORT_S)
 
 

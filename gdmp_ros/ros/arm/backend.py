@@ -20,6 +20,8 @@ class ArmBackend:
     :cvar name: of its node
     :cvar specs: parameters of its node
     :cvar guiding: what to do after hand guiding has begun
+    :cvar described: whether a driver of its own publishes the states of its joints, its
+        description and its links
     :ivar node: of the arm
     :ivar model: of the arm, with its tool; known after `open`
     """
@@ -27,6 +29,7 @@ class ArmBackend:
     name: ClassVar[str]
     specs: ClassVar[Sequence[Spec]]
     guiding: ClassVar[str] = 'only gravity is compensated: guide the arm by hand'
+    described: ClassVar[bool] = False
     node: ArmNode
     model: Arm
 

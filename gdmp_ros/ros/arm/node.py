@@ -103,7 +103,8 @@ class ArmNode(ManagedNode):
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
         self.state_out = StatePublisher(self, p.frame_id, self.joint_names,
-                                        p.visualization_rate_hz)
+                                        p.visualization_rate_hz,
+                                        '~/' if self.backend.described else '')
         self.describe()
         self.add_report(self._report)
 
@@ -311,7 +312,9 @@ class ArmNode(ManagedNode):
             motion.what if motion is not None and not motion.done else '')
 
     def describe(self) -> None:
-        """Publish the URDF for RViz, and the frames of its links."""
+        """Publish the URDF for RViz, and the frames of its links, unless others do."""
+        if self.backend.described:
+            return
         arm, p = self.backend.model, self.parameters
         try:
             text = urdf(arm, p.frame_id, p.joint_speed)

@@ -1,8 +1,10 @@
 """Parameters of arms, and of the simulated one."""
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.settings import (
     ContactSettings,
     ControllerSettings,
@@ -75,6 +77,27 @@ FRANKA = (
     *specs_of(FrankaSettings, 'configure'),
     Spec('publish_clock', False, "publish the robot's time on /clock, for a robot that is slower "
          'than real time: a server of its protocol on a small machine', changes='configure'),
+)
+#: An arm that takes joint positions.
+POSITION = (
+    *(replace(spec, default='base_link') if spec.name == 'frame_id' else spec for spec in ARM),
+    Spec('model', 'ur5e', 'model of the arm: ur5e, panda, fr3, MJCF file, menagerie:NAME or '
+         'robot_descriptions:NAME'),
+    Spec('tool_site', 'tcp', 'site of the model that is controlled'),
+    Spec('sensor_site', 'flange', 'site of the model with the frame of the measured wrench'),
+    Spec('rate_hz', 500, 'rate of the commands', 'Hz', 20, 1000, changes='configure'),
+    Spec('joint_states_topic', 'joint_states', 'sensor_msgs/JointState of the arm'),
+    Spec('wrench_topic', 'force_torque_sensor_broadcaster/wrench', 'geometry_msgs/WrenchStamped '
+         'that acts on the tool, with its weight; empty: there is no sensor'),
+    Spec('output', 'forward_position_controller', 'controller of the arm',
+         choices=('forward_position_controller', 'joint_trajectory_controller')),
+    Spec('command_topic', '', 'topic of the controller; empty: forward_position_controller/'
+         'commands or joint_trajectory_controller/joint_trajectory'),
+    Spec('joint_names', [''], 'joints in the order of the parameter of the controller; empty: as '
+         'in the model'),
+    Spec('horizon', 0.01, 'a trajectory leads to where the joints will be after this time: longer '
+         'than the period of rate_hz', 's', 0.001, 1.0),
+    *specs_of(AdmittanceSettings, 'configure'),
 )
 #: The hand of a Franka.
 GRIPPER = (

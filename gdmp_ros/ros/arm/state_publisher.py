@@ -44,13 +44,15 @@ class StatePublisher:
     :ivar others: gives positions of a gripper and of objects
     """
 
-    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], rate_hz: float):
+    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], rate_hz: float,
+                 prefix: str = ''):
         """
         Create the publishers.
 
         :param frame: ``frame_id`` of the states
         :param joints: names of the joints
         :param rate_hz: of messages for viewers
+        :param prefix: of ``joint_states``, which a driver of the arm may publish itself
         """
         self.states = node.add_publisher(RobotState, '~/state', DEEP)
 
@@ -66,7 +68,7 @@ class StatePublisher:
         self._pose = pose_stream(node, '~/measured_pose', frame)
         self._applied = stiffness_stream(node, '~/applied_stiffness')
         self._requested = stiffness_stream(node, '~/requested_stiffness')
-        self._joints = joints_stream(node, 'joint_states', joints)
+        self._joints = joints_stream(node, f'{prefix}joint_states', joints)
         self.tf = TfPublisher(node)
         self.numbers = np.zeros(ROBOT_STATE_FIXED + 3 * len(joints))
         self.written = np.zeros(4, dtype=np.int64)

@@ -1,0 +1,198 @@
+"""
+An arm that takes joint positions, behind ros2_control or a robot's own driver.
+
+It follows the same references as an arm with torques: an admittance answers to the wrench that a
+sensor at its wrist measures (`gdmp_ros.control.admittance`).
+"""
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from gdmp_ros.control.admittance import AdmittanceSettings, ServoState
+from gdmp_ros.data.bags import vector_numbers
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.realtime.loop import Loop, NS, periodic
+from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.ros.arm.backend import ArmBackend
+from gdmp_ros.ros.arm.node import ArmNode
+from gdmp_ros.ros.arm.parameters import POSITION
+from gdmp_ros.ros.middleware import deserialized
+from gdmp_ros.ros.parameters import settings_from
+from gdmp_ros.ros.running import run
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.position_driver import PositionDriver
+from gdmp_ros.util.names import indices_of
+
+#: Time in which the arm has to say where it is, and time between two looks [ns].
+FIRST_NS, LOOK_NS = 5 * NS, 10_000_000
+#: Ticks that are late pass as one, up to this many.
+MOST_LATE = 10
+
+
+class TopicLink:
+    """
+    The topics of an arm; see `gdmp_ros.control.admittance.PositionLink`.
+
+    :ivar cycle: time between two commands [s]
+    :ivar problem: why the last message could not be used; empty if it could
+    """
+
+    def __init__(self, node: ArmNode, names: list[str]):
+        """:param names: of the joints, as the model has them"""
+        p = node.parameters
+        self.cycle, self.problem = 1.0 / p.rate_hz, ''
+        self._clock, self._names = node.clock, names
+        self._joints = node.add_sensor(JointState, p.joint_states_topic)
+        self._wrenches = node.add_sensor(WrenchStamped, p.wrench_topic) if p.wrench_topic else None
+        self._state: ServoState | None = None
+        self._when = self._felt = node.clock.wall()
+        order = [name for name in p.joint_names if name] or names
+        self._order = indices_of(order, names, 'joint')
+        self._sent_names, self._horizon = order, p.horizon
+        self._trajectory = p.output == 'joint_trajectory_controller'
+        self._commands = node.add_publisher(
+            JointTrajectory if self._trajectory else Float64MultiArray,
+            p.command_topic or f'{p.output}/'
+            f'{"joint_trajectory" if self._trajectory else "commands"}', 1)
+
+    def read(self) -> ServoState | None:
+        """The newest state, and how old it is; None if there was none yet."""
+        received = self._joints.newest()
+        if received is not None:
+            try:
+                self._take(deserialized(received.data, JointState),
+                           received.arrived or self._clock.wall())
+                self.problem = ''
+            except GdmpError as error:
+                self.problem = f'{self._joints.topic}: {error}'
+        if self._wrenches is not None:
+            felt = self._wrenches.newest()
+            if felt is not None and self._state is not None:
+                wrench = deserialized(felt.data, WrenchStamped).wrench
+                self._felt = felt.arrived or self._clock.wall()
+                self._state = self._state._replace(
+                    wrench=np.array(vector_numbers(wrench.force, wrench.torque)))
+        if self._state is None:
+            return None
+        now = self._clock.wall()
+        return self._state._replace(age=(now - self._when) / NS,
+                                    wrench_age=(now - self._felt) / NS)
+
+    def _take(self, message: Any, arrived: int) -> None:
+        """Read a JointState; without velocities they are differences."""
+        chosen = indices_of(self._names, message.name, 'joint')
+        if len(message.position) != len(message.name):
+            raise DataError(f'{len(message.position)} positions for {len(message.name)} names')
+        position = np.array(message.position)[chosen]
+        last, wrench = self._state, None
+        velocity = np.zeros_like(position)
+        if len(message.velocity) == len(message.name):
+            velocity = np.array(message.velocity)[chosen]
+        elif last is not None and arrived > self._when:
+            velocity = (position - last.position) / ((arrived - self._when) / NS)
+        if last is not None:
+            wrench = last.wrench
+        elif self._wrenches is not None:
+            wrench = np.zeros(6)
+        self._state, self._when = ServoState(position, velocity, wrench), arrived
+
+    def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Send a command."""
+        if not self._trajectory:
+            self._commands.publish(Float64MultiArray(data=position[self._order].tolist()))
+            return
+        # A point that is to be reached at once is reached with a jerk.
+        ahead = position + self._horizon * velocity
+        point = JointTrajectoryPoint(positions=ahead[self._order].tolist(),
+                                     velocities=velocity[self._order].tolist())
+        ns = round(self._horizon * NS)
+        point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
+        self._commands.publish(JointTrajectory(joint_names=self._sent_names, points=[point]))
+
+
+class PositionArm(ArmBackend):
+    """An arm that takes joint positions."""
+
+    name, specs, described = 'position_arm', POSITION, True
+    guiding = 'only what the sensor measures moves the arm: guide it by hand'
+    driver: PositionDriver
+    link: TopicLink
+
+    def open(self) -> PositionDriver:
+        node, p = self.node, self.node.parameters
+        self.model = Arm(p.model, p.tool_site)
+        sensor = Arm(p.model, p.sensor_site).end_pose
+        self.link = TopicLink(node, list(self.model.names))
+        if not p.wrench_topic:
+            node.get_logger().warning(
+                'there is no sensor (wrench_topic): the arm follows stiffly, whatever the '
+                'stiffness of its references')
+        self._await()
+        self.driver = PositionDriver(self.model, self.link,
+                                     settings_from(p, AdmittanceSettings), sensor)
+        return self.driver
+
+    def _await(self) -> None:
+        """:raises DataError: if nothing tells where the arm is"""
+        clock, link = self.node.clock, self.link
+        latest = clock.now() + FIRST_NS
+        while link.read() is None:
+            if clock.now() > latest:
+                raise DataError(link.problem or 'no joint states have arrived on '
+                                f'{self.node.parameters.joint_states_topic}: is the arm on?')
+            clock.sleep_until(clock.now() + LOOK_NS)
+
+    def offer(self) -> None:
+        self.driver.use_memory(self.node.control.controller.memory)
+
+    def begin(self) -> None:
+        self._period_ns = round(self.link.cycle * NS)
+        self.node.lateness = LatenessRecorder(self._period_ns)
+        self._last = 0
+
+    def cycles(self) -> Loop:
+        return periodic(self._tick, self._period_ns, self.node.clock)
+
+    def _tick(self, deadline_ns: int, now_ns: int) -> None:
+        node, period = self.node, self._period_ns
+        node.lateness.add(deadline_ns, now_ns)
+        passed = (deadline_ns - self._last) // period if self._last else 1
+        self._last, self.driver.dt = deadline_ns, min(passed, MOST_LATE) * period / NS
+        stamp = node.clock.wall()
+        node.commands.carry_out()
+        measured = node.control.wait()
+        if measured is None:
+            return
+        node.commands.take_references(stamp)
+        tick = node.control.answer(measured)
+        node.state_out.publish(tick, stamp, node.commands.sequence)
+
+    def activity(self) -> str:
+        if self.link.problem:
+            self.node.get_logger().warning(self.link.problem, throttle_duration_sec=1.0)
+        return ''
+
+    def diagnosed(self) -> dict[str, Any]:
+        force = float(np.linalg.norm(self.driver.wrench[:3]))
+        return {'delay of the arm [ms]': f'{1e3 * self.driver.delay.value:.1f}',
+                'external force [N]': f'{force:.1f}'}
+
+
+def node() -> ArmNode:
+    """Return the node ``position_arm``."""
+    return ArmNode(PositionArm())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node ``position_arm``."""
+    return run([node], arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,119 @@
+"""The node of an arm that takes joint positions, with the topics of ros2_control; lockstep."""
+from gdmp_msgs.msg import ArmStatus
+import numpy as np
+import pytest
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from gdmp_ros import Demonstration, Skill
+from gdmp_ros.manifolds.poses import tool_manifold
+from gdmp_ros.ros import messages
+from gdmp_ros.util.profiles import minimum_jerk
+from test.ros.servo_robot import ServoRobot
+
+NAME, MODULE = 'position_arm', 'gdmp_ros.ros.arm.position_arm'
+POSE = tool_manifold(None)
+
+
+@pytest.fixture
+def arc(tmp_path):
+    """An arc of 0.2 m beside the home posture of the arm, in 3 s."""
+    times = np.linspace(0.0, 3.0, 300)
+    s = minimum_jerk(times / 3.0)
+    points = np.tile([0.4919, 0.1333, 0.3845, 0.0, -np.sqrt(0.5), np.sqrt(0.5), 0.0], (300, 1))
+    points[:, 0] -= 0.1 * np.sin(np.pi * s)
+    points[:, 1] -= 0.2 * s
+    Skill.learn(Demonstration(times, points, POSE)).save(tmp_path / 'arc.json')
+    return tmp_path / 'arc.json'
+
+
+def begin(nodes, arc, trajectory=False, **parameters):
+    """Robot, arm and server; the arm holds."""
+    robot = ServoRobot(nodes, trajectory=trajectory)
+    hand = robot.servo.hand
+    nodes.status = []
+    nodes.subscribe(ArmStatus, f'/{NAME}/status', nodes.status.append)
+    nodes.children.start_node(NAME, MODULE, {
+        'payload_mass': hand.mass, 'payload_center': list(hand.center),
+        'output': 'joint_trajectory_controller' if trajectory else 'forward_position_controller',
+        **parameters})
+    nodes.start_server(skill=str(arc), frame_id='base_link', reach_model='ur5e',
+                       measured_pose_topic=f'/{NAME}/measured_pose',
+                       arm_status_topic=f'/{NAME}/status')
+    nodes.wait_holding()
+    return robot
+
+
+@pytest.mark.parametrize('trajectory', [False, True], ids=['positions', 'trajectories'])
+def test_it_follows_a_skill(nodes, arc, trajectory):
+    robot = begin(nodes, arc, trajectory)
+    nodes.listen()
+    nodes.client.execute()
+    result = nodes.client.result(30.0)
+    assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
+    nodes.spend(0.5)
+    reference = messages.pose_numbers(nodes.references[-1].pose)
+    assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - reference[:3]) < 1e-3
+    assert reference[1] == pytest.approx(-0.0667, abs=1e-3)
+    # Without a request nothing was sent that moves it.
+    assert len(robot.commands) > 1000
+
+
+def test_a_hand_moves_it(nodes, arc):
+    robot = begin(nodes, arc)
+    before = robot.servo.arm.site_pose('tcp')
+    robot.push[:3] = [0.0, 20.0, 0.0]
+    nodes.spend(5.0)
+    moved = robot.servo.arm.site_pose('tcp')[1] - before[1]
+    assert 0.01 < moved < 0.2
+    robot.push[:] = 0.0
+    nodes.spend(8.0)
+    assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - before[:3]) < 3e-3
+
+
+@pytest.mark.parametrize(('what', 'reason'), [
+    ('silent', 'no measured joints for'), ('deaf', 'no measured wrench for')])
+def test_a_robot_that_says_nothing_any_more_is_left_alone_until_it_is_recovered(
+        nodes, arc, what, reason):
+    robot = begin(nodes, arc)
+    nodes.client.execute()
+    nodes.spend(1.5)
+    setattr(robot, what, True)
+    nodes.wait('the fault', lambda: nodes.status[-1].state == 'fault', 5.0)
+    assert reason in nodes.status[-1].reason
+    nodes.spend(0.5)
+    count = len(robot.commands)
+    nodes.spend(0.5)
+    assert len(robot.commands) == count
+    assert not nodes.call(Trigger, f'{NAME}/recover').success
+    setattr(robot, what, False)
+    nodes.spend(0.2)
+    at = robot.servo.arm.site_pose('tcp')
+    assert nodes.call(Trigger, f'{NAME}/recover').success
+    nodes.spend(1.0)
+    assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - at[:3]) < 1e-3
+    assert nodes.status[-1].state == 'holding'
+
+
+def test_without_joint_states_it_says_so(nodes):
+    nodes.children.start_node(NAME, MODULE, {'rate_hz': 250})
+    nodes.spend(6.0)
+    log = nodes.log(NAME)
+    assert 'no joint states have arrived on joint_states: is the arm on?' in log
+
+
+def test_without_a_sensor_it_says_so_once(nodes, arc):
+    begin(nodes, arc, wrench_topic='')
+    log = nodes.log(NAME)
+    assert log.count('there is no sensor (wrench_topic): the arm follows stiffly') == 1
+
+
+def test_the_order_of_the_joints_is_that_of_the_controller(nodes, arc):
+    robot = begin(nodes, arc)
+    home = np.array(robot.commands[-1].data)
+    nodes.children.stop(NAME)
+    order = robot.names[::-1]
+    nodes.children.start_node(NAME, MODULE, {'joint_names': order, 'command_topic': '/other'})
+    other = nodes.collect(Float64MultiArray, '/other')
+    nodes.wait('a command', lambda: bool(other), 10.0)
+    np.testing.assert_allclose(other[-1].data, home[::-1], atol=1e-3)
