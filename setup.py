@@ -55,6 +55,7 @@ setup(
         'gdmp = gdmp_ros.cli.start:main',
         'panda_sim = gdmp_ros.ros.arm.simulated_arm:main',
         'position_arm = gdmp_ros.ros.arm.position_arm:main',
+        'servo_sim = gdmp_ros.ros.arm.servo_sim:main',
         'take_recorder = gdmp_ros.ros.recorder.node:main',
         'trajectory_server = gdmp_ros.ros.server.node:main',
         'visualizer = gdmp_ros.ros.visualizer.node:main',

@@ -10,7 +10,7 @@ ENDS = ('rest', 'moving')
 #: Sources of the stiffness of a skill; see `gdmp_ros.data.recordings.with_stiffness`.
 STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 #: Arms that a command may start.
-ARMS = ('sim', 'franka')
+ARMS = ('sim', 'franka', 'ur5e')
 #: Storage plugins of rosbag2.
 STORAGES = ('mcap', 'sqlite3')
 #: Classes of the LASA handwriting data set.

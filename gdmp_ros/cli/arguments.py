@@ -257,8 +257,9 @@ def add_parallel(parser: argparse.ArgumentParser) -> None:
 def add_arm(parser: argparse.ArgumentParser) -> None:
     """Declare which arm is started; see `arm_choice`."""
     parser.add_argument('--arm', choices=ARMS, default='sim',
-                        help='sim: simulated Panda; franka: a Franka Research 3 '
-                             '(default %(default)s)')
+                        help='sim: simulated Panda; franka: a Franka Research 3; ur5e: a '
+                             'simulated UR5e that takes joint positions, with a sensor at its '
+                             'wrist (default %(default)s)')
     add_franka(parser)
     add_parameter_files(parser)
 

@@ -7,6 +7,9 @@ in an MCAP bag, and writes report.json and pictures.
 With --arm franka the same on a Franka Research 3, which first moves to its home posture: there
 must be room for it. It was tried over the protocol of the robot, not on hardware.
 
+With --arm ur5e the letter is followed by an arm that takes joint positions, with an admittance: a
+simulated one, behind the topics of ros2_control.
+
 examples:
   gdmp demo --out out/demo
   gdmp demo --task pick --out out/pick
@@ -14,6 +17,7 @@ examples:
   gdmp demo --task objects --out out/objects
   gdmp demo --task wipe --out out/wipe
   gdmp demo --task tray --out out/tray
+  gdmp demo --arm ur5e --out out/ur5e
   gdmp demo --arm franka --protocol-server --out out/franka
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """

@@ -19,6 +19,7 @@ import numpy as np
 
 from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.linalg import cholesky, invert_lower
+from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.util.settings import setting
 
 #: Damping of the tool, in units of contact stiffness times delay: below 1.5 it rings, above 2 it
@@ -146,6 +147,36 @@ def _lowest(values: np.ndarray) -> float:
     before, here, after = values[k - 1:k + 2].tolist()
     bend = before - 2.0 * here + after
     return k + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+
+
+@kernel
+def external_wrench(wrench, sensor, tool, site, center, carried, external):
+    """
+    Write the wrench of the environment at the tool, in the frame of the base.
+
+    :param wrench: measured, in the frame of the sensor
+    :param sensor: its pose in the frame of the base, as ``tool``, and ``site`` of the payload
+    :param center: of the payload, in the frame of the site [m]
+    :param carried: force that the payload exerts: weight and inertia [N], shape (3,)
+    """
+    at = local_numbers(3)
+    for first in (0, 3):
+        rotate(sensor[3:], wrench[first:first + 3], external[first:first + 3])
+    for i in range(3):
+        at[i] = sensor[i] - tool[i]
+    _add_moment(at, external, external[3:], 1.0)
+    rotate(site[3:], center, at)
+    for i in range(3):
+        at[i] += site[i] - tool[i]
+        external[i] -= carried[i]
+    _add_moment(at, carried, external[3:], -1.0)
+
+
+@kernel
+def _add_moment(arm, force, moment, sign):
+    moment[0] += sign * (arm[1] * force[2] - arm[2] * force[1])
+    moment[1] += sign * (arm[2] * force[0] - arm[0] * force[2])
+    moment[2] += sign * (arm[0] * force[1] - arm[1] * force[0])
 
 
 @kernel

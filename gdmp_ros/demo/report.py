@@ -76,7 +76,7 @@ def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm:
     goal = runs.goal_error(run, timeline.finished, switch.pose, switch.stiffness)
     return {
         'stream': _stream_figures(folder, run, timeline),
-        'arm_ticks': _arm_ticks(folder, timeline),
+        'arm_ticks': _arm_ticks(folder, timeline, arm.tick_ns),
         'tracking': _tracking_figures(run, began, timeline.finished),
         'goal_switch': {'at_s': (timeline.switched - began) * 1e-9,
                         'finished_s': (timeline.finished - began) * 1e-9,
@@ -100,12 +100,12 @@ def _stream_figures(folder: Path, run: runs.Run, timeline: Timeline) -> dict[str
             'scheduler': timeline.scheduler, 'cpu': timeline.cpu}
 
 
-def _arm_ticks(folder: Path, timeline: Timeline) -> dict[str, Any]:
+def _arm_ticks(folder: Path, timeline: Timeline, period_ns: int) -> dict[str, Any]:
     """Ticks of the arm, and deadlines without one, made up later or not."""
     ticks = window(folder, 'sim', timeline)
-    figures = punctuality_of(ticks, PERIOD_NS)
+    figures = punctuality_of(ticks, period_ns)
     return {'count': figures.ticks, 'lost': figures.missed,
-            'lost_in_a_row': int((np.diff(ticks[:, 0]) // PERIOD_NS - 1).max(initial=0)),
+            'lost_in_a_row': int((np.diff(ticks[:, 0]) // period_ns - 1).max(initial=0)),
             'lost_share': figures.missed / max(figures.ticks + figures.missed, 1)}
 
 

@@ -26,7 +26,6 @@ from gdmp_ros.util.files import write_json
 from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.view.films import render_to
 
-FRAME = 'panda_link0'
 #: Goal switch at mid-motion: change of position and orientation, and new stiffness.
 GOAL_STEP_M = np.array([0.03, -0.11, 0.04])
 GOAL_ROTATION_RAD = np.array([0.25, 0.2, 0.3])
@@ -49,7 +48,7 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     arm.check()
     _clear(folder)
     print(f'demonstrations: LASA {name}, recorded as rosbag2', flush=True)
-    bags = _record(folder, name)
+    bags = _record(folder, name, arm.frame)
     recording = recordings.read(bags[0])
     skill = Skill.learn(recording.demonstration)
     error = float(reproduction_error(skill, recording.demonstration)[0])
@@ -64,7 +63,7 @@ def run_demo(folder: Path, name: str, arm: ArmChoice) -> int:
     document['learning'] = {'mean_relative_error': error, 'demonstration': bags[0].name}
     write_json(folder / 'report.json', document)
     print('drawing', flush=True)
-    _draw(folder, run, timeline, document)
+    _draw(folder, run, timeline, document, arm.model)
     print_table(document)
     print(f'report, pictures and bag: {folder}')
     print(f'look at the run in a browser: gdmp studio {folder / "run"}')
@@ -84,11 +83,11 @@ def _clear(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _record(folder: Path, name: str) -> list[Path]:
+def _record(folder: Path, name: str, frame: str) -> list[Path]:
     demos = lasa.robot_demonstrations(name)
     bags = [folder / 'demonstrations' / f'{name}_{i + 1}' for i in range(len(demos))]
     for i, (bag, demonstration) in enumerate(zip(bags, demos)):
-        recordings.write(bag, demonstration, FRAME, recordings.EPOCH_NS + i * 60 * NS)
+        recordings.write(bag, demonstration, frame, recordings.EPOCH_NS + i * 60 * NS)
     return bags
 
 
@@ -144,7 +143,7 @@ def _execute(bed: NodeTestbed, switch: Switch) -> Timeline:
     bed.wait_progress(0.5)
     print('switching the goal of pose and stiffness', flush=True)
     switched = time.time_ns()
-    bed.client.goal_pose(switch.pose, FRAME)
+    bed.client.goal_pose(switch.pose, bed.arm.frame)
     bed.client.goal_stiffness(switch.stiffness)
     result = bed.client.result(60.0)
     finished = time.time_ns()
@@ -165,11 +164,12 @@ def _cpu_seconds(bed: NodeTestbed) -> dict[str, float]:
             for name, process in processes.items() if process in bed.children.processes}
 
 
-def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, Any]) -> None:
+def _draw(folder: Path, run: runs.Run, timeline: Timeline, document: dict[str, Any],
+          model: str) -> None:
     lateness = {'trajectory_server': window(folder, 'server', timeline)[:, 1] * 1e-3,
                 document['arm']: window(folder, 'sim', timeline)[:, 1] * 1e-3,
                 'bare sleeping loop': window(folder, 'bare', timeline)[:, 1] * 1e-3}
     draw(run, folder, document['goal_switch']['at_s'], timeline.finished, lateness)
-    missing = render_to(folder / 'arm.png', run.joints[-1], run.poses[::100, :3])
+    missing = render_to(folder / 'arm.png', run.joints[-1], run.poses[::100, :3], model)
     if missing:
         print(missing)

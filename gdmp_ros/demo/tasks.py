@@ -92,6 +92,9 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     """
     interrupt_on_sigterm()
     arm.check()
+    if arm.robots:
+        raise ParameterError(f'--task {task} is shown to arms with torques: with --arm '
+                             f'{arm.kind} only --task letter')
     folder.mkdir(parents=True, exist_ok=True)
     for name in ('takes', 'logs', 'run'):
         shutil.rmtree(folder / name, ignore_errors=True)

@@ -13,10 +13,12 @@ from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.franka.protocol_server import await_server, check_port, interpreter
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.servo_arm import ServoArm
 from gdmp_ros.util.optional_imports import extra
 from gdmp_ros.util.processes import ChildProcesses
 
 SIMULATED, FRANKA, FRANKA_GRIPPER = 'panda_sim', 'franka_arm', 'franka_gripper'
+POSITION, SERVO_SIM = 'position_arm', 'servo_sim'
 #: Distance from its goal at which a Franka counts as being there [m].
 FRANKA_TOLERANCE = 0.006
 #: Where the Franka hand has its tool, in the frame of the flange: the server of the protocol has
@@ -30,7 +32,7 @@ class ArmChoice:
     """
     An arm to start.
 
-    :ivar kind: ``sim`` or ``franka``
+    :ivar kind: ``sim``, ``franka``, or ``ur5e``: a simulated one that takes joint positions
     :ivar host: address of a Franka
     :ivar protocol_server: start a server of the protocol, instead of a robot
     :ivar parameter_files: of its node, such as one with its friction; the last one wins
@@ -44,12 +46,32 @@ class ArmChoice:
     @property
     def node(self) -> str:
         """Name of its node."""
-        return FRANKA if self.kind == 'franka' else SIMULATED
+        return {'franka': FRANKA, 'ur5e': POSITION}.get(self.kind, SIMULATED)
+
+    @property
+    def model(self) -> str:
+        """Model of it, as for ``panda_sim``."""
+        return {'franka': 'fr3', 'ur5e': 'ur5e'}.get(self.kind, '')
+
+    @property
+    def frame(self) -> str:
+        """Frame of its base."""
+        return 'base_link' if self.kind == 'ur5e' else 'panda_link0'
+
+    @property
+    def tick_ns(self) -> int:
+        """Time between two ticks of its node [ns]."""
+        return 2_000_000 if self.kind == 'ur5e' else 1_000_000
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Nodes that are started in place of a robot."""
+        return (SERVO_SIM,) if self.kind == 'ur5e' else ()
 
     @property
     def limits(self) -> JointLimits:
         """Limits of its joints."""
-        return Arm('fr3' if self.kind == 'franka' else '').limits
+        return Arm(self.model).limits
 
     def check(self) -> None:
         """
@@ -77,6 +99,11 @@ class ArmChoice:
 
     def parameters(self) -> dict[str, Any]:
         """Parameters of its node."""
+        if self.kind == 'ur5e':
+            # The hand hangs at the sensor.
+            hand = ServoArm(self.model).hand
+            return {'model': self.model, 'payload_mass': hand.mass,
+                    'payload_center': list(hand.center)}
         if self.kind != 'franka':
             return {}
         if self.protocol_server:
@@ -90,10 +117,13 @@ class ArmChoice:
     def server_parameters(self) -> dict[str, Any]:
         """Parameters of a trajectory server for it, in its namespace."""
         # Dry friction holds a Franka some millimetres from its goal, compensated or not.
-        franka = {'robot_position_tolerance': FRANKA_TOLERANCE, 'reach_model': 'fr3'}
-        return {'measured_pose_topic': f'{self.node}/measured_pose',
-                'arm_status_topic': f'{self.node}/status',
-                **(franka if self.kind == 'franka' else {})}
+        result: dict[str, Any] = {'measured_pose_topic': f'{self.node}/measured_pose',
+                                  'arm_status_topic': f'{self.node}/status'}
+        if self.kind == 'franka':
+            result['robot_position_tolerance'] = FRANKA_TOLERANCE
+        if self.kind == 'ur5e':
+            result['frame_id'] = self.frame
+        return {**result, 'reach_model': self.model} if self.model else result
 
     @contextmanager
     def robot(self, folder: Path, gripper: bool = False, hand: bool = False) -> Iterator[None]:

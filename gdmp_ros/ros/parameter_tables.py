@@ -12,6 +12,7 @@ import yaml
 
 from gdmp_ros.ros import adapter
 from gdmp_ros.ros.arm import parameters as arm_parameters
+from gdmp_ros.ros.arm import servo_sim
 from gdmp_ros.ros.arm.parameters import GRIPPER
 from gdmp_ros.ros.parameters import CHANGES, Spec
 from gdmp_ros.ros.recorder import node as take_recorder
@@ -25,6 +26,7 @@ NODES: dict[str, tuple[str, Sequence[Spec]]] = {
     'franka_arm': ('Franka Research 3', arm_parameters.FRANKA),
     'franka_gripper': ('Hand of a Franka', GRIPPER),
     'position_arm': ('Arm that takes joint positions', arm_parameters.POSITION),
+    'servo_sim': ('Simulated arm that takes joint positions', servo_sim.SPECS),
     'adapter': ('Adapter to other controllers', adapter.SPECS),
     'take_recorder': ('Recorder of takes', take_recorder.SPECS),
     'visualizer': ('Markers for RViz and Foxglove', visualizer.SPECS),

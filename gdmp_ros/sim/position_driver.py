@@ -10,6 +10,7 @@ from gdmp_ros.control.admittance import (
     AdmittanceSettings,
     advance,
     DAMPING_SHARE,
+    external_wrench,
     LEVER_M,
     PositionLink,
     ServoDelay,
@@ -17,10 +18,9 @@ from gdmp_ros.control.admittance import (
 )
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.arm_states import State
-from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.control.measurement import Measurement, Tick
 from gdmp_ros.control.memory import ArmMemory
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import tool_at, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
@@ -156,19 +156,17 @@ class PositionDriver:
         """Wrench of the environment at the tool, without what hangs at the sensor."""
         if state.wrench is None:
             return np.zeros(6)
+        # The tool is where its reference was a delay ago.
+        twists, mass = self._twists, self._payload.mass
+        carried = mass * GRAVITY
+        if mass and len(twists) > 1:
+            carried -= mass / self.dt * (twists[1] - twists[0])[:3]
+        result = np.empty(6)
         sensor, tool, site = (self.chain.pose_at(state.position, end)
                               for end in (self._sensor, self.end_pose, self._site))
-        force, torque, centre = np.empty(3), np.empty(3), np.empty(3)
-        rotate(sensor[3:], state.wrench[:3], force)
-        rotate(sensor[3:], state.wrench[3:], torque)
-        torque += np.cross(sensor[:3] - tool[:3], force)
-        rotate(site[3:], np.array(self._payload.center), centre)
-        # The tool is where its reference was a delay ago.
-        twists = self._twists
-        carried = self._payload.mass * (GRAVITY - (twists[1] - twists[0])[:3] / self.dt
-                                        if len(twists) > 1 else GRAVITY)
-        return np.concatenate([force - carried, torque - np.cross(
-            site[:3] + centre - tool[:3], carried)])
+        external_wrench(state.wrench, sensor, tool, site, np.array(self._payload.center), carried,
+                        result)
+        return result
 
     def _pay(self, state: ServoState) -> None:
         """
@@ -181,6 +179,18 @@ class PositionDriver:
             scalars, tank = self._memory.scalars, self._memory.tank
             scalars.energy = min(scalars.energy - self.dt * float(self.wrench @ ahead),
                                  tank.capacity)
+
+    def reported(self, tick: Tick) -> Tick:
+        """What happened in a tick, with the arm itself instead of the virtual one."""
+        state = self.link.read()
+        if state is None:
+            return tick
+        position, velocity = state.position, state.velocity
+        pose = self.chain.pose_at(position, self.end_pose)
+        return tick._replace(
+            twist=tick.measurement.jacobian @ velocity,
+            measurement=tick.measurement._replace(position=position, velocity=velocity,
+                                                  pose=pose))
 
     def command(self, torque: np.ndarray) -> None:
         measured = self._measured

@@ -5,6 +5,7 @@ from pathlib import Path
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.adapter import Adapter
 from gdmp_ros.ros.arm import franka_arm, position_arm, simulated_arm
+from gdmp_ros.ros.arm.servo_sim import ServoSim
 from gdmp_ros.ros.dds import using
 from gdmp_ros.ros.lifecycle import REPORT_S
 from gdmp_ros.ros.recorder.node import TakeRecorder
@@ -17,7 +18,7 @@ RECORD = 'gdmp_ros.ros.recorder.record'
 #: Nodes by the module that runs them as a process.
 NODES = {kind.__module__: kind for kind in (
     Adapter, franka_arm.node, position_arm.node, simulated_arm.node, TakeRecorder,
-    TrajectoryServer, Visualizer)}
+    ServoSim, TrajectoryServer, Visualizer)}
 REPORT_NS = round(1e9 * REPORT_S)
 
 

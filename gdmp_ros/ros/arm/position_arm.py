@@ -30,7 +30,7 @@ from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.names import indices_of
 
 #: Time in which the arm has to say where it is, and time between two looks [ns].
-FIRST_NS, LOOK_NS = 5 * NS, 10_000_000
+FIRST_NS, LOOK_NS = 15 * NS, 10_000_000
 #: Ticks that are late pass as one, up to this many.
 MOST_LATE = 10
 
@@ -170,7 +170,7 @@ class PositionArm(ArmBackend):
         if measured is None:
             return
         node.commands.take_references(stamp)
-        tick = node.control.answer(measured)
+        tick = self.driver.reported(node.control.answer(measured))
         node.state_out.publish(tick, stamp, node.commands.sequence)
 
     def activity(self) -> str:

@@ -12,7 +12,14 @@ from typing import Any, Self, TypeVar
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, FRANKA_GRIPPER, SIMULATED
+from gdmp_ros.ros.arm_choice import (
+    ArmChoice,
+    FRANKA,
+    FRANKA_GRIPPER,
+    POSITION,
+    SERVO_SIM,
+    SIMULATED,
+)
 from gdmp_ros.ros.clients.server_client import ServerClient, START_UP_S
 from gdmp_ros.util.dds_network import default_environment, Domain, locked
 from gdmp_ros.util.processes import ChildProcesses, stop_event
@@ -24,6 +31,8 @@ ARM, SERVER, RECORDER, TAKE_RECORDER = (SIMULATED, 'trajectory_server', 'recorde
 #: Modules of the nodes.
 MODULES = {ARM: 'gdmp_ros.ros.arm.simulated_arm', FRANKA: 'gdmp_ros.ros.arm.franka_arm',
            FRANKA_GRIPPER: 'gdmp_ros.ros.arm.franka_gripper',
+           POSITION: 'gdmp_ros.ros.arm.position_arm',
+           SERVO_SIM: 'gdmp_ros.ros.arm.servo_sim',
            SERVER: 'gdmp_ros.ros.server.node',
            TAKE_RECORDER: 'gdmp_ros.ros.recorder.node'}
 #: Opens a testbed: its class, and all arguments of that but ``environment``.
@@ -143,6 +152,8 @@ def start_arm(children: ChildProcesses, arm: ArmChoice, gripper: bool,
     elif gripper:
         children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                             {'host': arm.parameters()['host']})
+    for robot in arm.robots:
+        children.start_node(robot, MODULES[robot], {})
     children.start_node(arm.node, MODULES[arm.node], {**arm.parameters(), **parameters},
                         arm.arguments())
 
@@ -197,6 +208,8 @@ class NodeTestbed:
         :param extra: arguments after ``--ros-args``
         """
         name = self.arm.node
+        for robot in self.arm.robots:
+            self.children.start_node(robot, MODULES[robot], {}, (), prefix)
         self.children.start_node(name, MODULES[name], {**self.arm.parameters(), **parameters},
                                  [*self.arm.arguments(), *extra], prefix)
 
