@@ -10,16 +10,15 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
-from gdmp_ros.ros.lifecycle import ManagedNode
-from gdmp_ros.ros.messages import stamp_of
+from gdmp_ros.ros.lifecycle import check_subscribers, joints_stream, ManagedNode, Stream
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import run
+from gdmp_ros.ros.serialized import SerializedTemplate
 from gdmp_ros.sim.servo_arm import ServoArm, ServoSettings
 from gdmp_ros.util.names import indices_of
 
@@ -33,8 +32,10 @@ SPECS = (
          'it; 0: never', low=-1, high=99),
     *specs_of(ServoSettings, 'configure'),
 )
-#: Periods that are made up in one tick.
-MOST_LATE = 10
+#: Periods of the simulation in a tick, and that are made up in one.
+PERIODS, MOST_LATE = 2, 20
+#: Ticks between two looks for subscribers.
+LOOK_EVERY = 100
 
 
 class ServoSim(ManagedNode):
@@ -59,21 +60,26 @@ class ServoSim(ManagedNode):
         p = self.parameters
         self.servo = ServoArm(p.model, settings_from(p, ServoSettings))
         self._names = [f'{p.joint_prefix}{name}' for name in self.servo.arm.names]
-        self._states = self.add_publisher(JointState, 'joint_states', 10)
-        self._wrenches = self.add_publisher(WrenchStamped,
-                                            'force_torque_sensor_broadcaster/wrench', 10)
+        self._states = joints_stream(self, 'joint_states', self._names)
+        felt = WrenchStamped()
+        felt.header.frame_id = 'tool0'
+        self._wrenches = Stream(
+            self.add_publisher(WrenchStamped, 'force_torque_sensor_broadcaster/wrench', 10),
+            SerializedTemplate(felt, 6, _fill_wrench))
         kind, topic = ((JointTrajectory, 'joint_trajectory')
                        if p.output == 'joint_trajectory_controller'
                        else (Float64MultiArray, 'commands'))
         self._taken = self.add_subscription(kind, f'{p.output}/{topic}', None, 10)
         self.add_report(self._report)
         self._ticks, self._last, self._problem = 0, 0, ''
+        self._effort = np.zeros(len(self._names))
         p.locked = True
 
     def activate(self) -> None:
         priority = self.parameters.realtime_priority
         self._period = round(self.servo.arm.period * NS)
-        self._loop = self.clock.start(periodic(self._tick, self._period, self.clock), priority)
+        self._loop = self.clock.start(periodic(self._tick, PERIODS * self._period, self.clock),
+                                      priority)
         self.get_logger().info(f'waiting for commands on {self._taken.topic}')
 
     def deactivate(self) -> None:
@@ -96,12 +102,13 @@ class ServoSim(ManagedNode):
         # After an overrun: simulated time keeps up with wall time.
         periods = (deadline_ns - self._last) // self._period if self._last else 1
         self._last = deadline_ns
+        self.servo.arm.push(self.push)
         for _ in range(min(periods, MOST_LATE)):
-            self.servo.arm.push(self.push)
             self.servo.advance()
-            self._ticks += 1
-        if self._ticks % 2 == 0 or periods > 1:
-            self._say()
+        if self._ticks % LOOK_EVERY == 0:
+            check_subscribers(self._states, self._wrenches)
+        self._ticks += 1
+        self._say()
 
     def _position(self, message: Any) -> np.ndarray:
         """:raises DataError: unless it is a command for these joints"""
@@ -119,19 +126,13 @@ class ServoSim(ManagedNode):
         return position
 
     def _say(self) -> None:
-        state, stamp = self.servo.read(), stamp_of(self.clock.wall())
-        if 'joints' not in self.mute:
-            message = JointState(name=self._names, position=state.position.tolist(),
-                                 velocity=state.velocity.tolist())
-            message.header.stamp = stamp
-            self._states.publish(message)
-        if 'wrench' not in self.mute and state.wrench is not None:
-            felt = WrenchStamped()
-            felt.header.stamp, felt.header.frame_id = stamp, 'tool0'
-            for vector, numbers in ((felt.wrench.force, state.wrench[:3]),
-                                    (felt.wrench.torque, state.wrench[3:])):
-                vector.x, vector.y, vector.z = numbers.tolist()
-            self._wrenches.publish(felt)
+        state, stamp = self.servo.read(), self.clock.wall()
+        if self._states.has_subscribers and 'joints' not in self.mute:
+            self._states.publish(np.concatenate([state.position, state.velocity, self._effort]),
+                                 stamp)
+        if (self._wrenches.has_subscribers and 'wrench' not in self.mute
+                and state.wrench is not None):
+            self._wrenches.publish(state.wrench, stamp)
 
     def _report(self) -> None:
         if self._problem:
@@ -140,6 +141,12 @@ class ServoSim(ManagedNode):
         if self._loop is not None and self._loop.failure is not None:
             self.get_logger().error(f'the loop failed: {self._loop.failure!r}')
             self.trigger_deactivate()
+
+
+def _fill_wrench(message: WrenchStamped, numbers: np.ndarray) -> None:
+    wrench = message.wrench
+    for vector, part in ((wrench.force, numbers[:3]), (wrench.torque, numbers[3:])):
+        vector.x, vector.y, vector.z = part.tolist()
 
 
 def main(arguments: list[str] | None = None) -> int:
