@@ -66,6 +66,7 @@ class ServoState(NamedTuple):
         ``(6,)``; None without a sensor
     :ivar age: time since the joints were measured [s]
     :ivar wrench_age: time since the wrench was measured [s]
+    :ivar runs: whether the arm takes commands
     """
 
     position: np.ndarray
@@ -73,6 +74,7 @@ class ServoState(NamedTuple):
     wrench: np.ndarray | None = None
     age: float = 0.0
     wrench_age: float = 0.0
+    runs: bool = True
 
 
 class PositionLink(Protocol):

@@ -119,6 +119,8 @@ class PositionDriver:
     def _invalid(self, state: ServoState) -> str:
         """Why a state cannot be used; empty if it can."""
         limits = self.settings
+        if not state.runs:
+            return 'the arm does not take commands: its own program does not run'
         if not (np.isfinite(state.position).all() and np.isfinite(state.velocity).all()):
             return 'the measured joints are not finite'
         if state.age > limits.measured_timeout:

@@ -2,12 +2,13 @@
 from gdmp_msgs.msg import ArmStatus
 import numpy as np
 import pytest
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.middleware import latched
 from gdmp_ros.util.profiles import minimum_jerk
 
 NAME, MODULE, ROBOT = 'position_arm', 'gdmp_ros.ros.arm.position_arm', 'servo_sim'
@@ -94,6 +95,23 @@ def test_a_robot_that_says_nothing_any_more_is_left_alone_until_it_is_recovered(
     nodes.spend(1.0)
     assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - at[:3]) < 1e-3
     assert nodes.status[-1].state == 'holding'
+
+
+def test_an_arm_whose_program_has_stopped_takes_no_commands(nodes, arc):
+    program = nodes.participant.publisher(Bool, '/running', latched(1))
+    nodes._made.append(program)
+    program.publish(Bool(data=True))
+    robot = begin(nodes, arc, running_topic='/running')
+    program.publish(Bool(data=False))
+    nodes.wait('the fault', lambda: nodes.status[-1].state == 'fault', 5.0)
+    assert 'its own program does not run' in nodes.status[-1].reason
+    assert not nodes.call(Trigger, f'{NAME}/recover').success
+    program.publish(Bool(data=True))
+    nodes.spend(0.2)
+    assert nodes.call(Trigger, f'{NAME}/recover').success
+    count = robot.commands
+    nodes.spend(0.5)
+    assert robot.commands > count
 
 
 def test_without_joint_states_it_says_so(nodes):

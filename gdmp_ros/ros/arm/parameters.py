@@ -89,6 +89,8 @@ POSITION = (
     Spec('joint_states_topic', 'joint_states', 'sensor_msgs/JointState of the arm'),
     Spec('wrench_topic', 'force_torque_sensor_broadcaster/wrench', 'geometry_msgs/WrenchStamped '
          'that acts on the tool, with its weight; empty: there is no sensor'),
+    Spec('running_topic', '', 'std_msgs/Bool, false while the arm takes no commands, such as '
+         'io_and_status_controller/robot_program_running of a UR; empty: it always does'),
     Spec('output', 'forward_position_controller', 'controller of the arm',
          choices=('forward_position_controller', 'joint_trajectory_controller')),
     Spec('command_topic', '', 'topic of the controller; empty: forward_position_controller/'

@@ -11,7 +11,7 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from gdmp_ros.control.admittance import AdmittanceSettings, ServoState
@@ -50,6 +50,10 @@ class TopicLink:
         self._clock, self._names = node.clock, names
         self._joints = node.add_sensor(JointState, p.joint_states_topic)
         self._wrenches = node.add_sensor(WrenchStamped, p.wrench_topic) if p.wrench_topic else None
+        # A driver says it once.
+        self._running = (node.add_subscription(Bool, p.running_topic, None, late=True)
+                         if p.running_topic else None)
+        self._runs = True
         self._state: ServoState | None = None
         self._when = self._felt = node.clock.wall()
         order = [name for name in p.joint_names if name] or names
@@ -78,10 +82,13 @@ class TopicLink:
                 self._felt = felt.arrived or self._clock.wall()
                 self._state = self._state._replace(
                     wrench=np.array(vector_numbers(wrench.force, wrench.torque)))
+        said = None if self._running is None else self._running.newest_message()
+        if said is not None:
+            self._runs = said.data
         if self._state is None:
             return None
         now = self._clock.wall()
-        return self._state._replace(age=(now - self._when) / NS,
+        return self._state._replace(age=(now - self._when) / NS, runs=self._runs,
                                     wrench_age=(now - self._felt) / NS)
 
     def _take(self, message: Any, arrived: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
-from gdmp_ros.errors import GdmpError
+from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm_choice import (
     ArmChoice,
     FRANKA,
@@ -146,7 +146,10 @@ def start_arm(children: ChildProcesses, arm: ArmChoice, gripper: bool,
     :param gripper: whether it has one
     :param parameters: of the arm
     :param window: whether the simulation has a window
+    :raises ParameterError: if its gripper cannot move
     """
+    if gripper and arm.robots:
+        raise ParameterError(f'--arm {arm.kind}: the fingers of this arm do not move')
     if arm.kind == 'sim':
         parameters = {'headless': not window, 'gripper': gripper, **parameters}
     elif gripper:
