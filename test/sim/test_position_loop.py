@@ -5,6 +5,7 @@ import pytest
 
 from gdmp_ros.control.admittance import AdmittanceSettings, DAMPING_SHARE, ServoState
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
 from gdmp_ros.sim.servo_arm import PositionLoop, ServoArm, ServoSettings
 from gdmp_ros.util.profiles import minimum_jerk
@@ -232,3 +233,31 @@ def test_without_a_sensor_it_follows_stiffly():
     rows = trial.follow(references)
     errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 1e-3
+
+
+def test_it_does_what_other_arms_do():
+    trial = Trial(FAST)
+    loop, states = trial.loop, trial.loop.states
+    trial.follow(resting(trial.pose, 300.0, 0.3))
+    for request, seconds in ((Request.STOP, 0.6), (Request.GUIDE, 0.1)):
+        loop.do(request)
+        tick(loop, seconds)
+    assert states.state is State.GUIDED
+    before, trial.hand = trial.pose, np.array([0.0, 15.0, 0.0])
+    tick(loop, 2.0)
+    assert trial.pose[1] - before[1] > 0.03
+    before, trial.hand = trial.pose, np.zeros(3)
+    tick(loop, 1.0)
+    assert np.linalg.norm((trial.pose - before)[:3]) < 2e-3  # it stays where it was left
+    loop.do(Request.STOP)
+    tick(loop, 0.6)
+    goal = trial.servo.arm.data.qpos + [0.3, 0.0, 0.0, 0.0, -0.2, 0.0]
+    loop.do(Request.MOVE, PostureMotion(loop.joints, goal[None], 0.3))
+    tick(loop, 4.0)
+    assert states.state is State.HOLDING and not loop.joint_motion_problem
+    assert np.abs(trial.servo.arm.data.qpos - goal).max() < 1e-3
+
+
+def tick(loop, seconds):
+    for _ in range(round(seconds / CYCLE)):
+        loop.tick()
