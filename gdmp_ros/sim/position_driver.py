@@ -69,6 +69,7 @@ class PositionDriver:
         # Twists of the reference, until the arm has them.
         self._twists = [np.zeros(6)]
         self._stopping = np.zeros_like(self.friction), 0.0
+        self._state: ServoState | None = None
         self._measured: Measurement | None = None
 
     def use_memory(self, memory: ArmMemory) -> None:
@@ -99,7 +100,7 @@ class PositionDriver:
         self.delay.begin(state.position)
 
     def measure(self) -> Measurement | None:
-        state = self.link.read()
+        state = self._state = self.link.read()
         if state is None:
             return None
         if self._problem:
@@ -184,7 +185,7 @@ class PositionDriver:
 
     def reported(self, tick: Tick) -> Tick:
         """What happened in a tick, with the arm itself instead of the virtual one."""
-        state = self.link.read()
+        state = self._state
         if state is None:
             return tick
         position, velocity = state.position, state.velocity
