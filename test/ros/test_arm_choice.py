@@ -3,8 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, SIMULATED
+from gdmp_ros.demo.tasks import run_task, run_wiping
+from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, POSITION, SERVO_SIM, SIMULATED
+from gdmp_ros.ros.clients.testbed import start_arm
 
 
 def test_an_arm_has_its_node_and_parameters():
@@ -14,6 +16,21 @@ def test_an_arm_has_its_node_and_parameters():
     assert (simulated.node, real.node) == (SIMULATED, FRANKA)
     assert (simulated.parameters(), real.parameters()) == ({}, {'host': '172.16.0.2'})
     assert 'robot_position_tolerance' in real.server_parameters()
+
+
+def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it(tmp_path):
+    arm = ArmChoice('ur5e')
+    arm.check()
+    assert (arm.node, arm.robots, arm.frame) == (POSITION, (SERVO_SIM,), 'base_link')
+    assert len(arm.limits.torque) == 6
+    # What hangs at its sensor is known.
+    assert arm.parameters()['payload_mass'] == pytest.approx(0.76)
+    assert arm.server_parameters()['reach_model'] == 'ur5e'
+    for refused in (lambda: run_task('pick', tmp_path, arm), lambda: run_wiping(tmp_path, arm),
+                    lambda: start_arm(None, arm, True, {})):
+        with pytest.raises(ParameterError, match='--task|fingers of this arm do not move'):
+            refused()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('choice, reason', [
