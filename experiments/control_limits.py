@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from experiments import position_trial
 from experiments.energy_audit import Audit, potential
+from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
@@ -583,13 +585,38 @@ def hard_contact(plant: str, rng: np.random.Generator, count: int) -> list[Found
             Found('standard deviation of the force while sliding at 0.1 m/s [N]', spread, 4.0)]
 
 
+def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """An arm that takes positions, with a delay of 8 ms (clean) or 36 ms: free, table, hand."""
+    slow, depth = bool(PLANTS[plant]), position_trial.DEPTH
+    settings = position_trial.SLOW if slow else position_trial.FAST
+    speeds = (0.005, 0.01) if slow else (0.005, 0.05)
+    peak, away, apart, off = 0.0, 0, 0.0, 0.0
+    for stiffness in (300.0, 800.0):
+        trial = position_trial.Trial(settings)
+        references = position_trial.circle(trial.pose, stiffness)
+        errors = np.linalg.norm(trial.follow(references)[:, :3] - references[:, :3], axis=1)
+        off = max(off, float(np.sqrt(np.mean(errors ** 2))))
+        for speed in speeds:
+            trial = position_trial.Trial(settings)
+            forces = position_trial.press(trial, stiffness, speed)
+            damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay.value
+            peak = max(peak, forces.max() / (stiffness * depth + damping * speed))
+            away += position_trial.lost(forces)
+            rest = stiffness * depth * TABLE_STIFFNESS / (stiffness + TABLE_STIFFNESS)
+            apart = max(apart, abs(forces[-150:].mean() / rest - 1.0))
+    return [Found('position in free space, RMS [m]', off, 0.002),
+            Found('peak at first contact, over K e + D v', peak, 1.4),
+            Found('cycles without contact later than 0.5 s after the first touch', away, 0),
+            Found('mean force on the table, relative error', apart, 0.1)]
+
+
 #: By name: what is tried on a plant, with a generator and the number of draws of random cases.
 CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
     'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
     'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
     'plain-work': plain_work, 'foreign-masses': foreign_masses, 'less-friction': less_friction,
     'hard-contact': hard_contact, 'own-body': own_body, 'hand-guiding': hand_guiding,
-    'streams': streams, 'joint-streams': joint_streams}
+    'position-arm': position_arm, 'streams': streams, 'joint-streams': joint_streams}
 
 
 def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:

@@ -1,7 +1,8 @@
 """Try the control of an arm at its limits, on its model and on a robot that is not its model.
 
 Joints at their limits and walls, targets near and far, streams with wrong twists, settings that
-change at rest, speeds, the energy of plain work, the own body, hand guiding with a wrong payload.
+change at rest, speeds, the energy of plain work, the own body, hand guiding with a wrong payload,
+an arm that takes joint positions.
 The mechanical stops of the joints are taken away.
 
 examples:
