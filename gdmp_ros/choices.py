@@ -10,7 +10,8 @@ ENDS = ('rest', 'moving')
 #: Sources of the stiffness of a skill; see `gdmp_ros.data.recordings.with_stiffness`.
 STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
 #: Arms that a command may start.
-ARMS = ('sim', 'franka', 'ur5e')
+TORQUE_ARMS = ('sim', 'franka')
+ARMS = (*TORQUE_ARMS, 'ur5e')
 #: Storage plugins of rosbag2.
 STORAGES = ('mcap', 'sqlite3')
 #: Classes of the LASA handwriting data set.

@@ -20,7 +20,7 @@ import argparse
 import math
 import os
 
-from gdmp_ros.choices import ARMS
+from gdmp_ros.choices import TORQUE_ARMS
 from gdmp_ros.cli.arguments import (
     add_arm_node,
     add_franka,
@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_output(parser, 'YAML', 'parameters to write')
     add_arm_node(parser)
-    parser.add_argument('--arm', choices=ARMS, help='start this arm, instead of using a node')
+    parser.add_argument('--arm', choices=TORQUE_ARMS,
+                        help='start this arm, instead of using a node')
     add_franka(parser)
     add_parameter_files(parser)
     parser.add_argument('--set', action='store_true', help='set them in the running node, too')

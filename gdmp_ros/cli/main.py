@@ -32,6 +32,7 @@ GROUPS = {
         'home': 'move the joints of an arm to a posture',
         'arm urdf': 'write the URDF of an arm',
         'arm friction': "measure the friction of an arm's joints",
+        'arm tool': 'weigh the tool of an arm that takes joint positions',
         'doctor': 'check this machine, or compile the kernels',
     },
 }

@@ -49,6 +49,9 @@ class AdmittanceSettings:
     sensor_max: tuple[float, float] = setting(
         (100.0, 10.0), 'largest force and torque that the sensor can measure: with more in one '
         'direction the arm stops', 'N, Nm', 0.1, 10_000.0)
+    sensor_bias: tuple[float, float, float, float, float, float] = setting(
+        (0.0,) * 6, 'what the sensor measures without a load, in its frame', 'N, Nm', -1000.0,
+        1000.0)
     measured_timeout: float = setting(
         0.1, 'without measured joints, or a measured wrench, for this time the arm stops', 's',
         0.002, 1.0)

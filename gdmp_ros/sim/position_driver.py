@@ -167,8 +167,8 @@ class PositionDriver:
         result = np.empty(6)
         sensor, tool, site = (self.chain.pose_at(state.position, end)
                               for end in (self._sensor, self.end_pose, self._site))
-        external_wrench(state.wrench, sensor, tool, site, np.array(self._payload.center), carried,
-                        result)
+        external_wrench(state.wrench - self.settings.sensor_bias, sensor, tool, site,
+                        np.array(self._payload.center), carried, result)
         return result
 
     def _pay(self, state: ServoState) -> None:
