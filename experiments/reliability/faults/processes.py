@@ -169,7 +169,7 @@ def two_servers(trial: FaultTrial, quick: bool) -> TrialResult:
     outcome.claim('the arm reports it', 'more than one publisher of references (published by '
                   '/second_server, /trajectory_server)' in trial.log(ARM))
     outcome.claim('the servers report it', '2 nodes publish references' in trial.log(SERVER))
-    run = trial.finish(outcome, streams=2)
+    run = trial.finish(outcome)
     followed = run.applied[run.applied > 0].astype(np.int64)
     foreign = np.abs(followed - int(run.sequences[0])) > ONE_STREAM
     outcome.need('references of the second server that were followed', int(foreign.sum()),
