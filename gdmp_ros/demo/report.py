@@ -84,7 +84,7 @@ def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm:
                         'final_rotation_error_rad': goal.rotation,
                         'final_stiffness_distance': goal.stiffness, 'step_m': switch.step_m,
                         'step_rad': switch.step_rad, 'step_stiffness': switch.step_stiffness},
-        'arm': arm.node, 'limits': _limits(run, arm.limits), **_robot_figures(timeline, arm),
+        'arm': arm.node, 'limits': _limits(run, arm.limits, arm.tick_ns), **_robot_figures(timeline, arm),
         'environment': {'gdmp_ros': __version__, 'python': platform.python_version(),
                         'kernel': platform.release(), 'cpus': os.cpu_count(),
                         'numpy': np.__version__},
@@ -137,10 +137,10 @@ def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, flo
             'stiffness_rel_error': runs.stiffness_error(run, tracked)}
 
 
-def _limits(run: runs.Run, joints: JointLimits) -> dict[str, bool]:
+def _limits(run: runs.Run, joints: JointLimits, tick_ns: int) -> dict[str, bool]:
     figures = runs.limit_figures(run, joints)
     return {'torque_ok': figures.torque <= 1.0,
-            'torque_rate_ok': figures.torque_rate <= 1e-3 * LimitSettings().torque_slew + 1e-9,
+            'torque_rate_ok': figures.torque_rate <= 1e-9 * tick_ns * LimitSettings().torque_slew + 1e-9,
             'joint_ok': figures.joint_distance >= 0.0}
 
 

@@ -6,7 +6,14 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gdmp_msgs.msg import JointReference, Reference, RobotState, Tube
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovariance, Transform, TransformStamped
+from geometry_msgs.msg import (
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    Transform,
+    TransformStamped,
+    WrenchStamped,
+)
 from nav_msgs.msg import Path
 import numpy as np
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
@@ -163,6 +170,13 @@ def matrix_message(size: int) -> Float64MultiArray:
 def fill_matrix(message: Float64MultiArray, numbers: np.ndarray) -> None:
     """Write the entries of a matrix."""
     message.data = list(numbers)
+
+
+def fill_wrench(message: WrenchStamped, numbers: np.ndarray) -> None:
+    """Write a wrench [N, Nm], shape ``(6,)``."""
+    wrench = message.wrench
+    for vector, part in ((wrench.force, numbers[:3]), (wrench.torque, numbers[3:])):
+        vector.x, vector.y, vector.z = part.tolist()
 
 
 def fill_pose_stamped(message: PoseStamped, numbers: np.ndarray) -> None:

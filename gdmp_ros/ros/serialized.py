@@ -140,6 +140,76 @@ class SerializedTemplate:
         return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._positions])
 
 
+class AlikeReader:
+    """
+    Reads the numbers of serialised messages, quickly if only stamp and numbers have changed.
+
+    What else is in a message, such as names, is that of the last one that was different.
+    """
+
+    def __init__(self, kind: Any, numbers: Callable[[Any], Sequence[float]],
+                 fill: Callable[[Any, np.ndarray], None], parts: Callable[[Any], Sequence[Any]]):
+        """
+        Prepare.
+
+        :param kind: that begins with a header
+        :param numbers: of a message
+        :param fill: writes as many numbers to a message
+        :param parts: of a message behind its header, in their order: strings, integers (the
+            length of an array of strings) and arrays of numbers; without the last ones if these
+            are no arrays
+        """
+        self._kind, self._numbers, self._fill, self._parts = kind, numbers, fill, parts
+        self._template: SerializedTemplate | None = None
+        self._same: list[tuple[int, int, Buffer]] = []
+
+    def read(self, data: Buffer) -> tuple[np.ndarray, Any]:
+        """
+        Numbers of a message, and a message that is otherwise like it: None if as the last one.
+
+        :raises DataError: if it is not one of the kind
+        """
+        template = self._template
+        if template is not None and len(data) == template.size and all(
+                data[first:last] == part for first, last, part in self._same):
+            return template.numbers_of(data), None
+        message = deserialized(data, self._kind)
+        numbers = np.array(self._numbers(message), dtype=float)
+        self._learn(data, len(numbers))
+        return numbers, message
+
+    def _learn(self, data: Buffer, count: int) -> None:
+        """Know what is the same in messages like this one: all but the stamp and the numbers."""
+        self._template = None
+        if count == 0:
+            return
+        message = deserialized(data, self._kind)
+        ranges = _ranges(message, self._parts(message))
+        template = SerializedTemplate(message, count, self._fill)
+        if template.size == len(data):  # otherwise it was serialised in another way
+            self._same = [(first, last, data[first:last]) for first, last in ranges]
+            self._template = template
+
+
+def _ranges(message: Any, parts: Sequence[Any]) -> list[tuple[int, int]]:
+    """
+    Bytes of a serialised message that are neither stamp nor numbers, nor filled up.
+
+    What fills up to an alignment has any content.
+
+    :param parts: see `AlikeReader`
+    """
+    result, at = [(0, _HEADER)], _HEADER + 8
+    for part in (message.header.frame_id, *parts):
+        at += -(at - _HEADER) % 4
+        size = 4 + (len(part.encode()) + 1 if isinstance(part, str) else 0)
+        result.append((at, at + size))
+        at += size
+        if not isinstance(part, (str, int)) and len(part):
+            at += -(at - _HEADER) % 8 + 8 * len(part)
+    return result
+
+
 class ReceivedReference(NamedTuple):
     """
     A reference from a topic.

@@ -1,9 +1,10 @@
 """Templates of serialised messages, and readers of them."""
 from gdmp_msgs.msg import Reference, RobotState
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import TransformStamped, WrenchStamped
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.control.joint_target import resting_joints
@@ -14,6 +15,7 @@ from gdmp_ros.ros.messages import (
     fill_joint_reference,
     fill_reference,
     fill_robot_state,
+    fill_wrench,
     ROBOT_STATE_FIXED,
 )
 from gdmp_ros.ros.serialized import deserialized, ReferenceReader, SerializedTemplate
@@ -100,3 +102,58 @@ def test_all_stamps_of_a_message_are_replaced(rng):
     assert [(one.header.stamp.sec, one.header.stamp.nanosec) for one in read.transforms] == (
         [(7, 9)] * 3)
     assert [one.transform.translation.x for one in read.transforms] == numbers.tolist()
+
+
+def joint_state(names, position, velocity=(), effort=(), stamp=5):
+    message = JointState(name=list(names), position=list(position), velocity=list(velocity),
+                         effort=list(effort))
+    message.header.stamp.sec = stamp
+    return message
+
+
+def all_numbers(message):
+    return [*message.position, *message.velocity, *message.effort]
+
+
+def all_parts(message):
+    return [len(message.name), *message.name, message.position, message.velocity, message.effort]
+
+
+def fill_joints(message, numbers):
+    values = iter(numbers.tolist())
+    for field in ('position', 'velocity', 'effort'):
+        setattr(message, field, [next(values) for _ in getattr(message, field)])
+
+
+def test_messages_that_are_alike_are_read_quickly_and_others_as_what_they_are():
+    reader = serialized.AlikeReader(JointState, all_numbers, fill_joints, all_parts)
+    names = ['shoulder', 'elbow', 'wrist']
+    numbers = [0.1, -2.0, 3.0, 0.0, 0.0, 0.0]
+
+    def read(message):
+        return reader.read(serialize_message(message))
+    first, whole = read(joint_state(names, numbers[:3], numbers[3:]))
+    assert whole.name == names and first.tolist() == numbers
+    again, whole = read(joint_state(names, [1.0, 2.0, 4.0], [5.0, 6.0, 7.0], stamp=9))
+    assert whole is None and again.tolist() == [1.0, 2.0, 4.0, 5.0, 6.0, 7.0]
+    # As long, with other names, and with efforts instead of velocities.
+    for other in (joint_state(['shoulder', 'wrist', 'elbow'], numbers[:3], numbers[3:]),
+                  joint_state(names, numbers[:3], effort=numbers[3:])):
+        found, whole = read(other)
+        assert whole == other and found.tolist() == numbers
+    found, whole = read(joint_state([], []))
+    assert whole is not None and found.size == 0
+    with pytest.raises(DataError):
+        reader.read(serialize_message(joint_state(names, numbers[:3], numbers[3:]))[:30])
+
+
+def test_a_wrench_is_read_quickly():
+    message = WrenchStamped()
+    message.header.frame_id = 'tool0'
+    reader = serialized.AlikeReader(WrenchStamped, lambda one: [
+        one.wrench.force.x, one.wrench.force.y, one.wrench.force.z, one.wrench.torque.x,
+        one.wrench.torque.y, one.wrench.torque.z], fill_wrench, lambda _: [])
+    for k in range(3):
+        fill_wrench(message, np.arange(6.0) + k)
+        found, whole = reader.read(serialize_message(message))
+        assert found.tolist() == (np.arange(6.0) + k).tolist() and (whole is None) == (k > 0)

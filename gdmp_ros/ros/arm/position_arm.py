@@ -22,9 +22,10 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import POSITION
-from gdmp_ros.ros.middleware import deserialized
+from gdmp_ros.ros.messages import fill_wrench
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
+from gdmp_ros.ros.serialized import AlikeReader
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.names import indices_of
@@ -49,6 +50,11 @@ class TopicLink:
         self.cycle, self.problem = 1.0 / p.rate_hz, ''
         self._clock, self._names = node.clock, names
         self._joints = node.add_sensor(JointState, p.joint_states_topic)
+        self._states = AlikeReader(JointState, _numbers_of, _fill, _parts)
+        self._felt_reader = AlikeReader(WrenchStamped, lambda message: vector_numbers(
+            message.wrench.force, message.wrench.torque), fill_wrench, lambda _: [])
+        # Where the joints are among those of the last message.
+        self._chosen, self._count, self._has_velocity = np.empty(0, dtype=int), 0, False
         self._wrenches = node.add_sensor(WrenchStamped, p.wrench_topic) if p.wrench_topic else None
         # A driver says it once.
         self._running = (node.add_subscription(Bool, p.running_topic, None, late=True)
@@ -70,18 +76,15 @@ class TopicLink:
         received = self._joints.newest()
         if received is not None:
             try:
-                self._take(deserialized(received.data, JointState),
-                           received.arrived or self._clock.wall())
+                self._take(received.data, received.arrived or self._clock.wall())
                 self.problem = ''
             except GdmpError as error:
                 self.problem = f'{self._joints.topic}: {error}'
         if self._wrenches is not None:
             felt = self._wrenches.newest()
             if felt is not None and self._state is not None:
-                wrench = deserialized(felt.data, WrenchStamped).wrench
                 self._felt = felt.arrived or self._clock.wall()
-                self._state = self._state._replace(
-                    wrench=np.array(vector_numbers(wrench.force, wrench.torque)))
+                self._state = self._state._replace(wrench=self._felt_reader.read(felt.data)[0])
         said = None if self._running is None else self._running.newest_message()
         if said is not None:
             self._runs = said.data
@@ -91,16 +94,23 @@ class TopicLink:
         return self._state._replace(age=(now - self._when) / NS, runs=self._runs,
                                     wrench_age=(now - self._felt) / NS)
 
-    def _take(self, message: Any, arrived: int) -> None:
+    def _take(self, data: bytes, arrived: int) -> None:
         """Read a JointState; without velocities they are differences."""
-        chosen = indices_of(self._names, message.name, 'joint')
-        if len(message.position) != len(message.name):
-            raise DataError(f'{len(message.position)} positions for {len(message.name)} names')
-        position = np.array(message.position)[chosen]
+        numbers, message = self._states.read(data)
+        if message is not None:
+            self._chosen = np.array(indices_of(self._names, message.name, 'joint'))
+            self._count = len(message.name)
+            if len(message.position) != self._count:
+                self._chosen = np.empty(0, dtype=int)
+                raise DataError(f'{len(message.position)} positions for {self._count} names')
+            self._has_velocity = len(message.velocity) == self._count
+        if not self._chosen.size:
+            raise DataError('the numbers do not belong to the names')
+        position = numbers[self._chosen]
         last, wrench = self._state, None
         velocity = np.zeros_like(position)
-        if len(message.velocity) == len(message.name):
-            velocity = np.array(message.velocity)[chosen]
+        if self._has_velocity:
+            velocity = numbers[self._count + self._chosen]
         elif last is not None and arrived > self._when:
             velocity = (position - last.position) / ((arrived - self._when) / NS)
         if last is not None:
@@ -121,6 +131,20 @@ class TopicLink:
         ns = round(self._horizon * NS)
         point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
         self._commands.publish(JointTrajectory(joint_names=self._sent_names, points=[point]))
+
+
+def _numbers_of(message: JointState) -> list[float]:
+    return [*message.position, *message.velocity, *message.effort]
+
+
+def _parts(message: JointState) -> list[Any]:
+    return [len(message.name), *message.name, message.position, message.velocity, message.effort]
+
+
+def _fill(message: JointState, numbers: np.ndarray) -> None:
+    values = iter(numbers.tolist())
+    for field in ('position', 'velocity', 'effort'):
+        setattr(message, field, [next(values) for _ in getattr(message, field)])
 
 
 class PositionArm(ArmBackend):

@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
 from gdmp_ros.ros.lifecycle import check_subscribers, joints_stream, ManagedNode, Stream
+from gdmp_ros.ros.messages import fill_wrench
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.serialized import SerializedTemplate
@@ -65,7 +66,7 @@ class ServoSim(ManagedNode):
         felt.header.frame_id = 'tool0'
         self._wrenches = Stream(
             self.add_publisher(WrenchStamped, 'force_torque_sensor_broadcaster/wrench', 10),
-            SerializedTemplate(felt, 6, _fill_wrench))
+            SerializedTemplate(felt, 6, fill_wrench))
         kind, topic = ((JointTrajectory, 'joint_trajectory')
                        if p.output == 'joint_trajectory_controller'
                        else (Float64MultiArray, 'commands'))
@@ -141,12 +142,6 @@ class ServoSim(ManagedNode):
         if self._loop is not None and self._loop.failure is not None:
             self.get_logger().error(f'the loop failed: {self._loop.failure!r}')
             self.trigger_deactivate()
-
-
-def _fill_wrench(message: WrenchStamped, numbers: np.ndarray) -> None:
-    wrench = message.wrench
-    for vector, part in ((wrench.force, numbers[:3]), (wrench.torque, numbers[3:])):
-        vector.x, vector.y, vector.z = part.tolist()
 
 
 def main(arguments: list[str] | None = None) -> int:
