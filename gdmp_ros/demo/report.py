@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from gdmp_ros import __version__
-from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import Run, tracking
@@ -84,7 +83,7 @@ def report(folder: Path, run: runs.Run, timeline: Timeline, switch: Switch, arm:
                         'final_rotation_error_rad': goal.rotation,
                         'final_stiffness_distance': goal.stiffness, 'step_m': switch.step_m,
                         'step_rad': switch.step_rad, 'step_stiffness': switch.step_stiffness},
-        'arm': arm.node, 'limits': _limits(run, arm.limits, arm.tick_ns), **_robot_figures(timeline, arm),
+        'arm': arm.node, 'limits': _limits(run, arm), **_robot_figures(timeline, arm),
         'environment': {'gdmp_ros': __version__, 'python': platform.python_version(),
                         'kernel': platform.release(), 'cpus': os.cpu_count(),
                         'numpy': np.__version__},
@@ -137,11 +136,13 @@ def _tracking_figures(run: runs.Run, began: int, finished: int) -> dict[str, flo
             'stiffness_rel_error': runs.stiffness_error(run, tracked)}
 
 
-def _limits(run: runs.Run, joints: JointLimits, tick_ns: int) -> dict[str, bool]:
-    figures = runs.limit_figures(run, joints)
-    return {'torque_ok': figures.torque <= 1.0,
-            'torque_rate_ok': figures.torque_rate <= 1e-9 * tick_ns * LimitSettings().torque_slew + 1e-9,
-            'joint_ok': figures.joint_distance >= 0.0}
+def _limits(run: runs.Run, arm: ArmChoice) -> dict[str, bool]:
+    figures = runs.limit_figures(run, arm.limits)
+    kept = {'torque_ok': figures.torque <= 1.0, 'joint_ok': figures.joint_distance >= 0.0}
+    if not arm.robots:  # of an arm that takes positions the torques are those of a virtual one
+        kept['torque_rate_ok'] = bool(
+            figures.torque_rate <= 1e-3 * LimitSettings().torque_slew + 1e-9)
+    return kept
 
 
 def print_table(document: dict[str, Any]) -> None:
