@@ -2,13 +2,14 @@
 from gdmp_msgs.msg import ArmStatus
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.middleware import latched
+from gdmp_ros.ros.middleware import latched, reliable
 from gdmp_ros.util.profiles import minimum_jerk
 
 NAME, MODULE, ROBOT = 'position_arm', 'gdmp_ros.ros.arm.position_arm', 'servo_sim'
@@ -95,6 +96,24 @@ def test_a_robot_that_says_nothing_any_more_is_left_alone_until_it_is_recovered(
     nodes.spend(1.0)
     assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - at[:3]) < 1e-3
     assert nodes.status[-1].state == 'holding'
+
+
+def test_the_joints_of_others_on_the_same_topic_do_not_matter(nodes, arc):
+    others = nodes.participant.publisher(JointState, '/joint_states', reliable(10))
+    nodes._made.append(others)
+    robot = begin(nodes, arc)
+    wrong = [name.replace('joint', 'other') for name in robot.servo.arm.names]
+
+    def speak():
+        others.publish(JointState(name=['finger'], position=[0.02]))
+        # As long as those of the arm.
+        others.publish(JointState(name=[f'left_{name}' for name in wrong], position=[9.0] * 6,
+                                  velocity=[0.0] * 6, effort=[0.0] * 6))
+    nodes.every(0.011, speak)
+    nodes.client.execute()
+    result = nodes.client.result(30.0)
+    assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
+    assert nodes.status[-1].refused == 0
 
 
 def test_an_arm_whose_program_has_stopped_takes_no_commands(nodes, arc):

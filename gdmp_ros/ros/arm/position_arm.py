@@ -34,6 +34,8 @@ from gdmp_ros.util.names import indices_of
 FIRST_NS, LOOK_NS = 15 * NS, 10_000_000
 #: Ticks that are late pass as one, up to this many.
 MOST_LATE = 10
+#: Lengths of messages with joints that are known at once.
+MOST_LAYOUTS = 8
 
 
 class TopicLink:
@@ -50,11 +52,10 @@ class TopicLink:
         self.cycle, self.problem = 1.0 / p.rate_hz, ''
         self._clock, self._names = node.clock, names
         self._joints = node.add_sensor(JointState, p.joint_states_topic)
-        self._states = AlikeReader(JointState, _numbers_of, _fill, _parts)
+        # A gripper may say where its joints are on the same topic.
+        self._layouts: dict[int, _Layout] = {}
         self._felt_reader = AlikeReader(WrenchStamped, lambda message: vector_numbers(
             message.wrench.force, message.wrench.torque), fill_wrench, lambda _: [])
-        # Where the joints are among those of the last message.
-        self._chosen, self._count, self._has_velocity = np.empty(0, dtype=int), 0, False
         self._wrenches = node.add_sensor(WrenchStamped, p.wrench_topic) if p.wrench_topic else None
         # A driver says it once.
         self._running = (node.add_subscription(Bool, p.running_topic, None, late=True)
@@ -63,6 +64,9 @@ class TopicLink:
         self._state: ServoState | None = None
         self._when = self._felt = node.clock.wall()
         order = [name for name in p.joint_names if name] or names
+        if len(order) != len(names):
+            raise DataError(f'joint_names has {len(order)} names, expected {len(names)}: '
+                            f'{", ".join(names)}')
         self._order = indices_of(order, names, 'joint')
         self._sent_names, self._horizon = order, p.horizon
         self._trajectory = p.output == 'joint_trajectory_controller'
@@ -74,17 +78,18 @@ class TopicLink:
     def read(self) -> ServoState | None:
         """The newest state, and how old it is; None if there was none yet."""
         received = self._joints.newest()
-        if received is not None:
-            try:
+        felt = None if self._wrenches is None else self._wrenches.newest()
+        try:
+            if received is not None:
                 self._take(received.data, received.arrived or self._clock.wall())
                 self.problem = ''
-            except GdmpError as error:
-                self.problem = f'{self._joints.topic}: {error}'
-        if self._wrenches is not None:
-            felt = self._wrenches.newest()
             if felt is not None and self._state is not None:
-                self._felt = felt.arrived or self._clock.wall()
                 self._state = self._state._replace(wrench=self._felt_reader.read(felt.data)[0])
+                self._felt = felt.arrived or self._clock.wall()
+        except GdmpError as error:
+            # Others may use the topic, too; how old the state is is judged anyway.
+            if self._state is None:
+                self.problem = f'{self._joints.topic}: {error}'
         said = None if self._running is None else self._running.newest_message()
         if said is not None:
             self._runs = said.data
@@ -96,21 +101,15 @@ class TopicLink:
 
     def _take(self, data: bytes, arrived: int) -> None:
         """Read a JointState; without velocities they are differences."""
-        numbers, message = self._states.read(data)
-        if message is not None:
-            self._chosen = np.array(indices_of(self._names, message.name, 'joint'))
-            self._count = len(message.name)
-            if len(message.position) != self._count:
-                self._chosen = np.empty(0, dtype=int)
-                raise DataError(f'{len(message.position)} positions for {self._count} names')
-            self._has_velocity = len(message.velocity) == self._count
-        if not self._chosen.size:
-            raise DataError('the numbers do not belong to the names')
-        position = numbers[self._chosen]
+        if len(data) not in self._layouts:
+            if len(self._layouts) >= MOST_LAYOUTS:
+                self._layouts.clear()
+            self._layouts[len(data)] = _Layout(self._names)
+        position, found = self._layouts[len(data)].read(data)
         last, wrench = self._state, None
         velocity = np.zeros_like(position)
-        if self._has_velocity:
-            velocity = numbers[self._count + self._chosen]
+        if found is not None:
+            velocity = found
         elif last is not None and arrived > self._when:
             velocity = (position - last.position) / ((arrived - self._when) / NS)
         if last is not None:
@@ -145,6 +144,39 @@ def _fill(message: JointState, numbers: np.ndarray) -> None:
     values = iter(numbers.tolist())
     for field in ('position', 'velocity', 'effort'):
         setattr(message, field, [next(values) for _ in getattr(message, field)])
+
+
+class _Layout:
+    """Where the joints of an arm are in messages of one length."""
+
+    def __init__(self, names: list[str]):
+        self._names, self._problem = names, ''
+        self._reader = AlikeReader(JointState, _numbers_of, _fill, _parts)
+        self._chosen, self._count, self._has_velocity = np.empty(0, dtype=int), 0, False
+
+    def read(self, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
+        """
+        Positions of the joints, and their velocities if they are told.
+
+        :raises DataError: if the joints are not in the message
+        """
+        numbers, message = self._reader.read(data)
+        if message is not None:
+            self._learn(message)
+        if self._problem:
+            raise DataError(self._problem)
+        return (numbers[self._chosen],
+                numbers[self._count + self._chosen] if self._has_velocity else None)
+
+    def _learn(self, message: JointState) -> None:
+        self._count = len(message.name)
+        self._has_velocity = len(message.velocity) == self._count
+        self._problem = ('' if len(message.position) == self._count else
+                         f'{len(message.position)} positions for {self._count} names')
+        try:
+            self._chosen = np.array(indices_of(self._names, message.name, 'joint'))
+        except DataError as error:
+            self._problem = str(error)
 
 
 class PositionArm(ArmBackend):

@@ -116,8 +116,12 @@ class ServoSim(ManagedNode):
         if isinstance(message, Float64MultiArray):
             position = np.array(message.data)
         else:
-            (point,), names = message.points, message.joint_names
-            order = indices_of(self._names, names, 'joint')
+            names = message.joint_names
+            if len(message.points) != 1 or any(len(part) != len(names) for part in (
+                    message.points[0].positions, message.points[0].velocities)):
+                raise DataError(f'{self._taken.topic}: expected one point with a position and a '
+                                'velocity for each joint')
+            point, order = message.points[0], indices_of(self._names, names, 'joint')
             ahead = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
             # Where the spline of the controller is now, which goes on with this velocity.
             position = (np.array(point.positions) - ahead * np.array(point.velocities))[order]
