@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import copy
+import math
 
 import mujoco
 import numpy as np
@@ -122,21 +123,23 @@ class PositionDriver:
         limits = self.settings
         if not state.runs:
             return 'the arm does not take commands: its own program does not run'
-        if not (np.isfinite(state.position).all() and np.isfinite(state.velocity).all()):
+        # A sum is finite only if all of its parts are.
+        if not math.isfinite(state.position.sum() + state.velocity.sum()):
             return 'the measured joints are not finite'
         if state.age > limits.measured_timeout:
             return (f'no measured joints for {state.age:.2g} s, expected within '
                     f'{limits.measured_timeout:g} s (measured_timeout)')
         if state.wrench is None:
             return ''
-        if not np.isfinite(state.wrench).all():
+        if not math.isfinite(state.wrench.sum()):
             return 'the measured wrench is not finite'
         if state.wrench_age > limits.measured_timeout:
             return (f'no measured wrench for {state.wrench_age:.2g} s, expected within '
                     f'{limits.measured_timeout:g} s (measured_timeout)')
-        for part, most, what in ((state.wrench[:3], limits.sensor_max[0], 'N'),
-                                 (state.wrench[3:], limits.sensor_max[1], 'Nm')):
-            largest = float(np.abs(part).max())
+        sizes = [abs(part) for part in state.wrench.tolist()]
+        for part, most, what in ((sizes[:3], limits.sensor_max[0], 'N'),
+                                 (sizes[3:], limits.sensor_max[1], 'Nm')):
+            largest = max(part)
             if largest >= most:
                 return (f'the sensor is saturated: {largest:.3g} {what}, its range is '
                         f'{most:g} {what} (sensor_max)')

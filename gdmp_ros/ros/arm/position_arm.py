@@ -22,10 +22,11 @@ from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import POSITION
+from gdmp_ros.ros.lifecycle import Stream
 from gdmp_ros.ros.messages import fill_wrench
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
-from gdmp_ros.ros.serialized import AlikeReader
+from gdmp_ros.ros.serialized import AlikeReader, SerializedTemplate
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.names import indices_of
@@ -68,12 +69,9 @@ class TopicLink:
             raise DataError(f'joint_names has {len(order)} names, expected {len(names)}: '
                             f'{", ".join(names)}')
         self._order = indices_of(order, names, 'joint')
-        self._sent_names, self._horizon = order, p.horizon
-        self._trajectory = p.output == 'joint_trajectory_controller'
-        self._commands = node.add_publisher(
-            JointTrajectory if self._trajectory else Float64MultiArray,
-            p.command_topic or f'{p.output}/'
-            f'{"joint_trajectory" if self._trajectory else "commands"}', 1)
+        self._horizon = (p.horizon if p.output == 'joint_trajectory_controller' else 0.0)
+        self._commands = (_trajectories(node, p.command_topic, order, p.horizon) if self._horizon
+                          else _positions(node, p.command_topic, len(order)))
 
     def read(self) -> ServoState | None:
         """The newest state, and how old it is; None if there was none yet."""
@@ -120,16 +118,40 @@ class TopicLink:
 
     def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Send a command."""
-        if not self._trajectory:
-            self._commands.publish(Float64MultiArray(data=position[self._order].tolist()))
-            return
-        # A point that is to be reached at once is reached with a jerk.
-        ahead = position + self._horizon * velocity
-        point = JointTrajectoryPoint(positions=ahead[self._order].tolist(),
-                                     velocities=velocity[self._order].tolist())
-        ns = round(self._horizon * NS)
-        point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
-        self._commands.publish(JointTrajectory(joint_names=self._sent_names, points=[point]))
+        numbers = position[self._order]
+        if self._horizon:
+            # A point that is to be reached at once is reached with a jerk.
+            rates = velocity[self._order]
+            numbers = np.concatenate([numbers + self._horizon * rates, rates])
+        self._commands.publish(numbers)
+
+
+def _positions(node: ArmNode, topic: str, count: int) -> Stream:
+    """Commands of a ``forward_position_controller``."""
+    def fill(message: Float64MultiArray, numbers: np.ndarray) -> None:
+        message.data = numbers.tolist()
+    return Stream(node.add_publisher(Float64MultiArray,
+                                     topic or 'forward_position_controller/commands', 1),
+                  SerializedTemplate(Float64MultiArray(), count, fill))
+
+
+def _trajectories(node: ArmNode, topic: str, names: list[str], horizon: float) -> Stream:
+    """
+    Commands of a ``joint_trajectory_controller``: one point, with positions and velocities.
+
+    Their stamp is 0: a trajectory begins at once.
+    """
+    point, ns = JointTrajectoryPoint(), round(horizon * NS)
+    point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
+
+    def fill(message: JointTrajectory, numbers: np.ndarray) -> None:
+        half = len(names)
+        message.points[0].positions = numbers[:half].tolist()
+        message.points[0].velocities = numbers[half:].tolist()
+    return Stream(node.add_publisher(
+        JointTrajectory, topic or 'joint_trajectory_controller/joint_trajectory', 1),
+        SerializedTemplate(JointTrajectory(joint_names=names, points=[point]), 2 * len(names),
+                           fill, headers=[]))
 
 
 def _numbers_of(message: JointState) -> list[float]:
