@@ -329,7 +329,9 @@ class LimitFigures(NamedTuple):
 
 def limit_figures(run: Run, joints: JointLimits) -> LimitFigures:
     """Compare a run with the limits of the joints."""
-    neighbours = np.diff(run.state_stamps) < STATE_GAP_NS
+    # The recording may lack states: only those of two ticks in a row are compared.
+    neighbours = ((np.diff(run.state_stamps) < STATE_GAP_NS)
+                  & (np.diff(run.ticks.astype(np.int64)) == 1))
     rate = np.abs(np.diff(run.torques, axis=0))[neighbours]
     beyond = np.maximum(run.joints - joints.upper, joints.lower - run.joints)
     return LimitFigures(
