@@ -543,19 +543,16 @@ def less_friction(plant: str, rng: np.random.Generator, count: int) -> list[Foun
     return [Found('energy that came from nowhere [J]', worst, 0.01)]
 
 
-#: A hard table below the tool: distance [m], stiffness [N/m], damping [Ns/m], friction, and the
-#: speed of the tool at which half of the friction acts [m/s].
-TABLE, TABLE_STIFFNESS, TABLE_DAMPING, TABLE_FRICTION, CREEP = 0.03, 30_000.0, 20.0, 0.2, 0.005
+#: A hard table below the tool: distance [m], friction, and the speed of the tool at which half of
+#: the friction acts [m/s].
+TABLE, TABLE_FRICTION, CREEP = 0.03, 0.2, 0.005
 
 
 def _touch(arm: Arm, top: float) -> float:
     """Let a table push the tool that is in it; the force upwards [N]."""
-    jacobian = np.zeros((3, arm.model.nv))
-    site = arm.data.site('tcp')
-    mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, site.id)
-    velocity, deep, force = jacobian @ arm.data.qvel, top - site.xpos[2], np.zeros(6)
-    if deep > 0.0:
-        force[2] = max(TABLE_STIFFNESS * deep - TABLE_DAMPING * velocity[2], 0.0)
+    force = np.zeros(6)
+    force[2], velocity = position_trial.table_force(arm, top)
+    if force[2] > 0.0:
         along = velocity[:2]
         force[:2] = -TABLE_FRICTION * force[2] * along / (np.linalg.norm(along) + CREEP)
     arm.push(force)
@@ -586,8 +583,9 @@ def hard_contact(plant: str, rng: np.random.Generator, count: int) -> list[Found
 
 
 def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
-    """An arm that takes positions, with a delay of 8 ms (clean) or 36 ms: free, table, hand."""
+    """An arm that takes positions, with a delay of 8 ms (clean) or 36 ms: free, and on a table."""
     slow, depth = bool(PLANTS[plant]), position_trial.DEPTH
+    hard = position_trial.TABLE_STIFFNESS
     settings = position_trial.SLOW if slow else position_trial.FAST
     speeds = (0.005, 0.01) if slow else (0.005, 0.05)
     peak, away, apart, off = 0.0, 0, 0.0, 0.0
@@ -599,10 +597,10 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
         for speed in speeds:
             trial = position_trial.Trial(settings)
             forces = position_trial.press(trial, stiffness, speed)
-            damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay.value
+            damping = DAMPING_SHARE * hard * trial.driver.delay.value
             peak = max(peak, forces.max() / (stiffness * depth + damping * speed))
             away += position_trial.lost(forces)
-            rest = stiffness * depth * TABLE_STIFFNESS / (stiffness + TABLE_STIFFNESS)
+            rest = stiffness * depth * hard / (stiffness + hard)
             apart = max(apart, abs(forces[-150:].mean() / rest - 1.0))
     return [Found('position in free space, RMS [m]', off, 0.002),
             Found('peak at first contact, over K e + D v', peak, 1.4),

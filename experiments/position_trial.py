@@ -8,6 +8,7 @@ from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.settings import ControllerSettings, TankSettings
 from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.servo_arm import PositionLoop, ServoArm, ServoSettings
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -16,6 +17,19 @@ CYCLE = 0.002
 FAST, SLOW = ServoSettings(delay=0.0055), ServoSettings(delay=0.0335)
 #: Of the table, and how deep below its top the references go [m].
 TABLE_STIFFNESS, TABLE_DAMPING, DEPTH = 30_000.0, 20.0, 0.01
+
+
+def table_force(arm: Arm, top: float) -> tuple[float, np.ndarray]:
+    """
+    Force of a hard table on a tool, upwards [N], and the velocity of the tool [m/s].
+
+    :param top: height of the table [m]
+    """
+    jacobian, site = np.zeros((3, arm.model.nv)), arm.data.site('tcp')
+    mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, site.id)
+    velocity, deep = jacobian @ arm.data.qvel, float(top - site.xpos[2])
+    force = TABLE_STIFFNESS * deep - TABLE_DAMPING * float(velocity[2])
+    return (max(force, 0.0) if deep > 0.0 else 0.0), velocity
 
 
 class Trial:
@@ -48,12 +62,7 @@ class Trial:
         arm, wrench = self.servo.arm, np.zeros(6)
         wrench[:3] = self.hand
         if self.table is not None:
-            jacobian = np.zeros((3, arm.model.nv))
-            mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, arm.data.site('tcp').id)
-            deep = self.table - self.pose[2]
-            speed = float((jacobian @ arm.data.qvel)[2])
-            self.force = (max(TABLE_STIFFNESS * deep - TABLE_DAMPING * speed, 0.0)
-                          if deep > 0.0 else 0.0)
+            self.force, _ = table_force(arm, self.table)
             wrench[2] += self.force
         arm.push(wrench)
         self._advance_servo()
@@ -75,25 +84,26 @@ class Trial:
         return np.array(rows)
 
 
-def resting(pose: np.ndarray, stiffness: float, seconds: float) -> np.ndarray:
+def resting(pose: np.ndarray, stiffness: float, seconds: float, cycle: float = CYCLE
+            ) -> np.ndarray:
     """References at rest; stiffness of the translation [N/m]."""
-    references = np.array([resting_target(pose)] * round(seconds / CYCLE))
+    references = np.array([resting_target(pose)] * round(seconds / cycle))
     references[:, STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
     return references
 
 
-def circle(pose: np.ndarray, stiffness: float, seconds: float = 4.0, radius: float = 0.08
-           ) -> np.ndarray:
+def circle(pose: np.ndarray, stiffness: float, seconds: float = 4.0, radius: float = 0.08,
+           cycle: float = CYCLE) -> np.ndarray:
     """References once around, from rest to rest."""
-    references = resting(pose, stiffness, seconds)
+    references = resting(pose, stiffness, seconds, cycle)
     angle = 2.0 * np.pi * minimum_jerk(np.linspace(0.0, 1.0, len(references)))
-    rate = np.gradient(angle, CYCLE)
+    rate = np.gradient(angle, cycle)
     references[:, POSE] += radius * (np.cos(angle) - 1.0)
     references[:, POSE + 1] += radius * np.sin(angle)
     references[:, TWIST] = -radius * np.sin(angle) * rate
     references[:, TWIST + 1] = radius * np.cos(angle) * rate
     references[:, ACCELERATION:ACCELERATION + 2] = np.gradient(
-        references[:, TWIST:TWIST + 2], CYCLE, axis=0)
+        references[:, TWIST:TWIST + 2], cycle, axis=0)
     return references
 
 

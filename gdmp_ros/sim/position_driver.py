@@ -65,11 +65,7 @@ class PositionDriver:
         self.end_pose, self._payload = self._site, Payload()
         self._memory: ArmMemory | None = None
         self._problem = 'it was not begun'
-        self._position, self._velocity = arm.home, np.zeros_like(self.friction)
-        self._sent, self._rate = arm.home, np.zeros_like(self.friction)
-        # Twists of the reference, until the arm has them.
-        self._twists = [np.zeros(6)]
-        self._stopping = np.zeros_like(self.friction), 0.0
+        self._hold(ServoState(arm.home, np.zeros_like(self.friction)))
         self._state: ServoState | None = None
         self._measured: Measurement | None = None
 
@@ -83,9 +79,11 @@ class PositionDriver:
 
     def begin(self) -> Measurement:
         state = self.link.read()
-        problem = 'the arm does not answer' if state is None else self._invalid(state)
-        if state is None or problem:
-            raise ArmStopped(problem, state is not None)
+        if state is None:
+            raise ArmStopped('the arm does not answer', False)
+        problem = self._invalid(state)
+        if problem:
+            raise ArmStopped(problem, True)
         self._hold(state)
         self._problem = ''
         self.wrench = self._external(state)
@@ -96,6 +94,7 @@ class PositionDriver:
         """Put the virtual arm to rest where the arm is."""
         self._position, self._velocity = state.position.copy(), np.zeros_like(state.position)
         self._sent, self._rate = self._position.copy(), self._velocity.copy()
+        # Twists of the reference, until the arm has them.
         self._twists = [np.zeros(6)]
         self._stopping = np.zeros_like(self._velocity), 0.0
         self.delay.begin(state.position)

@@ -46,14 +46,13 @@ class ServoArm:
     """
     The arm; see `gdmp_ros.control.admittance.PositionLink`.
 
-    :ivar model: its name
     :ivar arm: in the simulation
     :ivar cycle: time between two commands [s]
     """
 
     def __init__(self, model: str = 'ur5e', settings: ServoSettings | None = None):
         """Hold the home posture."""
-        self.model, self.settings = model, settings or ServoSettings()
+        self.settings = settings or ServoSettings()
         self.arm = Arm(model, extras=[add_wrist_sensor])
         self.cycle, self._left = self.settings.cycle, 0
         self._random = np.random.default_rng(0)
@@ -117,7 +116,7 @@ class PositionLoop(ArmControl):
                  admittance: AdmittanceSettings | None = None):
         """Hold the arm where it is."""
         self.servo = servo
-        driver = PositionDriver(Arm(servo.model), servo, admittance or AdmittanceSettings(),
+        driver = PositionDriver(servo.arm, servo, admittance or AdmittanceSettings(),
                                 servo.sensor)
         driver.carry(servo.hand)
         super().__init__(driver, settings)

@@ -11,6 +11,7 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.position_driver import GRAVITY
 from gdmp_ros.util.names import indices_of
 
 #: An arm rests if no joint moves further than this within this time [rad, s]; the beginning of
@@ -19,7 +20,6 @@ STILL_RAD, REST_S, SETTLES_S = 0.002, 1.0, 0.3
 #: Fewest postures, and the least spread of the direction of the weight: its smallest deviation
 #: from the mean along any axis, of a unit vector.
 FEWEST, LEAST_SPREAD = 4, 0.1
-GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 class ToolWeight(NamedTuple):

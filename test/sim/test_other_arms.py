@@ -5,15 +5,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.position_trial import circle
 from gdmp_ros import DataError
 from gdmp_ros.control.gripper import GripperCommand
-from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.control.target import POSE
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
 from gdmp_ros.sim.model_sources import load
-from gdmp_ros.util.profiles import minimum_jerk
 from test import urdf
 
 
@@ -140,17 +140,7 @@ def test_the_built_in_ur5e_is_where_denavit_and_hartenberg_say(rng):
 @pytest.mark.parametrize('stiffness', [300.0, 800.0])
 def test_the_ur5e_follows_a_circle_with_the_impedance_law(stiffness):
     loop = ClosedLoop(Arm('ur5e'))
-    begun, s = loop.arm.measure().pose, np.linspace(0.0, 1.0, 5000)
-    angle = 2.0 * np.pi * minimum_jerk(s)
-    rate = np.gradient(angle, 1e-3)
-    references = np.array([resting_target(begun)] * len(s))
-    references[:, POSE] += 0.08 * (np.cos(angle) - 1.0)
-    references[:, POSE + 1] += 0.08 * np.sin(angle)
-    references[:, TWIST] = -0.08 * np.sin(angle) * rate
-    references[:, TWIST + 1] = 0.08 * np.cos(angle) * rate
-    references[:, ACCELERATION:ACCELERATION + 2] = np.gradient(
-        references[:, TWIST:TWIST + 2], 1e-3, axis=0)
-    references[:, STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+    references = circle(loop.arm.measure().pose, stiffness, 5.0, cycle=1e-3)
     poses = loop.follow_all(references)
     errors = np.linalg.norm(poses[:, :3] - references[:, POSE:POSE + 3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 5e-4 and errors.max() < 1.5e-3
