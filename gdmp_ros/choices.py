@@ -9,7 +9,7 @@ FITS = ('output', 'forcing')
 ENDS = ('rest', 'moving')
 #: Sources of the stiffness of a skill; see `gdmp_ros.data.recordings.with_stiffness`.
 STIFFNESSES = ('auto', 'recorded', 'variance', 'none')
-#: Arms that a command may start.
+#: Arms that a command may start; the first ones take torques.
 TORQUE_ARMS = ('sim', 'franka')
 ARMS = (*TORQUE_ARMS, 'ur5e')
 #: Storage plugins of rosbag2.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import importlib.util
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.errors import DataError, ParameterError
@@ -25,6 +25,21 @@ FRANKA_TOLERANCE = 0.006
 #: no hand.
 HAND = {'tool_position': (0.0, 0.0, 0.1034),
         'tool_rotation': (0.9238795325112867, 0.0, 0.0, -0.3826834323650898)}
+
+
+class Kind(NamedTuple):
+    """What one kind of arm has; see the properties of `ArmChoice`."""
+
+    node: str
+    model: str = ''
+    frame: str = 'panda_link0'
+    tick_ns: int = 1_000_000
+    robots: tuple[str, ...] = ()
+
+
+#: By name (`gdmp_ros.choices.ARMS`).
+KINDS = {'sim': Kind(SIMULATED), 'franka': Kind(FRANKA, 'fr3'),
+         'ur5e': Kind(POSITION, 'ur5e', 'base_link', 2_000_000, (SERVO_SIM,))}
 
 
 @dataclass(frozen=True)
@@ -46,27 +61,27 @@ class ArmChoice:
     @property
     def node(self) -> str:
         """Name of its node."""
-        return {'franka': FRANKA, 'ur5e': POSITION}.get(self.kind, SIMULATED)
+        return KINDS[self.kind].node
 
     @property
     def model(self) -> str:
         """Model of it, as for ``panda_sim``."""
-        return {'franka': 'fr3', 'ur5e': 'ur5e'}.get(self.kind, '')
+        return KINDS[self.kind].model
 
     @property
     def frame(self) -> str:
         """Frame of its base."""
-        return 'base_link' if self.kind == 'ur5e' else 'panda_link0'
+        return KINDS[self.kind].frame
 
     @property
     def tick_ns(self) -> int:
         """Time between two ticks of its node [ns]."""
-        return 2_000_000 if self.kind == 'ur5e' else 1_000_000
+        return KINDS[self.kind].tick_ns
 
     @property
     def robots(self) -> tuple[str, ...]:
         """Nodes that are started in place of a robot."""
-        return (SERVO_SIM,) if self.kind == 'ur5e' else ()
+        return KINDS[self.kind].robots
 
     @property
     def limits(self) -> JointLimits:
