@@ -12,10 +12,6 @@ and the step of the virtual arm is implicit in this damping.
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
-from typing import NamedTuple, Protocol
-
-import numpy as np
 
 from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.linalg import cholesky, invert_lower
@@ -27,9 +23,6 @@ from gdmp_ros.util.settings import setting
 DAMPING_SHARE = 1.9
 #: Rotational damping is that of a force with this lever [m].
 LEVER_M = 0.1
-#: Time of motion in which an estimate of the delay forgets [s], what its first value weighs
-#: [rad²/s], and the speed of all joints from which it learns [rad/s].
-FORGETS_S, FIRST_WEIGHT, LEAST_SPEED = 1.0, 2e-4, 0.005
 
 
 @dataclass(frozen=True)
@@ -57,101 +50,6 @@ class AdmittanceSettings:
         0.002, 1.0)
     following_error: float = setting(
         0.1, 'largest distance of a joint from where its command leads', 'rad', 0.001, 1.0)
-
-
-class ServoState(NamedTuple):
-    """
-    What an arm that takes joint positions reports.
-
-    :ivar position: of the joints [rad], shape ``(n,)``
-    :ivar velocity: of the joints [rad/s], shape ``(n,)``
-    :ivar wrench: that acts on the sensor from the side of the tool, in its frame [N, Nm], shape
-        ``(6,)``; None without a sensor
-    :ivar age: time since the joints were measured [s]
-    :ivar wrench_age: time since the wrench was measured [s]
-    :ivar runs: whether the arm takes commands
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    wrench: np.ndarray | None = None
-    age: float = 0.0
-    wrench_age: float = 0.0
-    runs: bool = True
-
-
-class PositionLink(Protocol):
-    """
-    An arm that takes joint positions.
-
-    :ivar cycle: time between two commands [s]
-    """
-
-    cycle: float
-
-    def read(self) -> ServoState | None:
-        """The newest state; None if there was none yet."""
-
-    def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Send a command: where the joints are to be now [rad], and their velocities [rad/s]."""
-
-
-class ServoDelay:
-    """
-    The time by which an arm is behind its commands, from how it follows them.
-
-    That which makes the positions most like the commands so long before.
-
-    :ivar value: [s]
-    """
-
-    def __init__(self, first: float, longest: float, dt: float):
-        """
-        Begin.
-
-        :param first: what is assumed until the arm has moved [s]
-        :param longest: that can be told [s]
-        :param dt: time between two commands [s]
-        """
-        self.value, self._dt = first, dt
-        lags = dt * np.arange(math.ceil(longest / dt) + 3)
-        self._errors = FIRST_WEIGHT * (lags - first) ** 2
-        self._sent: np.ndarray | None = None
-
-    def begin(self, position: np.ndarray) -> None:
-        """The arm rests [rad]."""
-        self._sent = np.tile(position, (len(self._errors), 1))
-
-    def behind(self, position: np.ndarray, sent: np.ndarray) -> np.ndarray:
-        """
-        Use a measured position; returns how far it is from where the commands lead [rad].
-
-        :param sent: the command that is valid now
-        """
-        past = self._sent
-        if past is None:
-            raise RuntimeError('begin comes first')
-        past[1:] = past[:-1].copy()
-        past[0] = sent
-        rate = (past[0] - past[1]) / self._dt
-        if float(rate @ rate) > LEAST_SPEED ** 2:
-            # At rest nothing is learned, and nothing forgotten.
-            self._errors *= math.exp(-self._dt / FORGETS_S)
-            self._errors += self._dt * ((past - position) ** 2).sum(axis=1)
-            self.value = self._dt * _lowest(self._errors)
-        lag = min(self.value / self._dt, len(past) - 1.001)
-        k, share = int(lag), lag % 1.0
-        return np.asarray(position - (1.0 - share) * past[k] - share * past[k + 1])
-
-
-def _lowest(values: np.ndarray) -> float:
-    """Index of the lowest value, between two of them: of a parabola through three."""
-    k = int(np.argmin(values))
-    if not 0 < k < len(values) - 1:
-        return float(k)
-    before, here, after = values[k - 1:k + 2].tolist()
-    bend = before - 2.0 * here + after
-    return k + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
 
 
 @kernel

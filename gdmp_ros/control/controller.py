@@ -25,7 +25,7 @@ from gdmp_ros.control.stiffness import diagonal_bounds
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
-from gdmp_ros.control.weight import moments_of
+from gdmp_ros.control.weight import GRAVITY, moments_of
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.util.settings import numbers
@@ -36,7 +36,6 @@ FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 UNEXPLAINED_N = 3.0
 #: Friction of a guided arm beside the force that is unexplained.
 FRICTION_SHARE = 1.5
-GRAVITY = 9.81
 #: A reference is blocked that has made no way for this time [s].
 BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)

@@ -15,6 +15,8 @@ from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import kernel, local_matrix, local_zeros, noinline
 from gdmp_ros.manifolds.quaternion import rotate
 
+#: [m/s²].
+GRAVITY = 9.81
 #: Time constant with which other moments are taken over [s].
 CHANGE_S = 0.2
 

@@ -2,26 +2,31 @@
 from __future__ import annotations
 
 import copy
-import math
 
 import mujoco
 import numpy as np
 
-from gdmp_ros.control.admittance import (
-    AdmittanceSettings,
-    advance,
-    DAMPING_SHARE,
-    external_wrench,
-    LEVER_M,
-    PositionLink,
-    ServoDelay,
-    ServoState,
-)
+from gdmp_ros.control import memory
+from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.measurement import Measurement, Tick
-from gdmp_ros.control.memory import ArmMemory
+from gdmp_ros.control.servo import (
+    answer,
+    check,
+    feel,
+    pay,
+    PositionLink,
+    problem_of,
+    rest,
+    SCALARS,
+    servo_of,
+    ServoState,
+    take_state,
+    write_measured,
+)
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.kernels import records_at
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import tool_at, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
@@ -29,7 +34,6 @@ from gdmp_ros.sim.payload import Payload
 
 #: Time in which an arm comes to rest that has to stop [s].
 STOP_S = 0.15
-GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 class PositionDriver:
@@ -39,10 +43,10 @@ class PositionDriver:
     Its torques act on a virtual arm. Where that is, the arm is told to be.
 
     :ivar link: to the arm
-    :ivar settings: how it gives way
-    :ivar dt: time between two commands [s]
-    :ivar delay: by which it is behind its commands
-    :ivar wrench: external, at the tool, in the frame of the base [N, Nm]
+    :ivar servo: what is known of it
+    :ivar scalars: those of `servo`
+    :ivar known: model of the virtual arm
+    :ivar numbers: memory of the controller
     """
 
     taken = None
@@ -55,185 +59,124 @@ class PositionDriver:
         :param arm: its model, which is not moved
         :param sensor: pose of the frame of the measured wrench in the frame of the last joint
         """
-        self.link, self.settings, self.dt = link, settings, link.cycle
+        self.link = link
         self.joints, self.chain, self.body = arm.limits, arm.chain, arm.shape
         self.friction = np.zeros(len(self.joints.torque))
         self.known = _virtual(arm, settings.virtual_mass)
-        self.delay = ServoDelay(settings.servo_delay, settings.servo_delay_max, link.cycle)
-        self.wrench = np.zeros(6)
-        self._site, self._sensor = arm.end_pose, sensor
-        self.end_pose, self._payload = self._site, Payload()
-        self._memory: ArmMemory | None = None
+        self.servo = servo_of(arm.chain, arm.limits, settings, link.cycle)
+        self.scalars = records_at(self.servo.numbers, 0, 1, SCALARS)[0]
+        self.servo.ends[:] = sensor, arm.end_pose, arm.end_pose
+        # Without a controller there is no motion, and no tank.
+        self.numbers = memory.blank(len(self.joints.torque))
         self._problem = 'it was not begun'
-        self._hold(ServoState(arm.home, np.zeros_like(self.friction)))
-        self._state: ServoState | None = None
-        self._measured: Measurement | None = None
+        self._stopping = self.friction, 0.0
+        write_measured(self.servo, ServoState(arm.home, np.zeros_like(self.friction)))
+        self._hold()
 
-    def use_memory(self, memory: ArmMemory) -> None:
+    def use_memory(self, numbers: np.ndarray) -> None:
         """Know the memory of the controller: how its reference moves, and the energy tank."""
-        self._memory = memory
+        self.numbers = numbers
 
     @property
     def controlled(self) -> bool:
         return not self._problem
 
+    @property
+    def dt(self) -> float:
+        return float(self.scalars.dt)
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self.scalars.dt = dt
+
+    @property
+    def end_pose(self) -> np.ndarray:
+        return self.servo.ends[1]
+
+    @property
+    def delay(self) -> float:
+        """Time by which the arm is behind its commands [s]."""
+        return float(self.scalars.delay)
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """External, at the tool, in the frame of the base [N, Nm]."""
+        return self.servo.wrench
+
     def begin(self) -> Measurement:
         state = self.link.read()
         if state is None:
             raise ArmStopped('the arm does not answer', False)
-        problem = self._invalid(state)
+        write_measured(self.servo, state)
+        problem = problem_of(self.servo, check(self.servo))
         if problem:
             raise ArmStopped(problem, True)
-        self._hold(state)
+        self._hold()
         self._problem = ''
-        self.wrench = self._external(state)
-        self.link.send(self._position, self._velocity)
+        self._send()
         return self._measure()
 
-    def _hold(self, state: ServoState) -> None:
-        """Put the virtual arm to rest where the arm is."""
-        self._position, self._velocity = state.position.copy(), np.zeros_like(state.position)
-        self._sent, self._rate = self._position.copy(), self._velocity.copy()
-        # Twists of the reference, until the arm has them.
-        self._twists = [np.zeros(6)]
-        self._stopping = np.zeros_like(self._velocity), 0.0
-        self.delay.begin(state.position)
+    def _hold(self) -> None:
+        """Put the virtual arm to rest where the arm was measured."""
+        rest(self.servo)
+        feel(self.servo)
+        self._stopping = np.zeros_like(self.friction), 0.0
 
     def measure(self) -> Measurement | None:
-        state = self._state = self.link.read()
+        state = self.link.read()
         if state is None:
             return None
         if self._problem:
             self._stand(state)
             return self._measure()
-        problem = self._invalid(state)
-        if not problem:
-            problem = self._astray(self.delay.behind(state.position,
-                                                     self._sent + self.dt * self._rate))
-        if problem:
-            self._problem, self._stopping = problem, (self._velocity.copy(), STOP_S)
-            raise ArmStopped(problem, True)
-        self.wrench = self._external(state)
-        self._pay(state)
+        write_measured(self.servo, state)
+        code = take_state(self.servo)
+        if code:
+            raise self.stopped(code)
+        pay(self.servo, self.numbers)
         return self._measure()
 
-    def _invalid(self, state: ServoState) -> str:
-        """Why a state cannot be used; empty if it can."""
-        limits = self.settings
-        if not state.runs:
-            return 'the arm does not take commands: its own program does not run'
-        # A sum is finite only if all of its parts are.
-        if not math.isfinite(state.position.sum() + state.velocity.sum()):
-            return 'the measured joints are not finite'
-        if state.age > limits.measured_timeout:
-            return (f'no measured joints for {state.age:.2g} s, expected within '
-                    f'{limits.measured_timeout:g} s (measured_timeout)')
-        if state.wrench is None:
-            return ''
-        if not math.isfinite(state.wrench.sum()):
-            return 'the measured wrench is not finite'
-        if state.wrench_age > limits.measured_timeout:
-            return (f'no measured wrench for {state.wrench_age:.2g} s, expected within '
-                    f'{limits.measured_timeout:g} s (measured_timeout)')
-        sizes = [abs(part) for part in state.wrench.tolist()]
-        for part, most, what in ((sizes[:3], limits.sensor_max[0], 'N'),
-                                 (sizes[3:], limits.sensor_max[1], 'Nm')):
-            largest = max(part)
-            if largest >= most:
-                return (f'the sensor is saturated: {largest:.3g} {what}, its range is '
-                        f'{most:g} {what} (sensor_max)')
-        return ''
-
-    def _astray(self, behind: np.ndarray) -> str:
-        """Why an arm does not follow as it should; empty if it does."""
-        delay, limits = self.delay.value, self.settings
-        if delay > limits.servo_delay_max:
-            return (f'the arm is {1e3 * delay:.0f} ms behind its commands, expected at most '
-                    f'{1e3 * limits.servo_delay_max:g} ms (servo_delay_max)')
-        error = np.abs(behind)
-        joint = int(np.argmax(error))
-        if error[joint] > limits.following_error:
-            return (f'joint {joint + 1} is {error[joint]:.2g} rad from where its command leads, '
-                    f'expected at most {limits.following_error:g} rad (following_error)')
-        return ''
-
-    def _external(self, state: ServoState) -> np.ndarray:
-        """Wrench of the environment at the tool, without what hangs at the sensor."""
-        if state.wrench is None:
-            return np.zeros(6)
-        # The tool is where its reference was a delay ago.
-        twists, mass = self._twists, self._payload.mass
-        carried = mass * GRAVITY
-        if mass and len(twists) > 1:
-            carried -= mass / self.dt * (twists[1] - twists[0])[:3]
-        result = np.empty(6)
-        sensor, tool, site = (self.chain.pose_at(state.position, end)
-                              for end in (self._sensor, self.end_pose, self._site))
-        external_wrench(state.wrench - self.settings.sensor_bias, sensor, tool, site,
-                        np.array(self._payload.center), carried, result)
-        return result
-
-    def _pay(self, state: ServoState) -> None:
-        """
-        Let the tank pay what the arm gives to the world beyond what the virtual one gives.
-
-        The books of the law are those of the virtual arm; the real one is behind it.
-        """
-        if self._memory is not None and self._measured is not None:
-            ahead = self._measured.jacobian @ (self._velocity - state.velocity)
-            scalars, tank = self._memory.scalars, self._memory.tank
-            scalars.energy = min(scalars.energy - self.dt * float(self.wrench @ ahead),
-                                 tank.capacity)
+    def stopped(self, code: int) -> ArmStopped:
+        """Stop the arm, because `take_state` cannot use what was measured; returns why."""
+        self._problem = problem_of(self.servo, code)
+        self._stopping = self.servo.virtual[1].copy(), STOP_S
+        return ArmStopped(self._problem, True)
 
     def reported(self, tick: Tick) -> Tick:
         """What happened in a tick, with the arm itself instead of the virtual one."""
-        state = self._state
-        if state is None:
-            return tick
-        position, velocity = state.position, state.velocity
-        pose = self.chain.pose_at(position, self.end_pose)
+        position, velocity = self.servo.measured.copy()
         return tick._replace(
             twist=tick.measurement.jacobian @ velocity,
             measurement=tick.measurement._replace(position=position, velocity=velocity,
-                                                  pose=pose))
+                                                  pose=self.servo.pose.copy()))
 
     def command(self, torque: np.ndarray) -> None:
-        measured = self._measured
-        if measured is None:
-            raise RuntimeError('the arm was not measured')
-        delay, dt = self.delay.value, self.dt
-        rates = np.zeros_like(torque) if self._memory is None else self._memory.rates
-        twist = measured.jacobian @ rates
-        self._twists = [*self._twists, twist][-(max(round(delay / dt), 1) + 1):]
-        linear = DAMPING_SHARE * self.settings.contact_stiffness * delay
-        advance(self._position, self._velocity, measured.inertia, measured.jacobian,
-                torque - measured.bias, self.wrench, twist,
-                np.array([linear, LEVER_M ** 2 * linear]), dt)
-        # What is known of the motion is sent earlier.
-        self._send(np.clip(self._position + delay * rates, self.joints.lower, self.joints.upper))
+        answer(self.servo, self.numbers, torque)
+        self._send()
 
-    def _send(self, position: np.ndarray) -> None:
-        self._rate, self._sent = (position - self._sent) / self.dt, position
-        self.link.send(position, self._velocity)
+    def _send(self) -> None:
+        self.link.send(self.servo.command[0].copy(), self.servo.virtual[1].copy())
 
     def _stand(self, state: ServoState) -> None:
         """Come to rest after a stop; then nothing is sent, and the arm is where it is."""
-        velocity, left = self._stopping
+        servo, (velocity, left) = self.servo, self._stopping
+        write_measured(servo, state)
         if left == 0.0:
-            if not self._invalid(state):
-                self._hold(state)
+            if not check(servo):
+                self._hold()
             return
         left = max(left - self.dt, 0.0)
         self._stopping = velocity, left
-        self._velocity = velocity * left / STOP_S
-        self._position = self._position + self.dt * self._velocity
-        self._send(self._sent + self.dt * self._velocity)
+        servo.virtual[1] = servo.command[1] = velocity * left / STOP_S
+        for moved in servo.virtual, servo.command:
+            moved[0] += self.dt * servo.virtual[1]
+        self._send()
 
     def end(self) -> None:
         if not self._problem:
             self._problem = 'it was ended'
-            self._velocity = np.zeros_like(self._velocity)
-            self._send(self._sent)
+            self.servo.virtual[1] = self.servo.command[1] = 0.0
+            self._send()
 
     def recover(self) -> Measurement:
         return self.begin()
@@ -243,7 +186,7 @@ class PositionDriver:
 
     def use_tool(self, tool: ToolTransform) -> tuple[np.ndarray, np.ndarray]:
         before = self._measure().pose
-        self.end_pose = tool_at(self._site, tool)
+        self.servo.ends[1] = tool_at(self.servo.ends[2], tool)
         self.known.put_tool(tool)
         return before, self._measure().pose
 
@@ -254,15 +197,14 @@ class PositionDriver:
 
     def carry(self, payload: Payload) -> None:
         """Know what hangs at the sensor: its weight is not measured as a force."""
-        self._payload = payload
+        self.scalars.mass, self.servo.center[:] = payload.mass, payload.center
 
     def _measure(self) -> Measurement:
         """State of the virtual arm."""
-        position, velocity = self._position.copy(), self._velocity.copy()
+        position, velocity = self.servo.virtual.copy()
         self.known.look(position, velocity, self.dt)
         free = self.known.measurement(position, velocity, np.zeros_like(position))
-        self._measured = free._replace(external=free.jacobian.T @ self.wrench)
-        return self._measured
+        return free._replace(external=free.jacobian.T @ self.wrench)
 
 
 def _virtual(arm: Arm, mass: float) -> KnownModel:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gdmp_ros.control.admittance import AdmittanceSettings, ServoState
+from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.measurement import Tick
+from gdmp_ros.control.servo import ServoState
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.sim.arm import Arm
@@ -44,7 +45,7 @@ def add_wrist_sensor(spec: mujoco.MjSpec) -> None:
 
 class ServoArm:
     """
-    The arm; see `gdmp_ros.control.admittance.PositionLink`.
+    The arm; see `gdmp_ros.control.servo.PositionLink`.
 
     :ivar arm: in the simulation
     :ivar cycle: time between two commands [s]
@@ -120,7 +121,7 @@ class PositionLoop(ArmControl):
                                 servo.sensor)
         driver.carry(servo.hand)
         super().__init__(driver, settings)
-        driver.use_memory(self.controller.memory)
+        driver.use_memory(self.controller.numbers)
         self.hold(driver.begin())
 
     def tick(self) -> Tick | None:

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gdmp_ros.control.weight import GRAVITY
 from gdmp_ros.data import bags
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.position_driver import GRAVITY
 from gdmp_ros.util.names import indices_of
 
 #: An arm rests if no joint moves further than this within this time [rad, s]; the beginning of
@@ -64,7 +64,7 @@ def weigh(bag: str | Path, arm: Arm, sensor: np.ndarray, joints: str, wrench: st
             at = positions[(seconds >= first) & (seconds <= last)].mean(axis=0)
             pose = arm.chain.pose_at(at, sensor)
             down = np.empty(3)
-            rotate(pose[3:] * [1.0, -1.0, -1.0, -1.0], GRAVITY, down)
+            rotate(pose[3:] * [1.0, -1.0, -1.0, -1.0], np.array([0.0, 0.0, -GRAVITY]), down)
             turned.append(down)
             measured.append(felt.values[inside].mean(axis=0))
     return solved(str(bag), np.array(turned).reshape(-1, 3), np.array(measured).reshape(-1, 6),

@@ -14,9 +14,10 @@ from experiments.position_trial import (
     TABLE_STIFFNESS,
     Trial,
 )
-from gdmp_ros.control.admittance import DAMPING_SHARE, ServoState
+from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.servo import ServoState
 from gdmp_ros.control.settings import TankSettings
 from gdmp_ros.control.target import POSE
 from gdmp_ros.sim.servo_arm import ServoSettings
@@ -31,7 +32,7 @@ def test_in_free_space_it_is_where_its_reference_is(settings, stiffness):
     errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 1e-3
     # The whole delay is measured while it moves.
-    assert trial.driver.delay.value == pytest.approx(settings.delay + 0.0025, abs=1e-3)
+    assert trial.driver.delay == pytest.approx(settings.delay + 0.0025, abs=1e-3)
     # What hangs at the sensor, 0.76 kg, is no force of the world.
     assert np.abs(rows[:, 8:10]).max() < 1.5
 
@@ -41,7 +42,7 @@ def test_in_free_space_it_is_where_its_reference_is(settings, stiffness):
 def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed):
     trial = Trial(settings)
     forces = press(trial, stiffness, speed)
-    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay.value
+    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
     assert forces.max() < 1.4 * (stiffness * DEPTH + damping * speed)
     if settings is FAST and stiffness == 300.0:
         assert forces.max() < 35.0
@@ -51,9 +52,9 @@ def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed)
     assert trial.loop.controller.tank.energy > 0.0
 
 
-def test_without_its_damping_it_would_chatter(monkeypatch):
-    monkeypatch.setattr('gdmp_ros.sim.position_driver.DAMPING_SHARE', 0.0)
+def test_without_its_damping_it_would_chatter():
     trial = Trial(FAST)
+    trial.driver.scalars.damping = 0.0
     home = trial.pose
     trial.table = home[2] - 0.001
     down = resting(home, 300.0, 3.0)
@@ -68,7 +69,7 @@ def test_a_hand_moves_it_by_its_force_over_the_stiffness():
     home = trial.pose
     trial.follow(resting(home, stiffness, 0.5))
     trial.hand = np.array([0.0, 20.0, 0.0])
-    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay.value
+    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
     rows = trial.follow(resting(home, stiffness, 3.0 * damping / stiffness))
     assert rows[-1, 1] - home[1] == pytest.approx(20.0 / stiffness, rel=0.1)
     trial.hand = np.zeros(3)
@@ -77,10 +78,10 @@ def test_a_hand_moves_it_by_its_force_over_the_stiffness():
 
 
 @pytest.mark.parametrize('share', [DAMPING_SHARE, 0.0], ids=['calm', 'chattering'])
-def test_what_it_gives_to_the_world_comes_from_the_tank(monkeypatch, rng, share):
+def test_what_it_gives_to_the_world_comes_from_the_tank(rng, share):
     """The book at the true port, where the arm is behind the virtual one."""
-    monkeypatch.setattr('gdmp_ros.sim.position_driver.DAMPING_SHARE', share)
     trial = Trial(FAST, TankSettings(recharge_power=0.0))
+    trial.driver.scalars.damping = share
     tank, home = trial.loop.controller.tank, trial.pose
     trial.table, last, given, before = home[2] - 0.001, home[2], 0.0, tank.energy
     down = resting(home, 300.0, 3.0)
