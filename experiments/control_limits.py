@@ -597,7 +597,7 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
         for speed in speeds:
             trial = position_trial.Trial(settings)
             forces = position_trial.press(trial, stiffness, speed)
-            damping = DAMPING_SHARE * hard * trial.driver.delay.value
+            damping = DAMPING_SHARE * hard * trial.driver.delay
             peak = max(peak, forces.max() / (stiffness * depth + damping * speed))
             away += position_trial.lost(forces)
             rest = stiffness * depth * hard / (stiffness + hard)

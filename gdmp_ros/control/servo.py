@@ -131,8 +131,9 @@ def servo_of(chain: Chain, joints: JointLimits, settings: AdmittanceSettings, cy
     :param cycle: time between two commands [s]
     """
     n, lags = len(joints.torque), np.arange(math.ceil(settings.servo_delay_max / cycle) + 3)
+    measured, virtual, command = np.zeros((3, 2, n))
     servo = Servo(
-        np.zeros(len(SCALARS)), np.zeros((2, n)), np.zeros(6), np.zeros((2, n)), np.zeros((2, n)),
+        np.zeros(len(SCALARS.names or ())), measured, np.zeros(6), virtual, command,
         np.zeros((len(lags), n)), FIRST_WEIGHT * (cycle * lags - settings.servo_delay) ** 2,
         np.zeros((len(lags), 6)), chain.frames, chain.axes, np.zeros((3, 7)),
         np.array(settings.sensor_bias), np.zeros(3), np.array([joints.lower, joints.upper]),

@@ -13,10 +13,16 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import ask_c, bytes_at, kernel
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.native import addresses
-from gdmp_ros.ros.middleware import Publisher
+from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.serialized import SerializedTemplate
 
 _TAKE, _PUBLISH = range(2)
+#: What `take_newest` returns: there was no message, it was read, it is not like those that a
+#: kernel reads.
+NOTHING, READ, FOREIGN = range(3)
+#: Messages that are taken at once, and integers of an ``rmw_message_info_t``, of which the second
+#: is the time at which it arrived [ns].
+_MOST_TAKEN, _ABOUT, _ARRIVED = 20, 16, 1
 #: Bytes that are reserved for a message; rcl asks for more if one is longer.
 _RESERVED = 4096
 
@@ -85,6 +91,82 @@ class SerializedMemory:
         ctypes.memmove(self._message.buffer, data, len(data))
 
 
+class Inlet(NamedTuple):
+    """
+    A topic that a kernel reads.
+
+    :ivar handle: address of the ``rcl_subscription_t``; 0 if there is no topic
+    :ivar message: `SerializedMemory.numbers`
+    :ivar about: what is told of a message
+    :ivar like: `gdmp_ros.ros.serialized.Alike.layout`: a message, as ``same`` and ``places``;
+        empty while none is known: then all messages are `FOREIGN`
+    :ivar same: see ``like``
+    :ivar places: see ``like``; the first byte of each number that is read
+    :ivar numbers: written: the numbers of the last message, as bytes
+    :ivar arrived: written: when it arrived, wall time [ns]
+    """
+
+    handle: np.ndarray
+    message: np.ndarray
+    about: np.ndarray
+    like: np.ndarray
+    same: np.ndarray
+    places: np.ndarray
+    numbers: np.ndarray
+    arrived: np.ndarray
+
+
+NO_INLET = Inlet(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
+                 np.zeros(_ABOUT, dtype=np.int64), np.zeros(0, dtype=np.uint8),
+                 np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64),
+                 np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64))
+
+
+class Incoming:
+    """
+    The messages of a topic that a kernel reads.
+
+    :ivar inlet: for the kernel; its address counts while the subscription is in use
+    """
+
+    def __init__(self, subscription: Subscription, numbers: np.ndarray, arrived: np.ndarray):
+        """
+        Prepare.
+
+        :param numbers: written by the kernel; contiguous
+        :param arrived: the same
+        :raises DataError: if the subscription has no handle of rcl
+        """
+        with subscription.in_use() as address:
+            check_handle(address)
+        self._subscription, self._memory = subscription, SerializedMemory()
+        self.inlet = NO_INLET._replace(
+            handle=np.zeros(1, dtype=np.int64), message=self._memory.numbers,
+            about=np.zeros(_ABOUT, dtype=np.int64), numbers=numbers.reshape(-1).view(np.uint8),
+            arrived=arrived)
+
+    @property
+    def data(self) -> bytes:
+        """The message that was taken last."""
+        return self._memory.data
+
+    def learn(self, layout: tuple[np.ndarray, np.ndarray, np.ndarray] | None) -> None:
+        """
+        Know what the messages are like from now on.
+
+        :param layout: `gdmp_ros.ros.serialized.Alike.layout`, with the places of the numbers that
+            are to be read; None: the kernel reads none
+        """
+        like, same, places = layout or NO_INLET[3:6]
+        self.inlet = self.inlet._replace(like=like, same=same, places=places)
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Keep the subscription, and let the kernel know its address."""
+        with self._subscription.in_use() as self.inlet.handle[0]:
+            yield
+
+
 class Outlet(NamedTuple):
     """
     A topic that a kernel sends to.
@@ -138,6 +220,43 @@ def take_message(calls, subscription, message):
     none = np.int64(0)
     code = ask_c(calls[_TAKE], (subscription, message, none, none))
     return message[1] if code == 0 else 0
+
+
+@kernel
+def _is_alike(data, inlet):
+    if data.size != inlet.like.size:
+        return False
+    for k in range(len(inlet.same)):
+        for at in range(inlet.same[k, 0], inlet.same[k, 1]):
+            if data[at] != inlet.like[at]:
+                return False
+    return True
+
+
+@kernel
+def take_newest(calls, inlet, now):
+    """
+    Read the messages that have come; the newest counts.
+
+    :param calls: see `rcl_functions`
+    :param now: wall time [ns]
+    :returns: `NOTHING`, `READ` or `FOREIGN`: then the last message is for Python, others may wait
+    """
+    found, none = NOTHING, np.int64(0)
+    if inlet.handle[0] == 0:
+        return found
+    for _ in range(_MOST_TAKEN):
+        if ask_c(calls[_TAKE], (inlet.handle[0], inlet.message, inlet.about, none)) != 0:
+            break
+        data = bytes_at(inlet.message[0], inlet.message[1])
+        if not _is_alike(data, inlet):
+            return FOREIGN
+        for k in range(inlet.places.size):
+            for byte in range(8):
+                inlet.numbers[8 * k + byte] = data[inlet.places[k] + byte]
+        arrived = inlet.about[_ARRIVED]
+        inlet.arrived[0], found = arrived if arrived != 0 else now, READ
+    return found
 
 
 @kernel

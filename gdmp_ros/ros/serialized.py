@@ -6,6 +6,7 @@ takes 2 µs. Their positions are found by serialising a message with known marks
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 import math
 import struct
@@ -26,6 +27,8 @@ from gdmp_ros.ros.middleware import deserialized
 Buffer: TypeAlias = bytes
 _HEADER = 4  # bytes of CDR encapsulation; alignment is relative to its end
 _MARK = 1e-200
+#: Kinds of messages of one topic that are known at once.
+MOST_LAYOUTS = 8
 _BYTES = (0, 165, 90, 255, 15, 240, 1)  # that an integer is set to, to find it
 _SECONDS, _NANOSECONDS = 0x5AA50F00, 0x3C3CC3C3  # that a stamp is set to, to find it
 
@@ -140,15 +143,44 @@ class SerializedTemplate:
         return np.asarray(np.frombuffer(data, '<f8', count, _HEADER)[self._positions])
 
 
+class Alike(NamedTuple):
+    """
+    Messages that differ in stamp and numbers only.
+
+    :ivar about: what is known of them (`AlikeReader`)
+    :ivar template: of them; None if they were serialised in another way than here
+    :ivar same: bytes that are the same in all: the first, the end, and they
+    """
+
+    about: Any
+    template: SerializedTemplate | None
+    same: list[tuple[int, int, Buffer]]
+
+    def fits(self, data: Buffer) -> bool:
+        """Whether a serialised message is one of them."""
+        return (self.template is not None and len(data) == self.template.size
+                and all(data[first:end] == part for first, end, part in self.same))
+
+    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """A message, ranges of bytes that are the same in all, and where each number begins."""
+        if self.template is None:
+            return None
+        data, numbers, _ = self.template.layout()
+        for first, end, part in self.same:
+            data[first:end] = np.frombuffer(part, dtype=np.uint8)
+        return data, np.array([(first, end) for first, end, _ in self.same]), numbers
+
+
 class AlikeReader:
     """
     Reads the numbers of serialised messages, quickly if only stamp and numbers have changed.
 
-    What else is in a message, such as names, is that of the last one that was different.
+    What else is in a message, such as names, is that of one that came before.
     """
 
     def __init__(self, kind: Any, numbers: Callable[[Any], Sequence[float]],
-                 fill: Callable[[Any, np.ndarray], None], parts: Callable[[Any], Sequence[Any]]):
+                 fill: Callable[[Any, np.ndarray], None], parts: Callable[[Any], Sequence[Any]],
+                 about: Callable[[Any], Any] = lambda _: None):
         """
         Prepare.
 
@@ -158,37 +190,38 @@ class AlikeReader:
         :param parts: of a message behind its header, in their order: strings, integers (the
             length of an array of strings) and arrays of numbers; without the last ones if these
             are no arrays
+        :param about: what is to be known of a message, which does not depend on its numbers
         """
         self._kind, self._numbers, self._fill, self._parts = kind, numbers, fill, parts
-        self._template: SerializedTemplate | None = None
-        self._same: list[tuple[int, int, Buffer]] = []
+        self._about = about
+        # Several may publish on one topic.
+        self._known = deque[Alike](maxlen=MOST_LAYOUTS)
 
-    def read(self, data: Buffer) -> tuple[np.ndarray, Any]:
+    def read(self, data: Buffer) -> tuple[np.ndarray, Alike]:
         """
-        Numbers of a message, and a message that is otherwise like it: None if as the last one.
+        Numbers of a message, and what it is like.
 
         :raises DataError: if it is not one of the kind
         """
-        template = self._template
-        if template is not None and len(data) == template.size and all(
-                data[first:last] == part for first, last, part in self._same):
-            return template.numbers_of(data), None
+        for alike in self._known:
+            if alike.template is not None and alike.fits(data):
+                return alike.template.numbers_of(data), alike
         message = deserialized(data, self._kind)
         numbers = np.array(self._numbers(message), dtype=float)
-        self._learn(data, len(numbers))
-        return numbers, message
+        alike = self._learned(data, message, len(numbers))
+        if alike.template is not None:
+            self._known.append(alike)
+        return numbers, alike
 
-    def _learn(self, data: Buffer, count: int) -> None:
+    def _learned(self, data: Buffer, message: Any, count: int) -> Alike:
         """Know what is the same in messages like this one: all but the stamp and the numbers."""
-        self._template = None
-        if count == 0:
-            return
-        message = deserialized(data, self._kind)
-        ranges = _ranges(message, self._parts(message))
-        template = SerializedTemplate(message, count, self._fill)
-        if template.size == len(data):  # otherwise it was serialised in another way
-            self._same = [(first, last, data[first:last]) for first, last in ranges]
-            self._template = template
+        about, ranges = self._about(message), _ranges(message, self._parts(message))
+        # A template changes its message.
+        template = (SerializedTemplate(deserialized(data, self._kind), count, self._fill)
+                    if count else None)
+        if template is None or template.size != len(data):
+            return Alike(about, None, [])
+        return Alike(about, template, [(first, end, data[first:end]) for first, end in ranges])
 
 
 def _ranges(message: Any, parts: Sequence[Any]) -> list[tuple[int, int]]:

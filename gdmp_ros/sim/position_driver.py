@@ -91,7 +91,7 @@ class PositionDriver:
 
     @property
     def end_pose(self) -> np.ndarray:
-        return self.servo.ends[1]
+        return np.asarray(self.servo.ends[1])
 
     @property
     def delay(self) -> float:

@@ -8,206 +8,52 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from gdmp_ros.control.admittance import AdmittanceSettings, ServoState
-from gdmp_ros.data.bags import vector_numbers
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.control.admittance import AdmittanceSettings
+from gdmp_ros.control.measurement import Tick
+from gdmp_ros.control.plain_tick import only_follows, OTHER
+from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
+from gdmp_ros.realtime.native import LEFT, PERIOD, prepared
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
+from gdmp_ros.ros.arm.compiled_loop import ASKED, MESSAGE, MODE, SEQUENCE
 from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import POSITION
-from gdmp_ros.ros.lifecycle import Stream
-from gdmp_ros.ros.messages import fill_wrench
+from gdmp_ros.ros.arm.position_link import TopicLink
+from gdmp_ros.ros.arm.position_loop import (
+    JOINTS,
+    MOST_LATE,
+    PositionArmLoop,
+    RUNNING,
+    warm_up,
+    WRENCH,
+)
 from gdmp_ros.ros.parameters import settings_from
 from gdmp_ros.ros.running import run
-from gdmp_ros.ros.serialized import AlikeReader, SerializedTemplate
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.position_driver import PositionDriver
-from gdmp_ros.util.names import indices_of
+from gdmp_ros.sim.position_tick import UNUSABLE, view_of
 
 #: Time in which the arm has to say where it is, and time between two looks [ns].
 FIRST_NS, LOOK_NS = 15 * NS, 10_000_000
-#: Ticks that are late pass as one, up to this many.
-MOST_LATE = 10
-#: Lengths of messages with joints that are known at once.
-MOST_LAYOUTS = 8
-
-
-class TopicLink:
-    """
-    The topics of an arm; see `gdmp_ros.control.admittance.PositionLink`.
-
-    :ivar cycle: time between two commands [s]
-    :ivar problem: why the last message could not be used; empty if it could
-    """
-
-    def __init__(self, node: ArmNode, names: list[str]):
-        """:param names: of the joints, as the model has them"""
-        p = node.parameters
-        self.cycle, self.problem = 1.0 / p.rate_hz, ''
-        self._clock, self._names = node.clock, names
-        self._joints = node.add_sensor(JointState, p.joint_states_topic)
-        # A gripper may say where its joints are on the same topic.
-        self._layouts: dict[int, _Layout] = {}
-        self._felt_reader = AlikeReader(WrenchStamped, lambda message: vector_numbers(
-            message.wrench.force, message.wrench.torque), fill_wrench, lambda _: [])
-        self._wrenches = node.add_sensor(WrenchStamped, p.wrench_topic) if p.wrench_topic else None
-        # A driver says it once.
-        self._running = (node.add_subscription(Bool, p.running_topic, None, late=True)
-                         if p.running_topic else None)
-        self._runs = True
-        self._state: ServoState | None = None
-        self._when = self._felt = node.clock.wall()
-        order = [name for name in p.joint_names if name] or names
-        if len(order) != len(names):
-            raise DataError(f'joint_names has {len(order)} names, expected {len(names)}: '
-                            f'{", ".join(names)}')
-        self._order = indices_of(order, names, 'joint')
-        self._horizon = (p.horizon if p.output == 'joint_trajectory_controller' else 0.0)
-        self._commands = (_trajectories(node, p.command_topic, order, p.horizon) if self._horizon
-                          else _positions(node, p.command_topic, len(order)))
-
-    def read(self) -> ServoState | None:
-        """The newest state, and how old it is; None if there was none yet."""
-        received = self._joints.newest()
-        felt = None if self._wrenches is None else self._wrenches.newest()
-        try:
-            if received is not None:
-                self._take(received.data, received.arrived or self._clock.wall())
-                self.problem = ''
-            if felt is not None and self._state is not None:
-                self._state = self._state._replace(wrench=self._felt_reader.read(felt.data)[0])
-                self._felt = felt.arrived or self._clock.wall()
-        except GdmpError as error:
-            # Others may use the topic, too; how old the state is is judged anyway.
-            if self._state is None:
-                self.problem = f'{self._joints.topic}: {error}'
-        said = None if self._running is None else self._running.newest_message()
-        if said is not None:
-            self._runs = said.data
-        if self._state is None:
-            return None
-        now = self._clock.wall()
-        return self._state._replace(age=(now - self._when) / NS, runs=self._runs,
-                                    wrench_age=(now - self._felt) / NS)
-
-    def _take(self, data: bytes, arrived: int) -> None:
-        """Read a JointState; without velocities they are differences."""
-        if len(data) not in self._layouts:
-            if len(self._layouts) >= MOST_LAYOUTS:
-                self._layouts.clear()
-            self._layouts[len(data)] = _Layout(self._names)
-        position, found = self._layouts[len(data)].read(data)
-        last, wrench = self._state, None
-        velocity = np.zeros_like(position)
-        if found is not None:
-            velocity = found
-        elif last is not None and arrived > self._when:
-            velocity = (position - last.position) / ((arrived - self._when) / NS)
-        if last is not None:
-            wrench = last.wrench
-        elif self._wrenches is not None:
-            wrench = np.zeros(6)
-        self._state, self._when = ServoState(position, velocity, wrench), arrived
-
-    def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Send a command."""
-        numbers = position[self._order]
-        if self._horizon:
-            # A point that is to be reached at once is reached with a jerk.
-            rates = velocity[self._order]
-            numbers = np.concatenate([numbers + self._horizon * rates, rates])
-        self._commands.publish(numbers)
-
-
-def _positions(node: ArmNode, topic: str, count: int) -> Stream:
-    """Commands of a ``forward_position_controller``."""
-    def fill(message: Float64MultiArray, numbers: np.ndarray) -> None:
-        message.data = numbers.tolist()
-    return Stream(node.add_publisher(Float64MultiArray,
-                                     topic or 'forward_position_controller/commands', 1),
-                  SerializedTemplate(Float64MultiArray(), count, fill))
-
-
-def _trajectories(node: ArmNode, topic: str, names: list[str], horizon: float) -> Stream:
-    """
-    Commands of a ``joint_trajectory_controller``: one point, with positions and velocities.
-
-    Their stamp is 0: a trajectory begins at once.
-    """
-    point, ns = JointTrajectoryPoint(), round(horizon * NS)
-    point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
-
-    def fill(message: JointTrajectory, numbers: np.ndarray) -> None:
-        half = len(names)
-        message.points[0].positions = numbers[:half].tolist()
-        message.points[0].velocities = numbers[half:].tolist()
-    return Stream(node.add_publisher(
-        JointTrajectory, topic or 'joint_trajectory_controller/joint_trajectory', 1),
-        SerializedTemplate(JointTrajectory(joint_names=names, points=[point]), 2 * len(names),
-                           fill, headers=[]))
-
-
-def _numbers_of(message: JointState) -> list[float]:
-    return [*message.position, *message.velocity, *message.effort]
-
-
-def _parts(message: JointState) -> list[Any]:
-    return [len(message.name), *message.name, message.position, message.velocity, message.effort]
-
-
-def _fill(message: JointState, numbers: np.ndarray) -> None:
-    values = iter(numbers.tolist())
-    for field in ('position', 'velocity', 'effort'):
-        setattr(message, field, [next(values) for _ in getattr(message, field)])
-
-
-class _Layout:
-    """Where the joints of an arm are in messages of one length."""
-
-    def __init__(self, names: list[str]):
-        self._names, self._problem = names, ''
-        self._reader = AlikeReader(JointState, _numbers_of, _fill, _parts)
-        self._chosen, self._count, self._has_velocity = np.empty(0, dtype=int), 0, False
-
-    def read(self, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
-        """
-        Positions of the joints, and their velocities if they are told.
-
-        :raises DataError: if the joints are not in the message
-        """
-        numbers, message = self._reader.read(data)
-        if message is not None:
-            self._learn(message)
-        if self._problem:
-            raise DataError(self._problem)
-        return (numbers[self._chosen],
-                numbers[self._count + self._chosen] if self._has_velocity else None)
-
-    def _learn(self, message: JointState) -> None:
-        self._count = len(message.name)
-        self._has_velocity = len(message.velocity) == self._count
-        self._problem = ('' if len(message.position) == self._count else
-                         f'{len(message.position)} positions for {self._count} names')
-        try:
-            self._chosen = np.array(indices_of(self._names, message.name, 'joint'))
-        except DataError as error:
-            self._problem = str(error)
 
 
 class PositionArm(ArmBackend):
-    """An arm that takes joint positions."""
+    """
+    An arm that takes joint positions.
+
+    :ivar driver: of the arm
+    :ivar link: to it
+    :ivar compiled: loop that makes its ticks without the interpreter, if there is one
+    """
 
     name, specs, described = 'position_arm', POSITION, True
     guiding = 'only what the sensor measures moves the arm: guide it by hand'
     driver: PositionDriver
     link: TopicLink
+    compiled: PositionArmLoop | None = None
 
     def open(self) -> PositionDriver:
         node, p = self.node, self.node.parameters
@@ -234,7 +80,15 @@ class PositionArm(ArmBackend):
             clock.sleep_until(clock.now() + LOOK_NS)
 
     def offer(self) -> None:
-        self.driver.use_memory(self.node.control.controller.memory)
+        node, commands = self.node, self.node.commands
+        self.driver.use_memory(node.control.controller.numbers)
+        loop = self.compiled = prepared(
+            lambda: PositionArmLoop(commands.references, commands.reader, node.state_out,
+                                    self.link),
+            node.get_logger().info)
+        if loop is not None:
+            warm_up(node.control, self.link, view_of(self.driver))
+            commands.called = loop.call
 
     def begin(self) -> None:
         self._period_ns = round(self.link.cycle * NS)
@@ -242,21 +96,71 @@ class PositionArm(ArmBackend):
         self._last = 0
 
     def cycles(self) -> Loop:
-        return periodic(self._tick, self._period_ns, self.node.clock)
+        return (periodic(self._wall_tick, self._period_ns, self.node.clock)
+                if self.compiled is None else self._without_interpreter(self.compiled))
 
-    def _tick(self, deadline_ns: int, now_ns: int) -> None:
+    def _without_interpreter(self, loop: PositionArmLoop) -> Loop:
+        """Let compiled code make the ticks; one that it does not make is made here."""
+        node, numbers = self.node, loop.numbers
+        commands, control, out = node.commands, node.control, node.state_out
+        loop.begin(self._period_ns)
+        while True:
+            loop.may_go_on(self._only_follows)
+            numbers[SEQUENCE], before = commands.sequence, int(out.written[0])
+            numbers[MODE] = control.states.state.mode
+            why = loop.run(control, self.driver, node.lateness)
+            if int(out.written[0]) != before:
+                commands.sequence = int(numbers[SEQUENCE])
+                control.controller.catch_up()
+            now = node.clock.wall()
+            if why in (JOINTS, WRENCH, RUNNING):
+                loop.hand_over(why, now)
+            elif why >= UNUSABLE:
+                control.fail(str(self.driver.stopped(why - UNUSABLE)))
+                numbers[LEFT] = 0
+            else:
+                if why == MESSAGE:
+                    commands.offer(loop.message, now)
+                self.driver.dt = min(int(numbers[LEFT]), MOST_LATE) * int(numbers[PERIOD]) / NS
+                if why in (ASKED, MESSAGE, OTHER):
+                    self._tick(now)
+                else:
+                    tick = control.controller.end_tick(why)
+                    self.driver.command(tick.torque)
+                    self._publish(tick, now)
+                numbers[LEFT] = 0
+            yield 0
+
+    def _only_follows(self) -> bool:
+        """Whether the next tick may be one that a kernel makes."""
+        node = self.node
+        return (node.active and not node.commands.asked and self.driver.controlled
+                and only_follows(node.control))
+
+    def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         node, period = self.node, self._period_ns
         node.lateness.add(deadline_ns, now_ns)
         passed = (deadline_ns - self._last) // period if self._last else 1
         self._last, self.driver.dt = deadline_ns, min(passed, MOST_LATE) * period / NS
-        stamp = node.clock.wall()
+        self._tick(node.clock.wall())
+
+    def _tick(self, stamp: int) -> None:
+        """
+        Make a tick and publish it.
+
+        :param stamp: wall time [ns]
+        """
+        node = self.node
         node.commands.carry_out()
         measured = node.control.wait()
         if measured is None:
             return
         node.commands.take_references(stamp)
-        tick = self.driver.reported(node.control.answer(measured))
-        node.state_out.publish(tick, stamp, node.commands.sequence)
+        self._publish(node.control.answer(measured), stamp)
+
+    def _publish(self, tick: Tick, stamp: int) -> None:
+        self.node.state_out.publish(self.driver.reported(tick), stamp,
+                                    self.node.commands.sequence)
 
     def activity(self) -> str:
         if self.link.problem:
@@ -265,7 +169,7 @@ class PositionArm(ArmBackend):
 
     def diagnosed(self) -> dict[str, Any]:
         force = float(np.linalg.norm(self.driver.wrench[:3]))
-        return {'delay of the arm [ms]': f'{1e3 * self.driver.delay.value:.1f}',
+        return {'delay of the arm [ms]': f'{1e3 * self.driver.delay:.1f}',
                 'external force [N]': f'{force:.1f}'}
 
 
