@@ -215,6 +215,8 @@ def _virtual(arm: Arm, mass: float) -> KnownModel:
     """
     model = copy.deepcopy(arm.known.model)
     model.opt.gravity[:] = model.dof_damping[:] = model.dof_frictionloss[:] = 0.0
+    # What it touches, the sensor tells.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     known = KnownModel(model, mujoco.MjData(model), arm.known.site, False)
     home = arm.home
     known.look(home, np.zeros_like(home), 0.0)

@@ -32,7 +32,6 @@ from gdmp_ros.ros.messages import (
 from gdmp_ros.ros.middleware import DEEP, reliable
 from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
-from gdmp_ros.util.dds_network import Domain
 
 TOPIC = '/trajectory_server/reference'
 #: Nothing that this test does in time is late for the arm.
@@ -106,15 +105,6 @@ class Bed:
             if message is not None:
                 found.append(message)
         return found
-
-
-@pytest.fixture
-def domain(monkeypatch):
-    """A domain of DDS without other participants."""
-    with Domain() as claimed:
-        for name, value in claimed.environment().items():
-            monkeypatch.setenv(name, value)
-        yield
 
 
 @pytest.fixture

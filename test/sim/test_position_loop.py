@@ -17,10 +17,14 @@ from experiments.position_trial import (
 from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
-from gdmp_ros.control.servo import ServoState
+from gdmp_ros.control.plain_tick import controller_of, MADE, only_follows
+from gdmp_ros.control.servo import ServoState, write_measured
 from gdmp_ros.control.settings import TankSettings
 from gdmp_ros.control.target import POSE
+from gdmp_ros.ros.messages import ROBOT_STATE_FIXED, robot_state_numbers
+from gdmp_ros.sim.position_tick import plain_tick, view_of, write_arm
 from gdmp_ros.sim.servo_arm import ServoSettings
+from gdmp_ros.util.profiles import minimum_jerk
 
 
 @pytest.mark.parametrize('stiffness', [300.0, 800.0])
@@ -35,6 +39,39 @@ def test_in_free_space_it_is_where_its_reference_is(settings, stiffness):
     assert trial.driver.delay == pytest.approx(settings.delay + 0.0025, abs=1e-3)
     # What hangs at the sensor, 0.76 kg, is no force of the world.
     assert np.abs(rows[:, 8:10]).max() < 1.5
+
+
+def test_a_compiled_tick_is_the_same():
+    """With a table, so that all parts of the tick matter."""
+    trials = Trial(FAST), Trial(FAST)
+    for trial in trials:
+        trial.loop.tick()
+        trial.table = trial.pose[2] - 0.002
+    references = circle(trials[0].pose, 300.0)[:1200]
+    references[:, POSE + 2] -= 0.01 * minimum_jerk(np.linspace(0.0, 1.0, len(references)))
+    compiled, driver, made = trials[1].loop, trials[1].driver, 0
+    state = np.zeros(ROBOT_STATE_FIXED + 18)
+    for reference in references:
+        trials[0].loop.must_follow(reference)
+        tick = trials[0].driver.reported(trials[0].loop.tick())
+        compiled.must_follow(reference)
+        if only_follows(compiled):
+            write_measured(driver.servo, driver.link.read())
+            view, controller = view_of(driver), controller_of(compiled)
+            assert plain_tick(view, controller, CYCLE) == MADE
+            driver.link.send(*driver.servo.command)
+            trials[1].servo.advance()
+            trials[1].servo.advance()
+            write_arm(view, controller, state)
+            made += 1
+            expected = robot_state_numbers(tick)
+            for part in slice(19), slice(91, 93), slice(-18, None):  # motion, energies, joints
+                np.testing.assert_allclose(state[part], expected[part], atol=1e-9)
+        else:
+            compiled.tick()
+        np.testing.assert_allclose(driver.servo.command, trials[0].driver.servo.command,
+                                   atol=1e-9)
+    assert made > 1190 and trials[1].force > 1.0
 
 
 @pytest.mark.parametrize(('settings', 'stiffness', 'speed'), [
