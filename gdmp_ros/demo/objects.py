@@ -15,6 +15,7 @@ from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.realtime.loop import Loop, NS
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.clients.server_client import Client
 from gdmp_ros.ros.clients.testbed import NodeTestbed
 from gdmp_ros.ros.middleware import best_effort
@@ -61,16 +62,16 @@ PLACES = (Place((0.0, 0.0, 0.0)), Place((-0.08, -0.1, 0.05), 0.6), Place((0.05, 
 
 
 @cache
-def home_pose() -> np.ndarray:
-    """Pose of the tool of the built-in arm in its home posture, where the box is."""
-    arm = Arm()
+def home_pose(model: str = '') -> np.ndarray:
+    """Pose of the tool of an arm in its home posture, where the box is."""
+    arm = Arm(model)
     return arm.pose_at(arm.home)
 
 
-def motion() -> Demonstration:
+def motion(home: np.ndarray) -> Demonstration:
     """From the home posture of the arm to above the hole."""
     times = np.arange(0.0, DURATION_S + 1e-9, 0.01)
-    poses, home, end = tool_manifold(None), home_pose(), compose(HOLE, _ABOVE)
+    poses, end = tool_manifold(None), compose(HOLE, _ABOVE)
     points = np.array([poses.geodesic(home, poses.align(end, home), float(share))
                        for share in minimum_jerk(times / DURATION_S)])
     points[:, 2] += ARC_M * np.sin(np.pi * times / DURATION_S) ** 2
@@ -80,16 +81,17 @@ def motion() -> Demonstration:
 class Camera:
     """Sends on /tf where box and hole are, until `end`."""
 
-    def __init__(self, client: Client, frame: str, where: Callable[[float], np.ndarray]):
+    def __init__(self, client: Client, arm: ArmChoice, where: Callable[[float], np.ndarray]):
         """
         Begin.
 
+        :param arm: beside which they are
         :param where: pose of the hole after a time [s]
         """
-        self._client, self._frame, self._where = client, frame, where
+        self._client, self._frame, self._where = client, arm.frame, where
         self._begins = client.clock.wall()
         self._publisher = client.participant.publisher(TFMessage, '/tf', best_effort(10))
-        self._box, self._random = home_pose(), np.random.default_rng(0)
+        self._box, self._random = home_pose(arm.model), np.random.default_rng(0)
         self._running = client.clock.start(self._send())
 
     def hole(self, stamp_ns: int) -> np.ndarray:
@@ -115,7 +117,7 @@ class Camera:
         self._running.end()
 
 
-def follow_objects(bed: NodeTestbed, frame: str, home: Callable[[], object]) -> dict[str, Any]:
+def follow_objects(bed: NodeTestbed, home: Callable[[], object]) -> dict[str, Any]:
     """
     Execute the loaded skill at each of `PLACES`.
 
@@ -127,11 +129,11 @@ def follow_objects(bed: NodeTestbed, frame: str, home: Callable[[], object]) -> 
         PoseStamped, f'{bed.arm.node}/measured_pose', lambda message: tool.append(
             (ns_of(message.header.stamp), messages.pose_numbers(message.pose))), 100)
     # Where the tool is to be, as seen from the hole.
-    inside = compose(inverse(HOLE), motion().points[-1])
+    inside = compose(inverse(HOLE), motion(home_pose(bed.arm.model)).points[-1])
     found = []
     for place in PLACES:
         home()
-        camera = Camera(bed.client, frame, place.at)
+        camera = Camera(bed.client, bed.arm, place.at)
         try:
             bed.spend(10.0 * INTERVAL_S)
             bed.client.execute()

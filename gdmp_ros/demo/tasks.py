@@ -23,7 +23,7 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
-from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA_GRIPPER, SIMULATED
+from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA_GRIPPER
 from gdmp_ros.ros.clients.arm_client import move_joints, with_friction
 from gdmp_ros.ros.clients.server_client import START_UP_S
 from gdmp_ros.ros.clients.teaching import Teacher
@@ -36,7 +36,6 @@ from gdmp_ros.util.processes import interrupt_on_sigterm
 from gdmp_ros.util.profiles import smoothstep
 from gdmp_ros.util.terminal import table
 
-FRAME = 'panda_link0'
 #: Where the tool goes and how long it takes [m, s]; None: it rests.
 WAY = [((*PICK.centre, 0.2), 1.6), ((*PICK.centre, 0.035), 1.6), (None, 1.2),
        ((*PICK.centre, 0.25), 1.2), ((*PLACE.centre, 0.25), 2.0), ((*PLACE.centre, 0.06), 1.2)]
@@ -65,9 +64,12 @@ TORQUE_RATE = 1.0
 SAMPLE_EVERY = 5
 
 
-def picking_motion() -> tuple[Demonstration, float]:
-    """Motion of the tool from a box to another one, and when the fingers are to close [s]."""
-    home = home_pose()
+def picking_motion(home: np.ndarray) -> tuple[Demonstration, float]:
+    """
+    Motion of the tool from a box to another one, and when the fingers are to close [s].
+
+    :param home: where it begins (x, y, z, qw, qx, qy, qz)
+    """
     times, points, at, now = [], [], home[:3], 0.0
     for goal, seconds in WAY:
         end = at if goal is None else np.array(goal)
@@ -83,7 +85,7 @@ def picking_motion() -> tuple[Demonstration, float]:
 
 def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> int:
     """
-    Show a task to the simulated arm by hand, learn it, and let an arm execute it.
+    Show a task to a simulated arm by hand, learn it, and let an arm execute it.
 
     :param task: ``pick``, ``joints`` or ``objects``
     :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
@@ -92,18 +94,15 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     """
     interrupt_on_sigterm()
     arm.check()
-    if arm.robots:
-        raise ParameterError(f'--task {task} is shown to arms with torques: with --arm '
-                             f'{arm.kind} only --task letter')
     folder.mkdir(parents=True, exist_ok=True)
     for name in ('takes', 'logs', 'run'):
         shutil.rmtree(folder / name, ignore_errors=True)
     print('a hand shows the task to the simulated arm', flush=True)
     with testbed(NodeTestbed, folder) as bed:
-        _teach(bed, task)
+        _teach(bed, task, arm)
     print('learning', flush=True)
     learned = skill_from_bags(sorted((folder / 'takes').glob('take_*')), LearningSettings(
-        frame=FRAME, stiffness='none', joint_topic='' if task == 'joints' else None,
+        frame=arm.frame, stiffness='none', joint_topic='' if task == 'joints' else None,
         objects=('box', 'hole') if task == 'objects' else ()))
     skill = learned.skill
     if arm.kind == 'franka':  # the same joints in the same order, with other names
@@ -123,46 +122,51 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     return 0 if document['succeeded'] else 1
 
 
-def _teach(bed: NodeTestbed, task: str) -> None:
-    """Guide the simulated arm, and record a take."""
-    bed.start_arm(**({'scene': 'pick_and_place'} if task == 'pick' else {}))
+def _teach(bed: NodeTestbed, task: str, arm: ArmChoice) -> None:
+    """Guide a simulated arm like the one that is to execute it, and record a take."""
+    bed.start_arm(world=_world(task), **arm.shown_on)
     bed.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(bed.folder / 'takes'),
         'also': ['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else [''],
         'transforms': task == 'objects'})
-    teacher = Teacher(FRAME, check=bed.check)
+    teacher, home = Teacher(arm.frame, check=bed.check), home_pose(arm.model)
     try:
         teacher.ready()
         if task == 'joints':
             print(teacher.take(lasa.robot_demonstrations('GShape')[0]), flush=True)
             return
         if task == 'objects':
-            camera = Camera(bed.client, FRAME, PLACES[0].at)
+            camera = Camera(bed.client, arm, PLACES[0].at)
             try:
-                print(teacher.take(motion()), flush=True)
+                print(teacher.take(motion(home)), flush=True)
             finally:
                 camera.end()
             return
-        demo, closes = picking_motion()
+        demo, closes = picking_motion(home)
         teacher.command_gripper(OPEN)
         print(teacher.take(demo, [(closes, CLOSE), (demo.duration, OPEN)]), flush=True)
     finally:
         teacher.close()
 
 
+def _world(task: str) -> dict[str, Any]:
+    """What simulates an arm for a task, as parameters."""
+    return {'scene': 'pick_and_place'} if task == 'pick' else {}
+
+
 def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
-    _start(bed, {}, moving_objects=['hole'])
+    _start(bed, 'objects', moving_objects=['hole'])
 
     def home() -> None:
         move_joints(bed.client, bed.arm.node)
         bed.wait_holding()
-    return follow_objects(bed, FRAME, home)
+    return follow_objects(bed, home)
 
 
-def _start(bed: NodeTestbed, arm: dict[str, Any], **server: Any) -> None:
+def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
     """Start arm and server with the skill; a Franka goes to its home posture first."""
     print('starting arm and server', flush=True)
-    bed.start_arm(**arm)
+    bed.start_arm(world=_world(task))
     if bed.arm.kind == 'franka':
         move_joints(bed.client, bed.arm.node)
     bed.start_server(skill=str(bed.folder / 'skill.json'), **server)
@@ -179,7 +183,7 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
     if bed.arm.kind == 'franka':
         bed.children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                                 {'host': bed.arm.parameters()['host']})
-    _start(bed, {'scene': 'pick_and_place'} if bed.arm.kind == 'sim' else {})
+    _start(bed, 'pick')
     bed.wait('the gripper', lambda: bool(grippers), START_UP_S)
     error = _execute_task(bed, lambda: None)
     bed.spend(0.5)
@@ -198,14 +202,14 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
 
 
 def _follow_joints(bed: NodeTestbed) -> dict[str, Any]:
-    _start(bed, {})
+    _start(bed, 'joints')
     bed.record()
     goal = np.zeros(7)
 
     def switch() -> None:
         goal[:] = messages.pose_numbers(bed.state.goal[0])
         goal[:3] += GOAL_STEP_M
-        bed.client.goal_pose(goal, FRAME)
+        bed.client.goal_pose(goal, bed.arm.frame)
     error = _execute_task(bed, switch)
     bed.spend(0.5)
     run = bed.recorded()
@@ -229,9 +233,10 @@ def _execute_task(bed: NodeTestbed, half_way: Callable[[], None]) -> str:
     return '' if result.error_code == result.SUCCESSFUL else str(result.error_string)
 
 
-def record_wiping(bag: Path) -> None:
-    """Show the wiping to the simulated arm: down, circles with a force, and up; with noise."""
-    loop, rng = ClosedLoop(Arm(cloth_table(BELOW))), np.random.default_rng(1)
+def record_wiping(bag: Path, arm: ArmChoice) -> None:
+    """Show the wiping to a simulated arm: down, circles with a force, and up; with noise."""
+    loop = ClosedLoop(Arm(cloth_table(BELOW, arm.model or 'panda')))
+    rng = np.random.default_rng(1)
     start, seconds = loop.arm.measure().pose.copy(), SHOWN * PERIOD
     with bags.BagWriter(bag) as writer:
         for k in range(round(1000 * (seconds + 2.0 * WAY_S))):
@@ -252,8 +257,8 @@ def record_wiping(bag: Path) -> None:
             pose = tick.measurement.pose.copy()
             pose[:3] += POSITION_NOISE * rng.standard_normal(3)
             felt = tick.wrench + FORCE_NOISE * rng.standard_normal(6) * [1, 1, 1, .03, .03, .03]
-            writer.pose(recordings.POSE_TOPIC, stamp, pose.tolist(), FRAME)
-            writer.wrench(WRENCH_TOPIC, stamp + 300_000, felt.tolist(), FRAME)
+            writer.pose(recordings.POSE_TOPIC, stamp, pose.tolist(), arm.frame)
+            writer.wrench(WRENCH_TOPIC, stamp + 300_000, felt.tolist(), arm.frame)
 
 
 def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> int:
@@ -265,13 +270,13 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
     :raises GdmpError: if something does not happen in time
     """
     interrupt_on_sigterm()
-    if arm.node != SIMULATED:
-        raise ParameterError('--task wipe puts tables under the simulated arm: leave --arm out')
+    if arm.kind == 'franka':
+        raise ParameterError('--task wipe puts tables under a simulated arm: take another --arm')
     folder.mkdir(parents=True, exist_ok=True)
     for name in ('demonstration', 'runs', 'logs'):
         shutil.rmtree(folder / name, ignore_errors=True)
     print('wiping a table, shown to the simulated arm', flush=True)
-    record_wiping(folder / 'demonstration')
+    record_wiping(folder / 'demonstration', arm)
     print('learning', flush=True)
     figures: dict[str, Any] = {'task': 'wipe', 'shown_force_n': FORCE, 'tables': []}
     for name, topic in (('with force', WRENCH_TOPIC), ('plain', '')):
@@ -285,7 +290,7 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
             print(f'{name}, table {1e3 * height:+.0f} mm', flush=True)
             figures['tables'].append({'skill': name, 'height_m': height,
                                       **_execute_wiping(folder, path, height, learned.duration,
-                                                        testbed)})
+                                                        arm, testbed)})
     kept = [figure for figure in figures['tables'] if figure['skill'] == 'with force']
     figures['succeeded'] = all(
         item['force_rmse_n'] < 0.2 * FORCE and item['least_tank_j'] > 0.0
@@ -300,17 +305,17 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
     return 0 if figures['succeeded'] else 1
 
 
-def _execute_wiping(folder: Path, skill: Path, height: float, period: float, testbed: Opener
-                    ) -> dict[str, Any]:
+def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm: ArmChoice,
+                    testbed: Opener) -> dict[str, Any]:
     """Wipe a table through the nodes."""
     name = f'{skill.stem}{1e3 * height:+.0f}mm'
     scene = folder / f'table{1e3 * height:+.0f}mm.xml'
-    spec = cloth_table(BELOW - height)
+    spec = cloth_table(BELOW - height, arm.model or 'panda')
     spec.compile()
     scene.write_text(spec.to_xml())
-    with testbed(NodeTestbed, folder / 'runs' / name) as bed:
-        bed.start({'model': str(scene.resolve())}, {'skill': str(skill.resolve()),
-                                                    'wrench_gain': GAIN})
+    with testbed(NodeTestbed, folder / 'runs' / name, arm=arm) as bed:
+        bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN},
+                  world={'model': str(scene.resolve())})
         # On a table that is elsewhere the tool does not reach the reference, and need not.
         bed.client.execute(ExecuteSkill.Goal(
             cycles=float(CYCLES), robot_position_tolerance=TABLE_TOLERANCE[0],
@@ -318,16 +323,16 @@ def _execute_wiping(folder: Path, skill: Path, height: float, period: float, tes
         result = bed.client.result(60.0)
         run = bed.recorded()
     return {'error': '' if result.error_code == result.SUCCESSFUL else result.error_string,
-            **_figures(run, period)}
+            **_figures(run, period, arm)}
 
 
-def _figures(run: Run, period: float) -> dict[str, Any]:
+def _figures(run: Run, period: float, arm: ArmChoice) -> dict[str, Any]:
     """Force, energy and limits, from the second cycle to the last one."""
     began = int(run.reference_stamps[int(np.argmax(run.moving))])
     first, last = (began + round(cycles * period * 1e9) for cycles in (1.0, CYCLES - 0.1))
     within = (run.state_stamps >= first) & (run.state_stamps <= last)
     force = run.wrenches[within, 2]
-    limits, joints = limit_figures(run, Arm().limits), LimitSettings()
+    limits, joints = limit_figures(run, arm.limits), LimitSettings()
     broken = [name for name, value, most in (
         ('torque', limits.torque, 1.0), ('torque rate', limits.torque_rate, TORQUE_RATE),
         ('joint position', -limits.joint_distance, 0.0),

@@ -84,6 +84,11 @@ class ArmChoice:
         return KINDS[self.kind].robots
 
     @property
+    def shown_on(self) -> dict[str, Any]:
+        """Parameters of ``panda_sim``, as which this arm, or one like it, is guided by hand."""
+        return {'model': self.model, 'frame_id': self.frame} if self.robots else {}
+
+    @property
     def limits(self) -> JointLimits:
         """Limits of its joints."""
         return Arm(self.model).limits

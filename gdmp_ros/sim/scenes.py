@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from gdmp_ros.sim.arm import Arm, PANDA
+from gdmp_ros.sim.model_sources import load
 
 _BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER,
                              mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -149,14 +150,15 @@ def _add_cube(spec: mujoco.MjSpec, where: np.ndarray) -> None:
                   solref=[0.004, 1.0])
 
 
-def hard_table(below: float) -> mujoco.MjSpec:
+def hard_table(below: float, model: str = 'panda') -> mujoco.MjSpec:
     """
-    Panda with a table under its tool, hard and with little damping in contact.
+    Arm with a table under its tool, hard and with little damping in contact.
 
     :param below: distance from the tool in the first keyframe down to the table top [m]
+    :param model: of the arm, a built-in one
     """
-    spec, half = mujoco.MjSpec.from_file(str(PANDA)), 0.2
-    tool = Arm().measure().pose[:3]
+    spec, half = load(model), 0.2
+    tool = Arm(model).measure().pose[:3]
     # Negative numbers give stiffness and damping directly, per unit of mass.
     spec.worldbody.add_geom(name='table', type=_BOX, size=[half] * 3, rgba=_WOOD,
                             pos=[tool[0], tool[1], tool[2] - below - half],
@@ -164,13 +166,9 @@ def hard_table(below: float) -> mujoco.MjSpec:
     return spec
 
 
-def cloth_table(below: float) -> mujoco.MjSpec:
-    """
-    Panda with a table under its tool that a cloth covers, to be wiped.
-
-    :param below: distance from the tool in the first keyframe down to the table top [m]
-    """
-    spec = hard_table(below)
+def cloth_table(below: float, model: str = 'panda') -> mujoco.MjSpec:
+    """Arm with a table under its tool that a cloth covers, to be wiped; see `hard_table`."""
+    spec = hard_table(below, model)
     top = spec.geom('table')
     # Without the cloth, sliding over the corners of the fingers' boxes chatters.
     top.solref, top.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -13,7 +14,8 @@ from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.servo import ServoState
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
-from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.arm import Arm, Extra
+from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.settings import setting
@@ -48,13 +50,22 @@ class ServoArm:
     The arm; see `gdmp_ros.control.servo.PositionLink`.
 
     :ivar arm: in the simulation
+    :ivar gripper: of it; None if its fingers do not move
     :ivar cycle: time between two commands [s]
     """
 
-    def __init__(self, model: str = 'ur5e', settings: ServoSettings | None = None):
-        """Hold the home posture."""
+    def __init__(self, model: str = 'ur5e', settings: ServoSettings | None = None,
+                 gripper: bool = False, extras: Sequence[Extra] = ()):
+        """
+        Hold the home posture.
+
+        :param gripper: whether its fingers move
+        :param extras: what else is in the simulation (`gdmp_ros.sim.arm.Arm`)
+        """
         self.settings = settings or ServoSettings()
-        self.arm = Arm(model, extras=[add_wrist_sensor])
+        self.arm = Arm(model, extras=[add_wrist_sensor, *([add_gripper] if gripper else []),
+                                      *extras])
+        self.gripper = SimulatedGripper(self.arm.model, self.arm.data) if gripper else None
         self.cycle, self._left = self.settings.cycle, 0
         self._random = np.random.default_rng(0)
         self._commands = deque([self.arm.home] * round(self.settings.delay / self.arm.period))
@@ -73,7 +84,7 @@ class ServoArm:
     @property
     def sensor(self) -> np.ndarray:
         """Pose of the sensor in the frame of the last joint."""
-        last = self.arm.chain.pose_at(self.arm.data.qpos, IDENTITY)
+        last = self.arm.chain.pose_at(self.read().position, IDENTITY)
         return compose(inverse(last), self.arm.site_pose(SITE))
 
     def read(self) -> ServoState:
@@ -81,7 +92,8 @@ class ServoArm:
         # MuJoCo's sensors measure what the arm exerts on the hand.
         wrench = -np.concatenate([data.sensor(FORCE).data, data.sensor(TORQUE).data])
         wrench += noise * np.repeat([self.settings.force_noise, self.settings.torque_noise], 3)
-        return ServoState(data.qpos.copy(), data.qvel.copy(), wrench)
+        count = len(self.arm.names)
+        return ServoState(data.qpos[:count].copy(), data.qvel[:count].copy(), wrench)
 
     def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._wanted, self._left = position.copy(), round(self.cycle / self.arm.period)
@@ -96,11 +108,15 @@ class ServoArm:
         wanted = self._commands.popleft()
         self._acts = last + (1.0 - np.exp(-arm.period / self.settings.lag)) * (wanted - last)
         rate = (self._acts - last) / arm.period
+        data, joints = arm.data, slice(len(arm.names))
         inertia = np.empty((arm.model.nv, arm.model.nv))
-        mujoco.mj_fullM(arm.model, arm.data, inertia)
-        data = arm.data
-        wish = BANDWIDTH ** 2 * (self._acts - data.qpos) + 2.0 * BANDWIDTH * (rate - data.qvel)
-        torque = inertia @ wish + data.qfrc_bias - data.qfrc_passive
+        mujoco.mj_fullM(arm.model, data, inertia)
+        wish = (BANDWIDTH ** 2 * (self._acts - data.qpos[joints])
+                + 2.0 * BANDWIDTH * (rate - data.qvel[joints]))
+        torque = (inertia[joints, joints] @ wish + data.qfrc_bias[joints]
+                  - data.qfrc_passive[joints])
+        if self.gripper is not None:
+            self.gripper.advance(arm.period)
         arm.step(np.clip(torque, -arm.limits.torque, arm.limits.torque))
 
 

@@ -8,6 +8,7 @@ from sensor_msgs.msg import JointState
 
 from gdmp_ros.control import gripper
 from gdmp_ros.control.gripper import DEFAULT_SPEED
+from gdmp_ros.demo.objects import home_pose
 from gdmp_ros.demo.tasks import picking_motion
 from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.skill import Skill
@@ -19,7 +20,7 @@ from test.ros.nodes import open_testbed
 
 @pytest.fixture(scope='session')
 def picking(tmp_path_factory):
-    shown, closes = picking_motion()
+    shown, closes = picking_motion(home_pose())
     events = [GripperEvent(0.0, 0.08, 0.0, 0.1),
               GripperEvent(closes / shown.duration, 0.0, 20.0, 0.1),
               GripperEvent(1.0, 0.08, 0.0, 0.1)]

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 import re
 import time
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,8 @@ def _execute(nodes: FaultTrial, reliability: str, quality: Quality, cut: float, 
              ) -> tuple[Run, str, bool]:
     server, robot = hosts.on('server'), hosts.on('robot')
     overrides = f'qos_overrides.{REFERENCE_TOPIC}'
-    nodes.start_arm(prefix=robot, **{f'{overrides}.subscription.reliability': reliability})
+    subscribes: dict[str, Any] = {f'{overrides}.subscription.reliability': reliability}
+    nodes.start_arm(prefix=robot, **subscribes)
     nodes.start_server(prefix=server, **{f'{overrides}.publisher.reliability': reliability})
     best_effort = reliability == 'best_effort'
     nodes.record(arguments=['--best-effort', REFERENCE_TOPIC] if best_effort else [],

@@ -3,6 +3,7 @@ Node ``servo_sim``: a simulated arm that takes joint positions, in place of a ro
 
 It has the topics of ros2_control: it takes the commands of a forward_position_controller or a
 joint_trajectory_controller, and says where its joints are and what the sensor at its wrist feels.
+It describes itself for RViz, and has the topics of a gripper.
 """
 from __future__ import annotations
 
@@ -10,22 +11,31 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.realtime.loop import NS, periodic, RunningLoop
+from gdmp_ros.ros.arm.tf_publisher import TfPublisher
+from gdmp_ros.ros.gripper import GripperInterface
 from gdmp_ros.ros.lifecycle import check_subscribers, joints_stream, ManagedNode, Stream
 from gdmp_ros.ros.messages import fill_wrench
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.serialized import SerializedTemplate
+from gdmp_ros.sim.scenes import SCENES
 from gdmp_ros.sim.servo_arm import ServoArm, ServoSettings
+from gdmp_ros.sim.urdf import LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
 
 SPECS = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('model', 'ur5e', 'model of the arm, as for position_arm'),
+    Spec('frame_id', 'base_link', 'frame of its base'),
+    Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
+         'gripper/state, gripper/move'),
+    Spec('scene', '', 'objects around the arm; pick_and_place: two boxes and a cube, with a '
+         'gripper', choices=('', *SCENES)),
     Spec('joint_prefix', '', 'before the names of the joints'),
     Spec('output', 'forward_position_controller', 'controller that it is behind',
          choices=('forward_position_controller', 'joint_trajectory_controller')),
@@ -35,8 +45,8 @@ SPECS = (
 )
 #: Periods of the simulation in a tick, and that are made up in one.
 PERIODS, MOST_LATE = 2, 20
-#: Ticks between two looks for subscribers.
-LOOK_EVERY = 100
+#: Ticks between two looks for subscribers, and between two messages about links and objects.
+LOOK_EVERY, SHOW_EVERY = 100, 10
 
 
 class ServoSim(ManagedNode):
@@ -59,7 +69,8 @@ class ServoSim(ManagedNode):
 
     def configure(self) -> None:
         p = self.parameters
-        self.servo = ServoArm(p.model, settings_from(p, ServoSettings))
+        self.servo = ServoArm(p.model, settings_from(p, ServoSettings),
+                              p.gripper or bool(p.scene), [SCENES[p.scene]] if p.scene else ())
         self._names = [f'{p.joint_prefix}{name}' for name in self.servo.arm.names]
         self._states = joints_stream(self, 'joint_states', self._names)
         felt = WrenchStamped()
@@ -71,6 +82,12 @@ class ServoSim(ManagedNode):
                        if p.output == 'joint_trajectory_controller'
                        else (Float64MultiArray, 'commands'))
         self._taken = self.add_subscription(kind, f'{p.output}/{topic}', None, 10)
+        self._links = TfPublisher(self)
+        self._links.describe(LinkFrames(self.servo.arm, p.frame_id))
+        self.add_publisher(String, 'robot_description', 1, late=True).publish(
+            String(data=urdf(self.servo.arm, p.frame_id)))
+        if self.servo.gripper is not None:
+            GripperInterface(self, self.servo.gripper)
         self.add_report(self._report)
         self._ticks, self._last, self._problem = 0, 0, ''
         self._effort = np.zeros(len(self._names))
@@ -108,6 +125,9 @@ class ServoSim(ManagedNode):
             self.servo.advance()
         if self._ticks % LOOK_EVERY == 0:
             check_subscribers(self._states, self._wrenches)
+            self._links.check()
+        if self._links.has_subscribers and self._ticks % SHOW_EVERY == 0:
+            self._links.publish(self.servo.arm.data.qpos.copy(), self.clock.wall())
         self._ticks += 1
         self._say()
 

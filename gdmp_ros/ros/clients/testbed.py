@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import REFERENCE_TOPIC, SERVER_STATE_TOPIC
-from gdmp_ros.errors import GdmpError, ParameterError
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import (
     ArmChoice,
     FRANKA,
@@ -146,17 +146,14 @@ def start_arm(children: ChildProcesses, arm: ArmChoice, gripper: bool,
     :param gripper: whether it has one
     :param parameters: of the arm
     :param window: whether the simulation has a window
-    :raises ParameterError: if its gripper cannot move
     """
-    if gripper and arm.robots:
-        raise ParameterError(f'--arm {arm.kind}: the fingers of this arm do not move')
     if arm.kind == 'sim':
         parameters = {'headless': not window, 'gripper': gripper, **parameters}
     elif gripper:
         children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                             {'host': arm.parameters()['host']})
     for robot in arm.robots:
-        children.start_node(robot, MODULES[robot], {})
+        children.start_node(robot, MODULES[robot], {'gripper': gripper})
     children.start_node(arm.node, MODULES[arm.node], {**arm.parameters(), **parameters},
                         arm.arguments())
 
@@ -203,16 +200,20 @@ class NodeTestbed:
         self.children.check(self.may_end)
 
     def start_arm(self, prefix: Sequence[str] = (), extra: Sequence[str] = (),
-                  **parameters: object) -> None:
+                  world: Mapping[str, object] | None = None, **parameters: object) -> None:
         """
         Start the arm.
 
         :param prefix: command that executes the rest of the line, such as ``nsenter``
         :param extra: arguments after ``--ros-args``
+        :param world: parameters of what simulates the arm: its model, its scene; a real one has
+            its own
         """
-        name = self.arm.node
+        name, simulates = self.arm.node, dict(world or {})
         for robot in self.arm.robots:
-            self.children.start_node(robot, MODULES[robot], {}, (), prefix)
+            self.children.start_node(robot, MODULES[robot], simulates, (), prefix)
+        if self.arm.kind == 'sim':
+            parameters = {**simulates, **parameters}
         self.children.start_node(name, MODULES[name], {**self.arm.parameters(), **parameters},
                                  [*self.arm.arguments(), *extra], prefix)
 
@@ -238,15 +239,16 @@ class NodeTestbed:
         self.wait_log(RECORDER, 'recording\n', START_UP_S)
 
     def start(self, arm: Mapping[str, Any] | None = None, server: Mapping[str, Any] | None = None,
-              record: bool = True) -> None:
+              record: bool = True, world: Mapping[str, Any] | None = None) -> None:
         """
         Start everything and wait until the server holds the pose of the arm.
 
         :param arm: parameters of the arm, unless it runs already
         :param server: parameters of the server
+        :param world: see `start_arm`
         """
         if self.arm.node not in self.children.processes:
-            self.start_arm(**(arm or {}))
+            self.start_arm(world=world, **(arm or {}))
         self.start_server(**(server or {}))
         self.wait_holding()
         if record:
