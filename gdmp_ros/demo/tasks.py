@@ -309,13 +309,9 @@ def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm
                     testbed: Opener) -> dict[str, Any]:
     """Wipe a table through the nodes."""
     name = f'{skill.stem}{1e3 * height:+.0f}mm'
-    scene = folder / f'table{1e3 * height:+.0f}mm.xml'
-    spec = cloth_table(BELOW - height, arm.model or 'panda')
-    spec.compile()
-    scene.write_text(spec.to_xml())
     with testbed(NodeTestbed, folder / 'runs' / name, arm=arm) as bed:
         bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN},
-                  world={'model': str(scene.resolve())})
+                  world=_table(folder, height, arm))
         # On a table that is elsewhere the tool does not reach the reference, and need not.
         bed.client.execute(ExecuteSkill.Goal(
             cycles=float(CYCLES), robot_position_tolerance=TABLE_TOLERANCE[0],
@@ -324,6 +320,18 @@ def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm
         run = bed.recorded()
     return {'error': '' if result.error_code == result.SUCCESSFUL else result.error_string,
             **_figures(run, period, arm)}
+
+
+def _table(folder: Path, height: float, arm: ArmChoice) -> dict[str, Any]:
+    """What simulates an arm over a table, as parameters; arms with position servos need foam."""
+    if arm.robots:
+        top = home_pose(arm.model)[2] - BELOW + height
+        return {'scene': 'soft_table', 'scene_height': float(top)}
+    scene = folder / f'table{1e3 * height:+.0f}mm.xml'
+    spec = cloth_table(BELOW - height)
+    spec.compile()
+    scene.write_text(spec.to_xml())
+    return {'model': str(scene.resolve())}
 
 
 def _figures(run: Run, period: float, arm: ArmChoice) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Scenes with the Panda: a watering can and a tray of water, open boxes, a table."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -22,6 +22,8 @@ CAN_RADIUS, CAN_HALF, CAN_MASS, CAN_BELOW = 0.055, 0.065, 0.6, 0.11
 TRAY, TRAY_HALF, TRAY_WALL, WATER_LINE = (0.52, 0.0), (0.22, 0.2), 0.19, 0.16
 _THIN = 0.006
 CUBE_EDGE, CUBE_MASS = 0.04, 0.1
+#: Table of foam: stiffness of its top [N/m], and its mass [kg].
+TABLE_STIFFNESS, TABLE_MASS = 20_000.0, 1.0
 #: Peg: half width, half length, distance of its centre below the tool [m].
 PEG_HALF, PEG_HALF_LENGTH, PEG_BELOW = 0.01, 0.03, 0.02
 #: Height of the top of the hole above the floor, depth of one that stands anywhere [m].
@@ -169,11 +171,14 @@ def hard_table(below: float, model: str = 'panda') -> mujoco.MjSpec:
 def cloth_table(below: float, model: str = 'panda') -> mujoco.MjSpec:
     """Arm with a table under its tool that a cloth covers, to be wiped; see `hard_table`."""
     spec = hard_table(below, model)
-    top = spec.geom('table')
-    # Without the cloth, sliding over the corners of the fingers' boxes chatters.
+    _cover(spec.geom('table'))
+    return spec
+
+
+def _cover(top: mujoco.MjsGeom) -> None:
+    """Cover a table with a cloth: without it, sliding over the corners of the fingers chatters."""
     top.solref, top.solimp = [0.02, 1.0], [0.0, 0.95, 0.005, 0.5, 2.0]
     top.priority, top.friction = 1, [0.2, 0.005, 0.0001]
-    return spec
 
 
 def peg_and_hole(where: tuple[float, float], angle: float, clearance: float,
@@ -226,5 +231,30 @@ def contact_count(model: mujoco.MjModel, data: mujoco.MjData, prefix: str) -> in
     return int(np.isin(pairs, ids).any(axis=1).sum()) if data.ncon else 0
 
 
+def soft_table(spec: mujoco.MjSpec) -> None:
+    """Add a table of foam with its top at height 0, which a cloth covers."""
+    half = 0.4
+    table = spec.worldbody.add_body(name='table', pos=[0.5, 0.0, -half], gravcomp=1.0)
+    table.mass, table.explicitinertial, table.ipos = TABLE_MASS, True, [0.0, 0.0, 0.0]
+    table.inertia = [TABLE_MASS * half ** 2] * 3
+    # It does not ring.
+    table.add_joint(name='table', type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0],
+                    stiffness=TABLE_STIFFNESS,
+                    damping=2.0 * np.sqrt(TABLE_STIFFNESS * TABLE_MASS))
+    _cover(table.add_geom(name='table', type=_BOX, size=[half] * 3, rgba=_WOOD, **_SOLID))
+
+
+def standing_at(scene: Callable[[mujoco.MjSpec], None], height: float
+                ) -> Callable[[mujoco.MjSpec], None]:
+    """The same scene on a floor at another height [m]."""
+    def add(spec: mujoco.MjSpec) -> None:
+        before = {body.name for body in spec.worldbody.bodies}
+        scene(spec)
+        for body in spec.worldbody.bodies:
+            if body.name not in before:
+                body.pos[2] += height
+    return add
+
+
 #: Objects that `gdmp_ros.sim.arm.Arm` may add to the built-in arms.
-SCENES = {'pick_and_place': pick_and_place}
+SCENES = {'pick_and_place': pick_and_place, 'soft_table': soft_table}

@@ -67,8 +67,8 @@ SIMULATION = (
     Spec('headless', True, 'without a viewer window'),
     Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
          'gripper/state, gripper/move'),
-    Spec('scene', '', 'objects around the arm; pick_and_place: two boxes and a cube, with a '
-         'gripper', choices=('', *SCENES)),
+    Spec('scene', '', 'objects around the arm, with a gripper; pick_and_place: two boxes and a '
+         'cube; soft_table: gives way with 20 kN/m', choices=('', *SCENES)),
     *specs_of(HandSettings, names=_HAND),
     *specs_of(PlantSettings, 'configure', names=_PLANT),
 )

@@ -23,7 +23,7 @@ from gdmp_ros.ros.messages import fill_wrench
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import run
 from gdmp_ros.ros.serialized import SerializedTemplate
-from gdmp_ros.sim.scenes import SCENES
+from gdmp_ros.sim.scenes import SCENES, standing_at
 from gdmp_ros.sim.servo_arm import ServoArm, ServoSettings
 from gdmp_ros.sim.urdf import LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
@@ -34,8 +34,9 @@ SPECS = (
     Spec('frame_id', 'base_link', 'frame of its base'),
     Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
          'gripper/state, gripper/move'),
-    Spec('scene', '', 'objects around the arm; pick_and_place: two boxes and a cube, with a '
-         'gripper', choices=('', *SCENES)),
+    Spec('scene', '', 'objects around the arm, with a gripper; pick_and_place: two boxes and a '
+         'cube; soft_table: gives way with 20 kN/m', choices=('', *SCENES)),
+    Spec('scene_height', 0.0, 'of the floor under these objects', 'm', -1.0, 2.0),
     Spec('joint_prefix', '', 'before the names of the joints'),
     Spec('output', 'forward_position_controller', 'controller that it is behind',
          choices=('forward_position_controller', 'joint_trajectory_controller')),
@@ -70,7 +71,8 @@ class ServoSim(ManagedNode):
     def configure(self) -> None:
         p = self.parameters
         self.servo = ServoArm(p.model, settings_from(p, ServoSettings),
-                              p.gripper or bool(p.scene), [SCENES[p.scene]] if p.scene else ())
+                              p.gripper or bool(p.scene),
+                              [standing_at(SCENES[p.scene], p.scene_height)] if p.scene else ())
         self._names = [f'{p.joint_prefix}{name}' for name in self.servo.arm.names]
         self._states = joints_stream(self, 'joint_states', self._names)
         felt = WrenchStamped()
