@@ -58,14 +58,15 @@ class Trial:
         """Where the tool is (x, y, z, qw, qx, qy, qz)."""
         return self.servo.arm.site_pose('tcp')
 
-    def _advance(self) -> None:
-        arm, wrench = self.servo.arm, np.zeros(6)
-        wrench[:3] = self.hand
-        if self.table is not None:
-            self.force, _ = table_force(arm, self.table)
-            wrench[2] += self.force
-        arm.push(wrench)
-        self._advance_servo()
+    def _advance(self, periods: int = 1) -> None:
+        for _ in range(periods):
+            arm, wrench = self.servo.arm, np.zeros(6)
+            wrench[:3] = self.hand
+            if self.table is not None:
+                self.force, _ = table_force(arm, self.table)
+                wrench[2] += self.force
+            arm.push(wrench)
+            self._advance_servo()
 
     def follow(self, references: np.ndarray) -> np.ndarray:
         """

@@ -1,11 +1,14 @@
 """The gripper of a simulated arm: two fingers that hold by friction."""
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 
 from gdmp_ros.control.gripper import check_command, GripperCommand, GripperState, HELD_M
 from gdmp_ros.errors import DataError
+from gdmp_ros.kernels import kernel, records_at
 
 FINGERS = ('left_finger', 'right_finger')
 #: Travel of a finger [m], and the largest force of the gripper [N], as those of a Franka hand.
@@ -53,11 +56,59 @@ def add_gripper(spec: mujoco.MjSpec) -> None:
     spec.option.impratio, spec.option.cone = 10.0, mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
+#: The numbers of a gripper; flags are 0 or 1.
+NUMBERS = np.dtype([(name, np.float64) for name in (
+    'width', 'force', 'speed',  # of the command (`GripperCommand`)
+    'goal',                     # where each finger is to be now [m]
+    'still',                    # time for which the fingers have rested [s]
+    'moving')])                 # flag: the command is being carried out
+
+
+class GripperView(NamedTuple):
+    """
+    A gripper, for kernels.
+
+    :ivar numbers: `NUMBERS`
+    :ivar places: of the fingers among positions, velocities and controls, shape (3, 2)
+    """
+
+    numbers: np.ndarray
+    places: np.ndarray
+
+
+@kernel
+def advance_gripper(gripper, position, velocity, control, dt):
+    """
+    Set the forces of the fingers for the next tick.
+
+    :param position: of the simulation, as ``velocity`` and ``control``
+    """
+    n, places = records_at(gripper.numbers, 0, 1, NUMBERS)[0], gripper.places
+    q = 0.5 * (position[places[0, 0]] + position[places[0, 1]])
+    v = 0.5 * (velocity[places[1, 0]] + velocity[places[1, 1]])
+    end, step = 0.5 * n.width, 0.5 * n.speed * dt
+    # With a force it presses on beyond the width; otherwise it stops there.
+    beyond = TRAVEL if n.force > 0.0 else 0.0
+    n.goal += min(max(end - beyond - n.goal, -step), step)
+    most = n.force if n.force > 0.0 else MOVING_FORCE
+    force = min(max(STIFFNESS * (n.goal - q) - DAMPING * v, -most), most)
+    for k in range(2):
+        control[places[2, k]] = force
+    n.still = n.still + dt if abs(v) < STILL else 0.0
+    arrived = abs(q - end) < NEAR_M and beyond == 0.0
+    # Pressing needs some time until the force is there.
+    pressed = abs(force) >= 0.99 * most and n.still > STILL_S
+    if arrived or pressed or n.still > 1.0:
+        n.moving = 0.0
+
+
 class SimulatedGripper:
     """
     Moves the fingers; the loop of the simulation calls `advance` in every tick.
 
     A command with a force closes until each finger presses with that force.
+
+    :ivar view: for kernels
     """
 
     widest = 2.0 * TRAVEL
@@ -74,26 +125,41 @@ class SimulatedGripper:
             joints = [model.joint(prefix + name) for name in FINGERS]
         except KeyError:
             raise DataError('the model has no gripper') from None
-        self._q = np.array([joint.qposadr[0] for joint in joints])
-        self._v = np.array([joint.dofadr[0] for joint in joints])
-        self._u = np.array([model.actuator(prefix + name).id for name in FINGERS])
-        self._wanted = GripperCommand(self.widest)
-        self._commands, self._still = 0, 0.0
+        self.view = GripperView(np.zeros(len(NUMBERS.names or ())), np.array([
+            [joint.qposadr[0] for joint in joints], [joint.dofadr[0] for joint in joints],
+            [model.actuator(prefix + name).id for name in FINGERS]]))
+        self._numbers = records_at(self.view.numbers, 0, 1, NUMBERS)[0]
+        self._commands = 0
         self._next: GripperCommand | None = None
         self.reset()
 
     @property
     def state(self) -> GripperState:
         """The newest state."""
-        return self._state
+        commands, numbers, width = self._commands, self._numbers, self._width
+        moving = bool(numbers.moving)
+        holding = bool(numbers.force and not moving and width > numbers.width + HELD_M)
+        problem = ''
+        if commands and not moving and not numbers.force and (
+                abs(width - numbers.width) > 4.0 * NEAR_M):
+            problem = f'the fingers stopped at {width:.4f} m, expected {numbers.width:.4f} m'
+        return GripperState(width, self.widest, moving, holding, commands, problem)
+
+    @property
+    def _width(self) -> float:
+        return float(2.0 * self._data.qpos[self.view.places[0]].mean())
 
     def reset(self) -> None:
         """Open, at rest."""
-        self._data.qpos[self._q] = TRAVEL
+        self._data.qpos[self.view.places[0]] = TRAVEL
         self._next = None
-        self._wanted, self._goal = GripperCommand(self.widest), TRAVEL
-        self._moving = False
-        self._state = self._now()
+        self._begin(GripperCommand(self.widest))
+        self._numbers.moving = 0.0
+
+    def _begin(self, command: GripperCommand) -> None:
+        numbers = self._numbers
+        numbers.moving, numbers.still, numbers.goal = 1.0, 0.0, 0.5 * self._width
+        numbers.width, numbers.force, numbers.speed = command
 
     def command(self, command: GripperCommand) -> int:
         """Begin a command with the next tick; see `gdmp_ros.control.gripper.Gripper`."""
@@ -101,36 +167,15 @@ class SimulatedGripper:
         self._next = command
         return self._commands + 1
 
-    def advance(self, dt: float) -> None:
-        """Set the forces of the fingers for the next tick."""
-        q, v = float(self._data.qpos[self._q].mean()), float(self._data.qvel[self._v].mean())
+    def begin_next(self) -> None:
+        """Begin the command that was given, if there is one."""
         given, self._next = self._next, None
         if given is not None:
-            self._wanted, self._goal, self._still = given, q, 0.0
-            self._moving, self._commands = True, self._commands + 1
-        target = self._wanted
-        end = 0.5 * target.width
-        step = 0.5 * target.speed * dt
-        # With a force it presses on beyond the width; otherwise it stops there.
-        beyond = TRAVEL if target.force else 0.0
-        self._goal += float(np.clip(end - beyond - self._goal, -step, step))
-        most = target.force or MOVING_FORCE
-        force = float(np.clip(STIFFNESS * (self._goal - q) - DAMPING * v, -most, most))
-        self._data.ctrl[self._u] = force
-        self._still = self._still + dt if abs(v) < STILL else 0.0
-        arrived = abs(q - end) < NEAR_M and not beyond
-        # Pressing needs some time until the force is there.
-        pressed = abs(force) >= 0.99 * most and self._still > STILL_S
-        if self._moving and (arrived or pressed or self._still > 1.0):
-            self._moving = False
-        self._state = self._now()
+            self._begin(given)
+            self._commands += 1
 
-    def _now(self) -> GripperState:
-        width = float(2.0 * self._data.qpos[self._q].mean())
-        target = self._wanted
-        holding = bool(target.force and not self._moving and width > target.width + HELD_M)
-        problem = ''
-        if self._commands and not self._moving and not target.force and (
-                abs(width - target.width) > 4.0 * NEAR_M):
-            problem = f'the fingers stopped at {width:.4f} m, expected {target.width:.4f} m'
-        return GripperState(width, self.widest, self._moving, holding, self._commands, problem)
+    def advance(self, dt: float) -> None:
+        """Set the forces of the fingers for the next tick."""
+        self.begin_next()
+        data = self._data
+        advance_gripper(self.view, data.qpos, data.qvel, data.ctrl, dt)

@@ -79,6 +79,12 @@ def look(view):
 
 
 @kernel
+def full_inertia(view, inertia):
+    """Write the inertia of all joints in the present state, shape (n, n)."""
+    call_c(view.functions[_INERTIA], (view.places[0], view.places[1], inertia))
+
+
+@kernel
 def measure(view, velocity, measured_pose, jacobian, inertia, measured_bias, acceleration):
     """
     Write what a controller needs to know in the present state.

@@ -1,9 +1,10 @@
 """A simulated arm that takes joint positions, with a sensor for the wrench at its wrist."""
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,9 +14,11 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.servo import ServoState
 from gdmp_ros.control.settings import ControllerSettings
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.sim.arm import Arm, Extra
-from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
+from gdmp_ros.sim.gripper import add_gripper, advance_gripper, GripperView, SimulatedGripper
+from gdmp_ros.sim.native import full_inertia, ModelView, step, view_of
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.settings import setting
@@ -24,6 +27,7 @@ from gdmp_ros.util.settings import setting
 HAND, SITE, FORCE, TORQUE = 'hand', 'wrist_sensor', 'wrist_force', 'wrist_torque'
 #: Bandwidth of the position servos [rad/s].
 BANDWIDTH = 400.0
+NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,67 @@ def add_wrist_sensor(spec: mujoco.MjSpec) -> None:
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=SITE)
 
 
+class ServoView(NamedTuple):
+    """
+    The arm, for kernels; n is the number of its joints.
+
+    :ivar known: addresses and state of the simulation
+    :ivar passive: joint torques of it
+    :ivar control: torques of its motors
+    :ivar settings: time constant of the lag, period [s]
+    :ivar counts: index of the oldest command that does not act yet, periods that are left until
+        the next command is due
+    :ivar commands: that do not act yet, shape (k, n)
+    :ivar joints: the newest command, where it leads now, where the servos hold the joints, and
+        their largest torques, shape (4, n)
+    """
+
+    known: ModelView
+    passive: np.ndarray
+    control: np.ndarray
+    settings: np.ndarray
+    counts: np.ndarray
+    commands: np.ndarray
+    joints: np.ndarray
+
+
+@kernel
+def advance_servos(view, gripper, fingers, count):
+    """
+    Let periods of the simulation pass.
+
+    :param gripper: of the arm, if ``fingers``
+    """
+    known, joints, dt = view.known, view.joints, view.settings[1]
+    n, size, lag = joints.shape[1], known.velocity.size, view.settings[0]
+    inertia, wish = local_matrix(size, size), local_numbers(n)
+    for _ in range(count):
+        # As robots do, it goes to a command until the next one is due.
+        left = max(view.counts[1], 1)
+        view.counts[1] -= 1
+        at = view.counts[0]
+        full_inertia(known, inertia)
+        for i in range(n):
+            joints[1, i] += (joints[0, i] - joints[1, i]) / left
+            wanted = joints[1, i]
+            if len(view.commands) > 0:
+                wanted, view.commands[at, i] = view.commands[at, i], wanted
+            moved = (1.0 - math.exp(-dt / lag)) * (wanted - joints[2, i])
+            joints[2, i] += moved
+            wish[i] = (BANDWIDTH ** 2 * (joints[2, i] - known.position[i])
+                       + 2.0 * BANDWIDTH * (moved / dt - known.velocity[i]))
+        if len(view.commands) > 0:
+            view.counts[0] = (at + 1) % len(view.commands)
+        for i in range(n):
+            torque = known.bias[i] - view.passive[i]
+            for j in range(n):
+                torque += inertia[i, j] * wish[j]
+            view.control[i] = min(max(torque, -joints[3, i]), joints[3, i])
+        if fingers:
+            advance_gripper(gripper, known.position, known.velocity, view.control, dt)
+        step(known.functions, known.places[0], known.places[1])
+
+
 class ServoArm:
     """
     The arm; see `gdmp_ros.control.servo.PositionLink`.
@@ -63,13 +128,17 @@ class ServoArm:
         :param extras: what else is in the simulation (`gdmp_ros.sim.arm.Arm`)
         """
         self.settings = settings or ServoSettings()
-        self.arm = Arm(model, extras=[add_wrist_sensor, *([add_gripper] if gripper else []),
-                                      *extras])
-        self.gripper = SimulatedGripper(self.arm.model, self.arm.data) if gripper else None
-        self.cycle, self._left = self.settings.cycle, 0
+        arm = self.arm = Arm(model, extras=[add_wrist_sensor, *([add_gripper] if gripper else []),
+                                            *extras])
+        self.gripper = SimulatedGripper(arm.model, arm.data) if gripper else None
+        self.cycle, self._count = self.settings.cycle, len(arm.names)
         self._random = np.random.default_rng(0)
-        self._commands = deque([self.arm.home] * round(self.settings.delay / self.arm.period))
-        self._acts = self._now = self._wanted = self.arm.home
+        waiting, data = round(self.settings.delay / arm.period), arm.data
+        self._view = ServoView(
+            view_of(arm.model, data, arm.known.site, arm.tool_body), data.qfrc_passive, data.ctrl,
+            np.array([self.settings.lag, arm.period]), np.zeros(2, dtype=np.int64),
+            np.tile(arm.home, (waiting, 1)), np.array([*[arm.home] * 3, arm.limits.torque]))
+        self._sensors = [data.sensor(name).data for name in (FORCE, TORQUE)]
 
     @property
     def hand(self) -> Payload:
@@ -88,36 +157,28 @@ class ServoArm:
         return compose(inverse(last), self.arm.site_pose(SITE))
 
     def read(self) -> ServoState:
-        data, noise = self.arm.data, self._random.standard_normal(6)
+        data, noise, count = self.arm.data, self._random.standard_normal(6), self._count
         # MuJoCo's sensors measure what the arm exerts on the hand.
-        wrench = -np.concatenate([data.sensor(FORCE).data, data.sensor(TORQUE).data])
+        wrench = -np.concatenate(self._sensors)
         wrench += noise * np.repeat([self.settings.force_noise, self.settings.torque_noise], 3)
-        count = len(self.arm.names)
         return ServoState(data.qpos[:count].copy(), data.qvel[:count].copy(), wrench)
 
     def send(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        self._wanted, self._left = position.copy(), round(self.cycle / self.arm.period)
+        self._view.joints[0] = position
+        self._view.counts[1] = round(self.cycle / self.arm.period)
 
-    def advance(self) -> None:
-        """Let one period of the simulation pass."""
-        arm, last = self.arm, self._acts
-        # As robots do, it goes to a command until the next one is due.
-        step = (self._wanted - self._now) / max(self._left, 1)
-        self._now, self._left = self._now + step, self._left - 1
-        self._commands.append(self._now)
-        wanted = self._commands.popleft()
-        self._acts = last + (1.0 - np.exp(-arm.period / self.settings.lag)) * (wanted - last)
-        rate = (self._acts - last) / arm.period
-        data, joints = arm.data, slice(len(arm.names))
-        inertia = np.empty((arm.model.nv, arm.model.nv))
-        mujoco.mj_fullM(arm.model, data, inertia)
-        wish = (BANDWIDTH ** 2 * (self._acts - data.qpos[joints])
-                + 2.0 * BANDWIDTH * (rate - data.qvel[joints]))
-        torque = (inertia[joints, joints] @ wish + data.qfrc_bias[joints]
-                  - data.qfrc_passive[joints])
-        if self.gripper is not None:
-            self.gripper.advance(arm.period)
-        arm.step(np.clip(torque, -arm.limits.torque, arm.limits.torque))
+    def advance(self, periods: int = 1) -> None:
+        """
+        Let periods of the simulation pass.
+
+        :raises DataError: if it is unstable
+        """
+        gripper = self.gripper
+        if gripper is not None:
+            gripper.begin_next()
+        advance_servos(self._view, NO_GRIPPER if gripper is None else gripper.view,
+                       gripper is not None, periods)
+        self.arm.check()
 
 
 class PositionLoop(ArmControl):
@@ -144,6 +205,5 @@ class PositionLoop(ArmControl):
         """Let one cycle pass; None if the arm has just stopped."""
         measured = self.wait()
         tick = None if measured is None else self.answer(measured)
-        for _ in range(round(self.servo.cycle / self.servo.arm.period)):
-            self.servo.advance()
+        self.servo.advance(round(self.servo.cycle / self.servo.arm.period))
         return tick

@@ -123,8 +123,7 @@ class ServoSim(ManagedNode):
         periods = (deadline_ns - self._last) // self._period if self._last else 1
         self._last = deadline_ns
         self.servo.arm.push(self.push)
-        for _ in range(min(periods, MOST_LATE)):
-            self.servo.advance()
+        self.servo.advance(min(periods, MOST_LATE))
         if self._ticks % LOOK_EVERY == 0:
             check_subscribers(self._states, self._wrenches)
             self._links.check()
