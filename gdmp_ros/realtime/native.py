@@ -142,7 +142,9 @@ def wait(loop, clocks, spec, lateness):
     loop[DEADLINE] += period * (1 + max((now - loop[DEADLINE]) // period, 0))
     sleep_until(clocks, spec, loop[DEADLINE])
     now = steady_ns(clocks, spec)
-    loop[LEFT] = (loop[DEADLINE] - lateness[2]) // period if lateness[0] != 0 else 1
+    # Rounded: a loop may move its deadlines (`gdmp_ros.ros.arm.position_loop`).
+    passed = (loop[DEADLINE] - lateness[2] + period // 2) // period
+    loop[LEFT] = max(passed, 1) if lateness[0] != 0 else 1
     loop[STAMP] = wall_ns(clocks, spec) - (now - loop[DEADLINE])
     note(lateness, loop[DEADLINE], now - loop[DEADLINE], loop[LEFT] - 1)
 

@@ -18,8 +18,10 @@ from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.realtime.native import (
     ATTENTION,
     clock_functions,
+    DEADLINE,
     LEFT,
     PERIOD,
+    STAMP,
     wait,
     wall_ns,
 )
@@ -55,6 +57,10 @@ from gdmp_ros.sim.position_tick import plain_tick, PositionArmView, view_of, wri
 
 #: Ticks that are late pass as one, up to this many.
 MOST_LATE = 10
+#: The arm has a clock of its own: ticks come this part of a period after what it says, so that its
+#: commands are there before its next cycle. How fast a difference decreases, and by how much at
+#: most [periods].
+PHASE, PHASE_GAIN, PHASE_STEP = 0.25, 0.02, 0.01
 #: What `run` returns beside what others do: a message of a topic is for Python.
 JOINTS, WRENCH, RUNNING = 32, 33, 34
 
@@ -101,6 +107,20 @@ def hear(functions, topics, heard, servo, now):
 
 
 @kernel
+def keep_phase(loop, arrived):
+    """
+    Move the next deadline towards `PHASE` after the arm has said something.
+
+    :param arrived: when that was, wall time [ns]
+    """
+    late = ((loop[STAMP] - arrived) % loop[PERIOD]) / loop[PERIOD] - PHASE
+    if late > 0.5:
+        late -= 1.0
+    step = min(max(PHASE_GAIN * late, -PHASE_STEP), PHASE_STEP)
+    loop[DEADLINE] -= np.int64(step * loop[PERIOD])
+
+
+@kernel
 def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller):
     """
     Make ticks until Python is needed.
@@ -119,6 +139,7 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
             return result
         if not take_references(loop, links, scratch, controller, now):
             return MESSAGE
+        keep_phase(loop, heard.arrived[0])
         scalars.dt = 1e-9 * min(loop[LEFT], MOST_LATE) * loop[PERIOD]
         result = plain_tick(view, controller, scalars.dt)
         if result != MADE:
