@@ -14,7 +14,7 @@ from gdmp_ros.util.profiles import minimum_jerk
 
 CYCLE = 0.002
 #: Whole delays, of servo, lag and interpolation, are 8 and 36 ms.
-FAST, SLOW = ServoSettings(delay=0.0055), ServoSettings(delay=0.0335)
+FAST, SLOW = ServoSettings(delay=0.0055, lag=0.002), ServoSettings(delay=0.0335, lag=0.002)
 #: Of the table, and how deep below its top the references go [m].
 TABLE_STIFFNESS, TABLE_DAMPING, DEPTH = 30_000.0, 20.0, 0.01
 

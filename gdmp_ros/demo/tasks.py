@@ -341,9 +341,11 @@ def _figures(run: Run, period: float, arm: ArmChoice) -> dict[str, Any]:
     within = (run.state_stamps >= first) & (run.state_stamps <= last)
     force = run.wrenches[within, 2]
     limits, joints = limit_figures(run, arm.limits), LimitSettings()
+    # Where the torques of the law are those of a virtual arm, they have no limit.
+    torques = [] if arm.robots else [('torque', limits.torque, 1.0),
+                                     ('torque rate', limits.torque_rate, TORQUE_RATE)]
     broken = [name for name, value, most in (
-        ('torque', limits.torque, 1.0), ('torque rate', limits.torque_rate, TORQUE_RATE),
-        ('joint position', -limits.joint_distance, 0.0),
+        *torques, ('joint position', -limits.joint_distance, 0.0),
         ('joint speed', limits.joint_speed, joints.joint_speed),
         ('speed', limits.speed, joints.speed)) if value > most]
     return {'force_rmse_n': float(np.sqrt(np.mean((force - FORCE) ** 2))),

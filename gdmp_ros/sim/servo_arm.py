@@ -34,8 +34,9 @@ NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
 class ServoSettings:
     """An arm with position servos, and its sensor."""
 
-    delay: float = setting(0.006, 'time until a command acts', 's', 0.0, 0.2)
-    lag: float = setting(0.002, 'time constant with which it acts then', 's', 0.0005, 0.1)
+    delay: float = setting(0.002, 'time until a command acts', 's', 0.0, 0.2)
+    lag: float = setting(0.006, 'time constant with which it acts then: robots smooth', 's',
+                         0.0005, 0.1)
     cycle: float = setting(0.002, 'time between two commands', 's', 0.001, 0.02)
     force_noise: float = setting(0.3, 'standard deviation of a measured force', 'N', 0.0, 10.0)
     torque_noise: float = setting(0.01, 'the same of a torque', 'Nm', 0.0, 1.0)
