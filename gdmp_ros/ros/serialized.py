@@ -131,7 +131,7 @@ class SerializedTemplate:
         """The message, and among its bytes the first of each number; of stamps and integers."""
         parts = [*self._stamps, *(position for position, _ in self._integers)]
         return (np.frombuffer(self.bytes(np.zeros(len(self._positions))), dtype=np.uint8).copy(),
-                _HEADER + 8 * self._positions, np.array(parts))
+                _HEADER + 8 * self._positions, np.array(parts, dtype=np.int64))
 
     def integers_of(self, data: Buffer) -> list[int]:
         """``sequence``, ``mode`` and ``tick`` of a serialised message, as far as it has them."""

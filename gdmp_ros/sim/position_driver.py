@@ -72,6 +72,11 @@ class PositionDriver:
         self._stopping = self.friction, 0.0
         write_measured(self.servo, ServoState(arm.home, np.zeros_like(self.friction)))
         self._hold()
+        # Kernels are compiled, or loaded, before a robot waits for them.
+        take_state(self.servo)
+        pay(self.servo, self.numbers)
+        answer(self.servo, self.numbers, self.friction)
+        self._hold()
 
     def use_memory(self, numbers: np.ndarray) -> None:
         """Know the memory of the controller: how its reference moves, and the energy tank."""
