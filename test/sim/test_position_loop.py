@@ -1,4 +1,7 @@
 """An arm that takes joint positions gives way to what a sensor at its wrist measures; lockstep."""
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -235,3 +238,25 @@ def test_it_does_what_other_arms_do():
 def tick(loop, seconds):
     for _ in range(round(seconds / CYCLE)):
         loop.tick()
+
+
+LATE = """
+from numba.core import dispatcher
+from experiments.position_trial import FAST, resting, Trial
+trial, late = Trial(FAST), []
+trial.loop.warm_up(trial.driver._measure(), 0.002)
+load = dispatcher._DispatcherBase._compile_for_args
+dispatcher._DispatcherBase._compile_for_args = lambda kernel, *types, **named: (
+    late.append(kernel.py_func.__name__) or load(kernel, *types, **named))
+for reference in resting(trial.pose, 300.0, 0.01):
+    trial.loop.must_follow(reference)
+    measured = trial.loop.wait()
+    trial.loop.answer(measured)
+print(*late)
+"""
+
+
+def test_no_kernel_is_loaded_when_a_motion_begins():
+    """To load one takes 30 ms: the arm would stop."""
+    done = subprocess.run([sys.executable, '-c', LATE], capture_output=True, text=True, check=True)
+    assert done.stdout == '\n'
