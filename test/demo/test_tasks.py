@@ -14,14 +14,16 @@ def report(folder):
     return json.loads((folder / 'report.json').read_text())
 
 
-def test_a_pick_is_shown_learned_and_executed(tmp_path):
-    assert run_task('pick', tmp_path, ArmChoice(), lockstep_bed) == 0
+@pytest.mark.parametrize('kind', ['sim', 'ur5e'])
+def test_a_pick_is_shown_learned_and_executed(tmp_path, kind):
+    assert run_task('pick', tmp_path, ArmChoice(kind), lockstep_bed) == 0
     made = report(tmp_path)
     assert made['succeeded'] and made['task'] == 'pick' and not made.get('error')
 
 
-def test_a_skill_of_the_joints_is_shown_learned_and_executed(tmp_path):
-    assert run_task('joints', tmp_path, ArmChoice(), lockstep_bed) == 0
+@pytest.mark.parametrize('kind', ['sim', 'ur5e'])
+def test_a_skill_of_the_joints_is_shown_learned_and_executed(tmp_path, kind):
+    assert run_task('joints', tmp_path, ArmChoice(kind), lockstep_bed) == 0
     assert report(tmp_path)['succeeded']
 
 
@@ -32,7 +34,8 @@ def test_a_motion_between_objects_is_shown_once_and_executed_where_they_are(tmp_
     assert made['places'][-1]['hole_speed_m_s'] > 0.0 and made['succeeded']
 
 
-def test_wiping_is_shown_learned_and_executed(tmp_path):
-    assert run_wiping(tmp_path, ArmChoice(), lockstep_bed) == 0
+@pytest.mark.parametrize('kind', ['sim', 'ur5e'])
+def test_wiping_is_shown_learned_and_executed(tmp_path, kind):
+    assert run_wiping(tmp_path, ArmChoice(kind), lockstep_bed) == 0
     made = report(tmp_path)
     assert made['succeeded'] and len(made['tables']) == 6

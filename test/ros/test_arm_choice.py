@@ -3,10 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from gdmp_ros.demo.tasks import run_task, run_wiping
+from gdmp_ros.demo.tasks import run_wiping
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA, POSITION, SERVO_SIM, SIMULATED
-from gdmp_ros.ros.clients.testbed import start_arm
 
 
 def test_an_arm_has_its_node_and_parameters():
@@ -18,7 +17,7 @@ def test_an_arm_has_its_node_and_parameters():
     assert 'robot_position_tolerance' in real.server_parameters()
 
 
-def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it(tmp_path):
+def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it():
     arm = ArmChoice('ur5e')
     arm.check()
     assert (arm.node, arm.robots, arm.frame) == (POSITION, (SERVO_SIM,), 'base_link')
@@ -26,10 +25,14 @@ def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it(tmp_path):
     # What hangs at its sensor is known.
     assert arm.parameters()['payload_mass'] == pytest.approx(0.76)
     assert arm.server_parameters()['reach_model'] == 'ur5e'
-    for refused in (lambda: run_task('pick', tmp_path, arm), lambda: run_wiping(tmp_path, arm),
-                    lambda: start_arm(None, arm, True, {})):
-        with pytest.raises(ParameterError, match='--task|fingers of this arm do not move'):
-            refused()
+    # A simulated arm like it is guided by hand.
+    assert arm.shown_on == {'model': 'ur5e', 'frame_id': 'base_link'}
+    assert ArmChoice().shown_on == {}
+
+
+def test_what_no_table_can_be_put_under_is_not_asked_to_wipe(tmp_path):
+    with pytest.raises(ParameterError, match='--task wipe puts tables under a simulated arm'):
+        run_wiping(tmp_path, ArmChoice('franka', host='172.16.0.2'))
     assert not list(tmp_path.iterdir())
 
 
