@@ -30,6 +30,7 @@ GROUPS = {
         'run': 'run a skill, a sequence or a recorded run on running nodes',
         'watch': 'watch server and arm in the terminal',
         'home': 'move the joints of an arm to a posture',
+        'arm model': 'make a model of an arm from its URDF',
         'arm urdf': 'write the URDF of an arm',
         'arm friction': "measure the friction of an arm's joints",
         'arm tool': 'weigh the tool of an arm that takes joint positions',

@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
     parser.add_argument('--node', default='', metavar='NAME',
                         help='an arm that runs already, with its namespace, instead of --arm')
+    parser.add_argument('--model', default='', metavar='MODEL',
+                        help='another simulated arm: ur5e, MJCF file, menagerie:NAME, '
+                             'robot_descriptions:NAME')
     parser.add_argument('--by-hand', action='store_true',
                         help='you guide the simulated arm; a robot is always guided by you')
     parser.add_argument('--no-window', action='store_true',
@@ -67,6 +70,8 @@ def run(options: argparse.Namespace) -> None:
         raise ParameterError('--node is an arm that runs already: leave --arm, --host, '
                              '--protocol-server and --friction out')
     arm = arm_choice(options)
+    if options.model and (options.node or arm.kind != 'sim'):
+        raise ParameterError('--model is a simulated arm: leave --node and --arm out')
     by_hand = options.by_hand or bool(options.node or arm.host)
     window = by_hand and arm.kind == 'sim' and not (options.node or options.no_window)
     if window and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
@@ -77,4 +82,5 @@ def run(options: argparse.Namespace) -> None:
     with optional_import(ROS):
         from gdmp_ros.ros.clients.teaching import teach, TeachingSettings
     teach(TeachingSettings(options.output, options.storage, options.frame, arm, options.node,
-                           window, by_hand and options.gripper, options.transforms), demos)
+                           window, by_hand and options.gripper, options.transforms,
+                           options.model), demos)

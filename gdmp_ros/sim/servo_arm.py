@@ -14,6 +14,7 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.servo import ServoState
 from gdmp_ros.control.settings import ControllerSettings
+from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.sim.arm import Arm, Extra
@@ -23,8 +24,8 @@ from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.position_driver import PositionDriver
 from gdmp_ros.util.settings import setting
 
-#: Body that hangs at the sensor, and names of the sensor.
-HAND, SITE, FORCE, TORQUE = 'hand', 'wrist_sensor', 'wrist_force', 'wrist_torque'
+#: Names of the sensor; the body with the site of the tool hangs at it.
+TOOL, SITE, FORCE, TORQUE = 'tcp', 'wrist_sensor', 'wrist_force', 'wrist_torque'
 #: Bandwidth of the position servos [rad/s].
 BANDWIDTH = 400.0
 NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
@@ -43,8 +44,15 @@ class ServoSettings:
 
 
 def add_wrist_sensor(spec: mujoco.MjSpec) -> None:
-    """Let a sensor measure the wrench between the hand and the arm, in the frame of the hand."""
-    spec.body(HAND).add_site(name=SITE)
+    """
+    Let a sensor measure the wrench between tool and arm, in the frame of the body of the tool.
+
+    :raises DataError: if the model has no tool
+    """
+    tool = spec.site(TOOL)
+    if tool is None:
+        raise DataError(f'the model has no site {TOOL!r}')
+    tool.parent.add_site(name=SITE)
     for name, kind in ((FORCE, mujoco.mjtSensor.mjSENS_FORCE),
                        (TORQUE, mujoco.mjtSensor.mjSENS_TORQUE)):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=SITE)
@@ -146,7 +154,7 @@ class ServoArm:
         """What hangs at the sensor, in the frame of the tool site."""
         model, data = self.arm.model, mujoco.MjData(self.arm.model)
         mujoco.mj_forward(model, data)
-        body, site = model.body(HAND).id, data.site('tcp')
+        body, site = self.arm.tool_body, data.site(TOOL)
         mass = float(model.body_subtreemass[body])
         x, y, z = (site.xmat.reshape(3, 3).T @ (data.subtree_com[body] - site.xpos)).tolist()
         return Payload(mass, (x, y, z))

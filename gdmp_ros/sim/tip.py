@@ -104,13 +104,12 @@ class TipKinematics:
         return result
 
 
-def from_urdf(path: Path, tip: str, base: str = '') -> TipKinematics:
+def read_urdf(path: Path) -> tuple[ET.Element, str]:
     """
-    Kinematics of a URDF file; its meshes are not needed.
+    Read a URDF file, for MuJoCo: links without joints stay links.
 
-    :param tip: name of a link
-    :param base: name of the link that the poses are in; empty: the first one
-    :raises DataError: if it is no URDF, or has no such links
+    :returns: the robot, and the name of its first link
+    :raises DataError: if it is no URDF
     """
     try:
         text = read_text(path, 'URDF', _LARGEST)
@@ -122,13 +121,6 @@ def from_urdf(path: Path, tip: str, base: str = '') -> TipKinematics:
                         'robot.urdf')
     if robot.tag != 'robot':
         raise DataError(f'{path}: it begins with <{robot.tag}>, expected <robot>')
-    for link in robot.iter('link'):
-        for name in _NOT_NEEDED:
-            for part in link.findall(name):
-                link.remove(part)
-        inertial = ET.SubElement(link, 'inertial')
-        ET.SubElement(inertial, 'mass', value='1')
-        ET.SubElement(inertial, 'inertia', ixx='1', iyy='1', izz='1', ixy='0', ixz='0', iyz='0')
     children = {child.get('link') for child in robot.iter('child')}
     roots = [link.get('name', '') for link in robot.iter('link')
              if link.get('name') not in children]
@@ -139,12 +131,37 @@ def from_urdf(path: Path, tip: str, base: str = '') -> TipKinematics:
         robot.remove(part)
     # Links without joints would be joined to their parents, and have no names any more.
     ET.SubElement(ET.SubElement(robot, 'mujoco'), 'compiler', fusestatic='false')
+    return robot, roots[0]
+
+
+def add_inertia(link: ET.Element, mass: float, inertia: float) -> None:
+    """Give a link a mass [kg], and the same inertia about all axes [kg m²]."""
+    inertial = ET.SubElement(link, 'inertial')
+    ET.SubElement(inertial, 'mass', value=str(mass))
+    about = str(inertia)
+    ET.SubElement(inertial, 'inertia', ixx=about, iyy=about, izz=about, ixy='0', ixz='0', iyz='0')
+
+
+def from_urdf(path: Path, tip: str, base: str = '') -> TipKinematics:
+    """
+    Kinematics of a URDF file; its meshes are not needed.
+
+    :param tip: name of a link
+    :param base: name of the link that the poses are in; empty: the first one
+    :raises DataError: if it is no URDF, or has no such links
+    """
+    robot, root = read_urdf(path)
+    for link in robot.iter('link'):
+        for name in _NOT_NEEDED:
+            for part in link.findall(name):
+                link.remove(part)
+        add_inertia(link, 1.0, 1.0)
     try:
         model = mujoco.MjModel.from_xml_string(ET.tostring(robot, encoding='unicode'))
     except ValueError as error:
         raise DataError(f'{path}: {error}') from None
     try:
-        return TipKinematics(model, tip, roots[0], base)
+        return TipKinematics(model, tip, root, base)
     except DataError as error:
         raise DataError(f'{path}: {error}') from None
 

@@ -240,6 +240,7 @@ class TeachingSettings:
     :ivar window: whether the simulation has a window
     :ivar gripper: whether the arm that is started has a gripper
     :ivar transforms: whether /tf and /tf_static are recorded, too
+    :ivar model: of a simulated arm; empty: the built-in one
     """
 
     folder: Path
@@ -250,6 +251,7 @@ class TeachingSettings:
     window: bool = False
     gripper: bool = False
     transforms: bool = False
+    model: str = ''
 
 
 def teach(settings: TeachingSettings, demos: Sequence[Demonstration]) -> None:
@@ -300,8 +302,9 @@ def _session(settings: TeachingSettings, environment: dict[str, str]) -> Iterato
             print(f'starting a recorder for {node}', flush=True)
         else:
             print('starting the arm and the recorder', flush=True)
-            start_arm(children, arm, settings.gripper, {'frame_id': settings.frame},
-                      settings.window)
+            start_arm(children, arm, settings.gripper, {
+                'frame_id': settings.frame,
+                **({'model': settings.model} if settings.model else {})}, settings.window)
         namespace = node.rpartition('/')[0].strip('/')
         children.start_node(recorder, MODULES[TAKE_RECORDER], {
             'folder': str(settings.folder.absolute()), 'storage': settings.storage,
