@@ -7,8 +7,8 @@ in an MCAP bag, and writes report.json and pictures.
 With --arm franka the same on a Franka Research 3, which first moves to its home posture: there
 must be room for it. It was tried over the protocol of the robot, not on hardware.
 
-With --arm ur5e the letter is followed by an arm that takes joint positions, with an admittance: a
-simulated one, behind the topics of ros2_control.
+With --arm ur5e an arm that takes joint positions executes the same, with an admittance: a simulated
+one, behind the topics of ros2_control. A hand shows the tasks to one with torques.
 
 examples:
   gdmp demo --out out/demo
@@ -18,6 +18,7 @@ examples:
   gdmp demo --task wipe --out out/wipe
   gdmp demo --task tray --out out/tray
   gdmp demo --arm ur5e --out out/ur5e
+  gdmp demo --arm ur5e --task wipe --out out/ur5e-wipe
   gdmp demo --arm franka --protocol-server --out out/franka
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """

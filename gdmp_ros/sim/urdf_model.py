@@ -106,6 +106,7 @@ def _speeds(robot: ET.Element) -> dict[str, float]:
 
 def _cover(spec: mujoco.MjSpec, assumed: list[str]) -> None:
     """Put a capsule along each link without a shape; it touches nothing in the simulation."""
+    spec.compiler.discardvisual = False
     covered = []
     for body in spec.bodies[1:]:
         if body.geoms:

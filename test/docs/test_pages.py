@@ -27,6 +27,7 @@ from experiments.__main__ import PROGRAM as EXPERIMENTS
 from gdmp_ros.cli.main import PROGRAM as GDMP
 from gdmp_ros.ros import messages
 from gdmp_ros.util.dds_network import Domain
+from test.urdf import ur5e
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
@@ -39,6 +40,7 @@ _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
 #: What a page assumes: files of an earlier page, names in pieces of Python.
 _SKILL = 'gdmp examples lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
+BEFORE['docs/own_robot.md'] = f"cat > robot.urdf <<'URDF'\n{ur5e()}\nURDF\n"
 NAMES = {'docs/skills.md': """
 import gdmp_ros
 import numpy as np
