@@ -7,8 +7,8 @@ in an MCAP bag, and writes report.json and pictures.
 With --arm franka the same on a Franka Research 3, which first moves to its home posture: there
 must be room for it. It was tried over the protocol of the robot, not on hardware.
 
-With --arm ur5e an arm that takes joint positions executes the same, with an admittance: a simulated
-one, behind the topics of ros2_control. A hand shows the tasks to one with torques.
+With --arm ur5e an arm that takes joint positions executes the same, with an admittance: a
+simulated one, behind the topics of ros2_control. A hand shows the tasks to one with torques.
 
 examples:
   gdmp demo --out out/demo
