@@ -42,6 +42,7 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plant import PlantSettings, REAL
+from gdmp_ros.sim.servo_arm import PositionLoop, ServoArm
 from gdmp_ros.util.profiles import minimum_jerk
 
 DT = 1e-3
@@ -608,13 +609,56 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
             Found('mean force on the table, relative error', apart, 0.1)]
 
 
+#: Where no UR5e can be, or only by passing a singular posture: behind the base, out of reach,
+#: inside its own body, above it [m].
+NOWHERE = ((-0.5, 0.1, 0.4), (1.3, 0.2, 0.4), (0.05, 0.05, 0.3), (0.0, 0.1, 1.3))
+
+
+def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
+    """An arm that takes positions, sent where it cannot be: its limits hold, and it comes home."""
+    servo = ServoArm('ur5e', position_trial.SLOW if PLANTS[plant] else position_trial.FAST)
+    loop = PositionLoop(servo, ControllerSettings(guard=ANYWHERE))
+    arm, body, joints, limits = servo.arm, servo.arm.shape, loop.joints, LimitSettings()
+    fastest, sent = joints.fastest(limits.joint_speed), loop.driver.servo.command
+    beyond, fast, near, unnamed, lost = -math.inf, 0.0, math.inf, 0, 0
+    home = arm.site_pose('tcp')
+    for place in NOWHERE:
+        target, named = resting_target(home, diagonal(800.0)), False
+        for k in range(5000):
+            share = minimum_jerk(np.array([min(k / 1500.0, 1.0)]))
+            target[:3] = home[:3] + share * (np.array(place) - home[:3])
+            loop.must_follow(target)
+            loop.tick()
+            named = named or bool(loop.controller.blocked)
+            beyond = max(beyond, float(np.maximum(joints.lower - sent[0],
+                                                  sent[0] - joints.upper).max()))
+            fast = max(fast, float((np.abs(arm.data.qvel[:len(fastest)]) / fastest).max()))
+            if k % 10 == 0:
+                near = min(near, float(clearances(arm.chain, body, arm.data.qpos[:6]).min()))
+        away = np.linalg.norm(arm.site_pose('tcp')[:3] - place)
+        unnamed += not (named or away < 0.01)
+        for _ in range(15000):
+            loop.must_follow(resting_target(home, diagonal(800.0)))
+            loop.tick()
+            if pose_distance(arm.site_pose('tcp'), home)[0] < 0.005:
+                break
+        else:
+            lost += 1
+    return [Found('joint positions beyond their limits [rad]', beyond, 0.0),
+            Found('joint speed, of the largest', fast, 1.05),
+            Found('distance of parts of the arm [m]', near, 0.5 * KEEP, True),
+            Found('places that are not reached, and no limit is named', unnamed, 0),
+            Found('ways home that are not', lost, 0)]
+
+
 #: By name: what is tried on a plant, with a generator and the number of draws of random cases.
 CASES: dict[str, Callable[[str, np.random.Generator, int], list[Found]]] = {
     'joints-at-the-wall': joints_at_the_wall, 'targets': targets, 'half-turns': half_turns,
     'wrong-twists': wrong_twists, 'settings-at-rest': settings_at_rest, 'speeds': speeds,
     'plain-work': plain_work, 'foreign-masses': foreign_masses, 'less-friction': less_friction,
     'hard-contact': hard_contact, 'own-body': own_body, 'hand-guiding': hand_guiding,
-    'position-arm': position_arm, 'streams': streams, 'joint-streams': joint_streams}
+    'position-arm': position_arm, 'position-arm-limits': position_arm_limits,
+    'streams': streams, 'joint-streams': joint_streams}
 
 
 def rows(task: tuple[str, str, int]) -> list[dict[str, Any]]:

@@ -22,13 +22,16 @@ from gdmp_ros.control.kinematics import Chain, place_links
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.weight import GRAVITY
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, records_at
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.manifolds.quaternion import multiply, rotate
 
 #: Time of motion in which an estimate of the delay forgets [s], what its first value weighs
 #: [rad²/s], and the speed of all joints from which it learns [rad/s].
 FORGETS_S, FIRST_WEIGHT, LEAST_SPEED = 1.0, 2e-4, 0.005
+#: Largest acceleration of what is sent ahead, and from which the inertia of what hangs at the
+#: sensor is known [rad/s²]: the reference jerks at a limit.
+AHEAD_ACCELERATION = 10.0
 #: Why a state cannot be used; 0: it can.
 (FINE, NOT_RUNNING, NOT_FINITE, OLD, WRENCH_NOT_FINITE, WRENCH_OLD, FORCE_SATURATED,
  TORQUE_SATURATED, LATE, ASTRAY) = range(10)
@@ -94,7 +97,8 @@ class Servo(NamedTuple):
     :ivar command: where the arm was told to be last, and the velocity of that, shape (2, n)
     :ivar past: commands, the last one first, shape (k, n)
     :ivar errors: of each delay: how badly it explains where the arm was, shape (k,)
-    :ivar twists: of the reference of the tool, the last one first, shape (k, 6)
+    :ivar ahead: velocities of the joints that are sent ahead [rad/s], shape (n,)
+    :ivar twists: of the tool, with ``ahead``, the last one first, shape (k, 6)
     :ivar frames: of the joints (`gdmp_ros.control.kinematics.Chain`)
     :ivar axes: the same
     :ivar ends: poses of sensor, tool and site in the frame of the last joint, shape (3, 7)
@@ -112,6 +116,7 @@ class Servo(NamedTuple):
     command: np.ndarray
     past: np.ndarray
     errors: np.ndarray
+    ahead: np.ndarray
     twists: np.ndarray
     frames: np.ndarray
     axes: np.ndarray
@@ -135,7 +140,7 @@ def servo_of(chain: Chain, joints: JointLimits, settings: AdmittanceSettings, cy
     servo = Servo(
         np.zeros(len(SCALARS.names or ())), measured, np.zeros(6), virtual, command,
         np.zeros((len(lags), n)), FIRST_WEIGHT * (cycle * lags - settings.servo_delay) ** 2,
-        np.zeros((len(lags), 6)), chain.frames, chain.axes, np.zeros((3, 7)),
+        np.zeros(n), np.zeros((len(lags), 6)), chain.frames, chain.axes, np.zeros((3, 7)),
         np.array(settings.sensor_bias), np.zeros(3), np.array([joints.lower, joints.upper]),
         np.zeros(7), np.zeros(6))
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
@@ -159,7 +164,8 @@ def write_measured(servo: Servo, state: ServoState) -> None:
 def rest(servo: Servo) -> None:
     """Put the virtual arm to rest where the arm is, and forget what it was told."""
     servo.virtual[0], servo.virtual[1] = servo.measured[0], 0.0
-    servo.command[:], servo.past[:], servo.twists[:] = servo.virtual, servo.measured[0], 0.0
+    servo.command[:], servo.past[:] = servo.virtual, servo.measured[0]
+    servo.ahead[:], servo.twists[:] = 0.0, 0.0
 
 
 def problem_of(servo: Servo, code: int) -> str:
@@ -331,23 +337,28 @@ def answer(servo, numbers, torque):
     :param torque: [Nm], shape (n,)
     """
     s, arm = records_at(servo.numbers, 0, 1, SCALARS)[0], arm_view(numbers)
-    n, twists = torque.size, servo.twists
+    n, twists, ahead = torque.size, servo.twists, servo.ahead
     for k in range(len(twists) - 1, 0, -1):
         copy_into(twists[k - 1], twists[k])
+    for i in range(n):
+        most = AHEAD_ACCELERATION * s.dt
+        ahead[i] += min(max(arm.rates[i] - ahead[i], -most), most)
+    twist = local_zeros(6)
     for k in range(6):
         twists[0, k] = 0.0
         for i in range(n):
-            twists[0, k] += arm.jacobian[k, i] * arm.rates[i]
+            twist[k] += arm.jacobian[k, i] * arm.rates[i]
+            twists[0, k] += arm.jacobian[k, i] * ahead[i]
     driving, damping = local_numbers(n), local_numbers(2)
     for i in range(n):
         driving[i] = torque[i] - arm.bias[i]
     damping[0] = s.damping * s.contact_stiffness * s.delay
     damping[1] = LEVER_M ** 2 * damping[0]
     advance(servo.virtual[0], servo.virtual[1], arm.inertia, arm.jacobian, driving, servo.wrench,
-            twists[0], damping, s.dt)
+            twist, damping, s.dt)
     for i in range(n):
         # What is known of the motion is sent earlier.
-        wanted = servo.virtual[0, i] + s.delay * arm.rates[i]
+        wanted = servo.virtual[0, i] + s.delay * ahead[i]
         wanted = min(max(wanted, servo.bounds[0, i]), servo.bounds[1, i])
         servo.command[1, i] = (wanted - servo.command[0, i]) / s.dt
         servo.command[0, i] = wanted
