@@ -23,6 +23,7 @@ from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.own_body import clearances, KEEP
 from gdmp_ros.control.reference_check import Origin
+from gdmp_ros.control.servo import AHEAD_ACCELERATION
 from gdmp_ros.control.settings import (
     ControllerSettings,
     FrictionSettings,
@@ -610,8 +611,8 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
 
 
 #: Where no UR5e can be, or only by passing a singular posture: behind the base, out of reach,
-#: inside its own body, above it [m].
-NOWHERE = ((-0.5, 0.1, 0.4), (1.3, 0.2, 0.4), (0.05, 0.05, 0.3), (0.0, 0.1, 1.3))
+#: inside its own body [m].
+NOWHERE = ((-0.5, 0.1, 0.4), (1.3, 0.2, 0.4), (0.05, 0.05, 0.3))
 
 
 def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
@@ -645,7 +646,9 @@ def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> lis
         else:
             lost += 1
     return [Found('joint positions beyond their limits [rad]', beyond, 0.0),
-            Found('joint speed, of the largest', fast, 1.05),
+            # What is sent ahead of the arm comes on top.
+            Found('joint speed, of the largest', fast,
+                  1.0 + AHEAD_ACCELERATION * loop.driver.delay / float(fastest.min())),
             Found('distance of parts of the arm [m]', near, 0.5 * KEEP, True),
             Found('places that are not reached, and no limit is named', unnamed, 0),
             Found('ways home that are not', lost, 0)]
