@@ -21,9 +21,9 @@ from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.plain_tick import controller_of, MADE, only_follows
-from gdmp_ros.control.servo import ServoState, write_measured
+from gdmp_ros.control.servo import AHEAD_ACCELERATION, ServoState, write_measured
 from gdmp_ros.control.settings import TankSettings
-from gdmp_ros.control.target import POSE
+from gdmp_ros.control.target import POSE, resting_target
 from gdmp_ros.ros.messages import ROBOT_STATE_FIXED, robot_state_numbers
 from gdmp_ros.sim.position_tick import plain_tick, view_of, write_arm
 from gdmp_ros.sim.servo_arm import ServoSettings
@@ -210,6 +210,23 @@ def test_without_a_sensor_it_follows_stiffly():
     rows = trial.follow(references)
     errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 1e-3
+
+
+def test_beside_a_singular_posture_it_does_not_shake_its_tool():
+    """Straight above the base the reference jerks: the sensor feels the tool that it shakes."""
+    trial = Trial(FAST)
+    home, felt, named = trial.pose, [], set()
+    for k in range(3000):
+        target = resting_target(home)
+        share = minimum_jerk(np.array([min(k / 1500.0, 1.0)]))
+        target[:3] += share * ([0.0, 0.1, 1.3] - home[:3])
+        trial.loop.must_follow(target)
+        trial.loop.tick()
+        felt.append(np.linalg.norm(trial.driver.wrench[:3]))
+        named.add(trial.loop.controller.blocked)
+    assert 'a singularity' in named
+    # Mass times the acceleration that is sent ahead; the levers of all joints are 4 m together.
+    assert max(felt[100:]) < 4.0 * 0.76 * AHEAD_ACCELERATION
 
 
 def test_it_does_what_other_arms_do():
