@@ -2,7 +2,7 @@
 
 Joints at their limits and walls, targets near and far, streams with wrong twists, settings that
 change at rest, speeds, the energy of plain work, the own body, hand guiding with a wrong payload,
-an arm that takes joint positions.
+an arm that takes joint positions: free, on a hard table, and where it cannot be.
 The mechanical stops of the joints are taken away.
 
 examples:
