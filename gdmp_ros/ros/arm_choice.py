@@ -50,7 +50,8 @@ class ArmChoice:
     :ivar kind: ``sim``, ``franka``, or ``ur5e``: a simulated one that takes joint positions
     :ivar host: address of a Franka
     :ivar protocol_server: start a server of the protocol, instead of a robot
-    :ivar parameter_files: of its node, such as one with its friction; the last one wins
+    :ivar parameter_files: of its node, such as one with its friction, and of what is in place of a
+        robot; the last one wins
     """
 
     kind: str = 'sim'
@@ -131,7 +132,7 @@ class ArmChoice:
         return {'host': self.host}
 
     def arguments(self) -> list[str]:
-        """More ROS arguments of its node."""
+        """More ROS arguments of its node, and of `robots`."""
         return [word for path in self.parameter_files for word in ('--params-file', str(path))]
 
     def server_parameters(self) -> dict[str, Any]:

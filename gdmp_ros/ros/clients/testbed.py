@@ -153,7 +153,7 @@ def start_arm(children: ChildProcesses, arm: ArmChoice, gripper: bool,
         children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                             {'host': arm.parameters()['host']})
     for robot in arm.robots:
-        children.start_node(robot, MODULES[robot], {'gripper': gripper})
+        children.start_node(robot, MODULES[robot], {'gripper': gripper}, arm.arguments())
     children.start_node(arm.node, MODULES[arm.node], {**arm.parameters(), **parameters},
                         arm.arguments())
 
@@ -211,7 +211,8 @@ class NodeTestbed:
         """
         name, simulates = self.arm.node, dict(world or {})
         for robot in self.arm.robots:
-            self.children.start_node(robot, MODULES[robot], simulates, (), prefix)
+            self.children.start_node(robot, MODULES[robot], simulates, self.arm.arguments(),
+                                     prefix)
         if self.arm.kind == 'sim':
             parameters = {**simulates, **parameters}
         self.children.start_node(name, MODULES[name], {**self.arm.parameters(), **parameters},
