@@ -45,7 +45,7 @@ def model_of(path: Path, tip: str, home: np.ndarray) -> ArmModel:
     :param tip: link that carries the tool, which is at its origin
     :param home: posture at the beginning, where the null space rests [rad]
     :raises DataError: if it is no URDF, has no such link, or says too little
-    :raises ParameterError: if the home posture is none of the arm
+    :raises ParameterError: if the home posture does not fit the joints
     """
     robot, root = read_urdf(path)
     assumed: list[str] = []
@@ -69,8 +69,8 @@ def model_of(path: Path, tip: str, home: np.ndarray) -> ArmModel:
         joint.armature = ROTOR
         if not np.any(joint.damping):
             joint.damping = [FRICTION, 0.0, 0.0]
-    assumed.append(f'rotors of {ROTOR:g} kg m², and friction of {FRICTION:g} Nm s/rad where there '
-                   'is none')
+    assumed.append(f'rotors of {ROTOR:g} kg m², and friction of {FRICTION:g} Nm s/rad in joints '
+                   'without friction')
     _cover(spec, assumed)
     unknown = [joint.name for joint in joints if not speeds.get(joint.name, 0.0) > 0.0]
     if unknown:
@@ -83,7 +83,7 @@ def model_of(path: Path, tip: str, home: np.ndarray) -> ArmModel:
 
 
 def _simplify(robot: ET.Element, assumed: list[str]) -> None:
-    """Take away what needs files, and add inertia where there is none."""
+    """Remove visual shapes and meshes, and give each link an inertia."""
     without = []
     for link in robot.iter('link'):
         for part in link.findall('visual'):
@@ -122,7 +122,7 @@ def _cover(spec: mujoco.MjSpec, assumed: list[str]) -> None:
 
 
 def _check(home: np.ndarray, joints: list[mujoco.MjsJoint]) -> None:
-    """:raises ParameterError: if a posture is none of an arm"""
+    """:raises ParameterError: if the posture has another number of joints, or is out of range"""
     if len(home) != len(joints):
         raise ParameterError(f'the home posture has {len(home)} numbers, expected {len(joints)}: '
                              f'{", ".join(joint.name for joint in joints)}')

@@ -32,14 +32,15 @@ from gdmp_ros.ros.messages import (
 from gdmp_ros.ros.middleware import DEEP, reliable
 from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
+from test.processes.loop_bed import LoopBed
 
 TOPIC = '/trajectory_server/reference'
 #: Nothing that this test does in time is late for the arm.
 PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout:=1.0']
 
 
-class Bed:
-    """A node that is active without threads of its own, and a client: the test makes its ticks."""
+class Bed(LoopBed):
+    """A simulated arm, and a client."""
 
     def __init__(self):
         rclpy.init(args=PATIENT)
@@ -59,13 +60,6 @@ class Bed:
         self.control.activate()
         self._sequence, self.cycles = 0, self.backend.cycles()
 
-    def close(self):
-        self.node.active = False
-        self.node.take_down()
-        self.node.destroy_node()
-        self.client.close()
-        rclpy.shutdown()
-
     def send(self, mode=StreamMode.STREAMING, frame='panda_link0', joints=False, away=0.0):
         """Send the next reference of a stream, near the robot."""
         self._sequence += 1
@@ -80,31 +74,6 @@ class Bed:
             target[0] += away
             fill_reference(message, target)
         self._sender.publish(message)
-
-    def run(self, until):
-        """Let the loop run; it looks at Python again and again, as for requests."""
-        ended = threading.Event()
-
-        def call():
-            while not ended.wait(0.005):
-                self.loop.call()
-        thread = threading.Thread(target=call)
-        thread.start()
-        try:
-            while not until():
-                next(self.cycles)
-        finally:
-            ended.set()
-            thread.join()
-
-    def received(self):
-        """The states that have come, after the last one was sent."""
-        found = []
-        while not found or found[-1].tick < self.out.written[0]:
-            message = self.states.take_message()
-            if message is not None:
-                found.append(message)
-        return found
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from gdmp_ros.ros.arm import position_arm
 from gdmp_ros.ros.messages import fill_reference, stamp_of
 from gdmp_ros.ros.middleware import DEEP, latched, reliable
 from gdmp_ros.sim.arm import Arm
+from test.processes.loop_bed import LoopBed
 
 NAME, RUNNING = 'position_arm', '/running'
 #: Nothing that this test does in time is late for the arm.
@@ -79,13 +80,16 @@ class Robot:
         self.participant.close()
 
 
-class Bed:
-    """The node without threads of its own, and a robot: the test makes its ticks."""
+class Bed(LoopBed):
+    """An arm that takes joint positions, and its robot."""
+
+    every_s = 0.05
 
     def __init__(self):
         rclpy.init(args=['--ros-args', *(word for name, value in PATIENT
                                          for word in ('-p', f'{name}:={value}'))])
         self.robot, self.node = Robot(), position_arm.node()
+        self.client = self.robot
         assert self.node.trigger_configure().name == 'SUCCESS'
         self.backend, self.control = self.node.backend, self.node.control
         self.loop, self.out = self.backend.compiled, self.node.state_out
@@ -101,13 +105,6 @@ class Bed:
         self.control.activate()
         self._sequence, self.cycles = 0, self.backend.cycles()
 
-    def close(self):
-        self.node.active = False
-        self.node.take_down()
-        self.node.destroy_node()
-        self.robot.close()
-        rclpy.shutdown()
-
     def send(self, target):
         self._sequence += 1
         message = Reference(sequence=self._sequence, mode=int(StreamMode.STREAMING))
@@ -115,22 +112,6 @@ class Bed:
         message.header.stamp = stamp_of(self.node.clock.wall())
         fill_reference(message, target)
         self._sender.publish(message)
-
-    def run(self, until):
-        """Let the loop run; it looks at Python again and again, as for requests."""
-        ended = threading.Event()
-
-        def call():
-            while not ended.wait(0.05):
-                self.loop.call()
-        thread = threading.Thread(target=call)
-        thread.start()
-        try:
-            while not until():
-                next(self.cycles)
-        finally:
-            ended.set()
-            thread.join()
 
 
 @pytest.fixture
@@ -162,11 +143,7 @@ def test_a_stream_is_followed_without_the_interpreter(bed, by_python):
     # test, which calls it.
     assert bed.out.written[0] - ticks > 2 * len(by_python)
     assert bed.robot.commands > 30
-    found = []
-    while not found or found[-1].tick < bed.out.written[0]:
-        message = bed.states.take_message()
-        if message is not None:
-            found.append(message)
+    found = bed.received()
     assert [one.tick for one in found] == list(range(1, len(found) + 1))
     # States have the joints of the robot, in the order of its model.
     assert found[-1].position == pytest.approx(

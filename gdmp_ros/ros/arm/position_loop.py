@@ -57,9 +57,9 @@ from gdmp_ros.sim.position_tick import plain_tick, PositionArmView, view_of, wri
 
 #: Ticks that are late pass as one, up to this many.
 MOST_LATE = 10
-#: The arm has a clock of its own: ticks come this part of a period after what it says, so that its
-#: commands are there before its next cycle. How fast a difference decreases, and by how much at
-#: most [periods].
+#: Ticks are synchronised with the joint states of the arm: they come this part of a period after
+#: a message, so that a command arrives before the next cycle of the arm. Gain of the correction in
+#: each tick, and its largest step [periods].
 PHASE, PHASE_GAIN, PHASE_STEP = 0.25, 0.02, 0.01
 #: What `run` returns beside what others do: a message of a topic is for Python.
 JOINTS, WRENCH, RUNNING = 32, 33, 34
