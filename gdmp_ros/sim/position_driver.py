@@ -69,7 +69,6 @@ class PositionDriver:
         # Without a controller there is no motion, and no tank.
         self.numbers = memory.blank(len(self.joints.torque))
         self._problem = 'it was not begun'
-        self._stopping = self.friction, 0.0
         write_measured(self.servo, ServoState(arm.home, np.zeros_like(self.friction)))
         self._hold()
         # Kernels are compiled, or loaded, before a robot waits for them.

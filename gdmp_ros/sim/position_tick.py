@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.plain_tick import decide, MADE, OTHER, write_state
-from gdmp_ros.control.servo import answer, FINE, pay, Servo, take_state
+from gdmp_ros.control.servo import answer, FINE, pay, SCALARS, Servo, take_state
 from gdmp_ros.control.stream import is_plain
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.sim.native import look, measure, ModelView
 from gdmp_ros.sim.position_driver import PositionDriver
@@ -48,11 +48,10 @@ def measure_virtual(view, arm):
 
 
 @kernel
-def plain_tick(view, controller, dt):
+def plain_tick(view, controller):
     """
     Make a tick, if nothing but following or holding is to be done; the command is then known.
 
-    :param dt: time since the last command [s]
     :returns: `MADE`, `OTHER`, an event: then there is no command yet, or `UNUSABLE` and more
     """
     if not is_plain(controller.stream):
@@ -64,7 +63,7 @@ def plain_tick(view, controller, dt):
     pay(servo, numbers)
     arm = arm_view(numbers)
     measure_virtual(view, arm)
-    event = decide(controller, dt)
+    event = decide(controller, records_at(servo.numbers, 0, 1, SCALARS)[0].dt)
     if event != 0:
         return event
     answer(servo, numbers, arm.torque)

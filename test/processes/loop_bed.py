@@ -8,7 +8,7 @@ class LoopBed:
     """
     A node that is active without threads of its own: the test makes its ticks.
 
-    A subclass makes ``node``, ``loop`` and ``cycles`` of it, ``out``, ``states`` (a subscription to
+    A subclass makes ``node``, its ``loop``, ``cycles`` and ``out``, ``states`` (a subscription to
     its states) and ``client``.
 
     :ivar every_s: time between two calls that let the loop look at Python

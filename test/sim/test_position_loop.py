@@ -61,7 +61,7 @@ def test_a_compiled_tick_is_the_same():
         if only_follows(compiled):
             write_measured(driver.servo, driver.link.read())
             view, controller = view_of(driver), controller_of(compiled)
-            assert plain_tick(view, controller, CYCLE) == MADE
+            assert plain_tick(view, controller) == MADE
             driver.link.send(*driver.servo.command)
             trials[1].servo.advance()
             trials[1].servo.advance()

@@ -141,7 +141,7 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
             return MESSAGE
         keep_phase(loop, heard.arrived[0])
         scalars.dt = 1e-9 * min(loop[LEFT], MOST_LATE) * loop[PERIOD]
-        result = plain_tick(view, controller, scalars.dt)
+        result = plain_tick(view, controller)
         if result != MADE:
             return result
         command_numbers(view.servo.command[0], view.servo.virtual[1], topics.order,
