@@ -1,34 +1,57 @@
 """Child processes that end with their parent, and what Ctrl-C and SIGTERM do to this one."""
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 import signal
 import subprocess
+import sys
 import threading
+from types import FrameType
+from typing import Any
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.util.child_process import command as child_command
 
 #: Whether Ctrl-C is held back at present, and whether it has come meanwhile.
 _held, _came = threading.Event(), threading.Event()
+#: After this time a signal is sent again whose exception was dropped.
+_AGAIN_S = 0.05
 
 
 class Interrupt(KeyboardInterrupt):
     """
-    Ctrl-C.
+    Ctrl-C, or SIGTERM.
 
     If a KeyboardInterrupt itself leaves the execution of a text, as modules do it when they are
     imported, CPython ends the process by the signal, although it is handled later.
     """
 
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        """:param number: of the signal"""
+        super().__init__()
+        self.number = number
+
 
 def interrupt_on_sigterm() -> None:
     """Make SIGTERM raise Interrupt, as Ctrl-C does, so that everything is cleaned up."""
-    def interrupt(*_: object) -> None:
-        raise Interrupt
+    def interrupt(number: int, _: FrameType | None) -> None:
+        raise Interrupt(number)
+    sys.unraisablehook = partial(_send_again, sys.unraisablehook)
     signal.signal(signal.SIGTERM, interrupt)
+
+
+def _send_again(others: Callable[[Any], object], dropped: Any) -> None:
+    """Send the signal again if CPython dropped its exception: finalizers cannot raise one."""
+    if isinstance(dropped.exc_value, Interrupt):
+        timer = threading.Timer(_AGAIN_S, signal.pthread_kill,
+                                (threading.main_thread().ident, dropped.exc_value.number))
+        timer.daemon = True
+        timer.start()
+    else:
+        others(dropped)
 
 
 def stop_event() -> threading.Event:
@@ -65,23 +88,26 @@ def noted_interrupts() -> Iterator[threading.Event]:
     """Set an event when Ctrl-C raises KeyboardInterrupt."""
     noted = threading.Event()
 
-    def interrupt(*_: object) -> None:
+    def interrupt(number: int, _: FrameType | None) -> None:
         noted.set()
         if not _held.is_set():
-            raise Interrupt
+            raise Interrupt(number)
         _came.set()
 
     # Another handler, or none in a background job, is left as it is.
     before = signal.getsignal(signal.SIGINT)
     replaced = (threading.current_thread() is threading.main_thread()
                 and before in (signal.default_int_handler, signal.SIG_DFL))
+    hook = sys.unraisablehook
     if replaced:
         signal.signal(signal.SIGINT, interrupt)
+        sys.unraisablehook = partial(_send_again, hook)
     try:
         yield noted
     finally:
         if replaced:
             signal.signal(signal.SIGINT, before)
+            sys.unraisablehook = hook
 
 
 class ChildProcesses:

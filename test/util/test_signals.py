@@ -86,3 +86,27 @@ raise SystemExit(main())
     done = subprocess.run([sys.executable, '-m', 'program'], cwd=tmp_path, capture_output=True,
                           text=True, timeout=60.0)
     assert (done.returncode, done.stderr) == (130, '')
+
+
+@pytest.mark.parametrize('handler', ['noted_interrupts', 'interrupt_on_sigterm'])
+def test_a_signal_in_a_finalizer_is_not_lost(tmp_path, handler):
+    """CPython drops what a finalizer raises; one runs at the end of nearly every import."""
+    (tmp_path / 'program.py').write_text(f"""
+import contextlib, signal, time
+from gdmp_ros.util.processes import Interrupt, {handler}
+number = signal.SIGINT if '{handler}' == 'noted_interrupts' else signal.SIGTERM
+class Finalized:
+    def __del__(self):
+        signal.raise_signal(number)
+def main():
+    with {handler}() or contextlib.nullcontext():
+        try:
+            Finalized()
+            time.sleep(30.0)
+        except Interrupt:
+            return 130
+raise SystemExit(main())
+""")
+    done = subprocess.run([sys.executable, '-m', 'program'], cwd=tmp_path, capture_output=True,
+                          text=True, timeout=60.0)
+    assert (done.returncode, done.stderr) == (130, '')
