@@ -42,9 +42,9 @@ class Trial:
     """
 
     def __init__(self, settings: ServoSettings = FAST, tank: TankSettings | None = None,
-                 **admittance: float):
+                 model: str = 'ur5e', **admittance: float):
         """:param admittance: fields of `AdmittanceSettings`"""
-        self.loop = PositionLoop(ServoArm('ur5e', settings),
+        self.loop = PositionLoop(ServoArm(model, settings),
                                  ControllerSettings(tank=tank or TankSettings()),
                                  AdmittanceSettings(**admittance))  # type: ignore[arg-type]
         self.servo, self.driver = self.loop.servo, self.loop.driver

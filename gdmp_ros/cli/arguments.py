@@ -96,7 +96,7 @@ def add_import(parser: argparse.ArgumentParser, has_model: bool = False) -> None
                         help='link of the URDF that the poses are in (default: the first one)')
     parser.add_argument('--joints-of', *([] if has_model else ['--model']), default='',
                         metavar='MODEL', dest='joints_of',
-                        help='as --urdf, of a model: panda, fr3, ur5e, an MJCF file, '
+                        help='as --urdf, of a model: panda, fr3, ur5e, xarm7, an MJCF file, '
                              'menagerie:NAME')
     parser.add_argument('--calibration', type=Path, metavar='JSON',
                         help='of the motors of a LeRobot arm, for --units percent')

@@ -27,7 +27,6 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-import tempfile
 from typing import TYPE_CHECKING
 
 from gdmp_ros.choices import SEARCHES, TASKS_TO_IMPROVE
@@ -197,20 +196,19 @@ def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variab
     from gdmp_ros.sim.arm import Arm
     from gdmp_ros.sim.path_check import Reach
     reach, start = Reach(Arm(options.model)), variables.skill.start[:7]
-    with tempfile.TemporaryDirectory() as folder:
-        robot = TrialsClient(options.server, options.node, Path(folder), options.largest_force)
-        try:
-            task = RobotTask(scored, robot)
-            journal = kept(task)
-            robot.begin_at(lambda present: reach.posture(start, present), options.wait)
-            print('Each roll-out begins at the start of the skill. If the arm is elsewhere, its '
-                  'joints move there in a straight line of joint space. After a roll-out it goes '
-                  'back the way it came. Obstacles are not known.', flush=True)
-            _improve(options, task, variables, OneByOne(robot, journal), page)
-        except Quit as error:
-            print(f'{error}; the same command continues')
-        finally:
-            robot.close()
+    robot = TrialsClient(options.server, options.node, options.largest_force)
+    try:
+        task = RobotTask(scored, robot)
+        journal = kept(task)
+        robot.begin_at(lambda present: reach.posture(start, present), options.wait)
+        print('Each roll-out begins at the start of the skill. If the arm is elsewhere, its '
+              'joints move there in a straight line of joint space. After a roll-out it goes '
+              'back the way it came. Obstacles are not known.', flush=True)
+        _improve(options, task, variables, OneByOne(robot, journal), page)
+    except Quit as error:
+        print(f'{error}; the same command continues')
+    finally:
+        robot.close()
 
 
 def _tell(state: Improvement) -> None:

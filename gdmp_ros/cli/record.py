@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--node', default='', metavar='NAME',
                         help='an arm that runs already, with its namespace, instead of --arm')
     parser.add_argument('--model', default='', metavar='MODEL',
-                        help='another simulated arm: ur5e, MJCF file, menagerie:NAME, '
+                        help='another simulated arm: ur5e, xarm7, MJCF file, menagerie:NAME, '
                              'robot_descriptions:NAME')
     parser.add_argument('--by-hand', action='store_true',
                         help='you guide the simulated arm; a robot is always guided by you')

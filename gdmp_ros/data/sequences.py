@@ -1,6 +1,7 @@
 """Sequence files: YAML with the steps of a sequence, and the skill files they name."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence, Step
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.dmp.skill_file import MAX_BYTES as SKILL_BYTES
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.files import read_text
 
@@ -23,15 +25,17 @@ _KEYS = {'skill': ('skill', 'name', 'goal', 'duration', 'cycles', 'until', 'freq
 _GRIPPER_KEYS = ('width', 'force', 'speed')
 
 
-def read_sequence(path: str | Path) -> SkillSequence:
+def read_sequence(path: str | Path, contents: dict[str, str] | None = None) -> SkillSequence:
     """
     Read a sequence file; skills are looked for beside it.
 
+    :param contents: of files by their names, which are taken instead of those on the disk, as
+        another machine sends them; what is read is added
     :raises DataError: with the file, the step and the reason
     """
-    path = Path(path)
+    path, contents = Path(path), {} if contents is None else contents
     try:
-        document = yaml.safe_load(read_text(path, 'sequence', MAX_BYTES))
+        document = yaml.safe_load(_contents(path, 'sequence', MAX_BYTES, contents))
     except GdmpError:
         raise
     # Wrong dates, tags and numbers are not all errors of YAML.
@@ -45,16 +49,28 @@ def read_sequence(path: str | Path) -> SkillSequence:
     if not isinstance(steps, list) or not 0 < len(steps) <= MAX_STEPS:
         raise DataError(f'{path}: steps: expected a list of 1 to {MAX_STEPS} steps')
     skills: dict[Path, Skill] = {}
+
+    def skill(name: str) -> Skill:
+        file = path.parent / name
+        if file not in skills:
+            skills[file] = Skill.parse(_contents(file, 'skill', SKILL_BYTES, contents), str(file))
+        return skills[file]
     result = []
     for number, given in enumerate(steps, 1):
         try:
-            result.append(_step(number, given, path.parent, skills))
+            result.append(_step(number, given, skill))
         except GdmpError as error:
             raise DataError(f'{path}: step {number}: {error}') from None
     return SkillSequence(result, str(path))
 
 
-def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> Step:
+def _contents(path: Path, what: str, most: int, contents: dict[str, str]) -> str:
+    if str(path) not in contents:
+        contents[str(path)] = read_text(path, what, most)
+    return contents[str(path)]
+
+
+def _step(number: int, given: Any, skills: Callable[[str], Skill]) -> Step:
     kinds = [kind for kind in _KEYS if isinstance(given, dict) and kind in given]
     if len(kinds) != 1:
         raise DataError(f'expected one of {", ".join(_KEYS)}, got {given!r}')
@@ -70,15 +86,12 @@ def _step(number: int, given: Any, folder: Path, skills: dict[Path, Skill]) -> S
         return HoldStep(_text(given, 'name') or usual, seconds, until)
     if kind == 'gripper':
         return GripperStep(_text(given, 'name') or f'gripper {number}', _command(given['gripper']))
-    return _motion(number, given, folder, skills)
+    return _motion(number, given, skills)
 
 
-def _motion(number: int, given: dict[str, Any], folder: Path, skills: dict[Path, Skill]
-            ) -> MotionStep:
-    path = folder / _text(given, 'skill')
-    if path not in skills:
-        skills[path] = Skill.load(path)
-    skill = skills[path]
+def _motion(number: int, given: dict[str, Any], skills: Callable[[str], Skill]) -> MotionStep:
+    name = _text(given, 'skill')
+    skill = skills(name)
     numbers = {key: _number(key, given[key])
                for key in ('duration', 'cycles', 'frequency', 'amplitude', 'blend')
                if key in given}
@@ -88,8 +101,8 @@ def _motion(number: int, given: dict[str, Any], folder: Path, skills: dict[Path,
             raise DataError(f'frequency is {frequency:g}: it must be above 0, needs a rhythmic '
                             'skill, and excludes a duration')
         numbers['duration'] = 1.0 / frequency
-    return MotionStep(_text(given, 'name') or path.stem, skill, _goal(skill, given.get('goal')),
-                      until=_text(given, 'until'), **numbers)
+    return MotionStep(_text(given, 'name') or Path(name).stem, skill,
+                      _goal(skill, given.get('goal')), until=_text(given, 'until'), **numbers)
 
 
 def _goal(skill: Skill, given: Any) -> np.ndarray | None:

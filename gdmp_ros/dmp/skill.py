@@ -14,7 +14,12 @@ from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.distribution import Distribution
 from gdmp_ros.dmp.primitive import CYCLE_ALPHA_G, Gains, GripperEvent, Primitive, Trajectory
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.dmp.skill_file import read_primitive, write_primitive
+from gdmp_ros.dmp.skill_file import (
+    parse_primitive,
+    primitive_text,
+    read_primitive,
+    write_primitive,
+)
 from gdmp_ros.dmp.via import through, warn_of_cost
 from gdmp_ros.errors import ParameterError
 
@@ -214,3 +219,17 @@ class Skill(Primitive):
         :raises DataError: if the file is missing, damaged or of an unknown version
         """
         return read_primitive(Path(path), cls)
+
+    def text(self) -> str:
+        """Return what `save` writes, for instance to send it to another machine."""
+        return primitive_text(self)
+
+    @classmethod
+    def parse(cls, text: str, name: str = 'skill') -> Skill:
+        """
+        Make a skill of the contents of a skill file.
+
+        :param name: of the file, for errors
+        :raises DataError: as `load`
+        """
+        return parse_primitive(text, name, cls)

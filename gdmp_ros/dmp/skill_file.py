@@ -36,10 +36,19 @@ _UNITS = {'duration': 's', 'velocity': 'per duration, in the frame at the start'
 def write_primitive(skill: Primitive, path: Path) -> None:
     """Write a skill file, whole or not at all."""
     try:
-        write_text(path, json.dumps(_document(skill), indent=1, allow_nan=False, default=_plain)
-                   + '\n')
+        write_text(path, primitive_text(skill))
     except (OSError, TypeError, ValueError) as error:
         raise DataError(f'{path}: cannot write the skill: {error}') from None
+
+
+def primitive_text(skill: Primitive) -> str:
+    """
+    Contents of a skill file.
+
+    :raises TypeError: if the provenance has values that are no JSON
+    :raises ValueError: if a number is not finite
+    """
+    return json.dumps(_document(skill), indent=1, allow_nan=False, default=_plain) + '\n'
 
 
 def _document(skill: Primitive) -> dict[str, Any]:
@@ -84,15 +93,30 @@ def read_primitive(path: Path, kind: type[P]) -> P:
     :raises DataError: naming the file, the field and the reason
     """
     try:
-        document = json.loads(read_text(path, 'skill', MAX_BYTES))
-    except GdmpError:
-        raise
-    except (ValueError, RecursionError) as error:
+        text = read_text(path, 'skill', MAX_BYTES)
+    except UnicodeDecodeError as error:
         raise DataError(f'{path}: not a skill file: {error}') from None
+    return parse_primitive(text, str(path), kind)
+
+
+def parse_primitive(text: str, name: str, kind: type[P]) -> P:
+    """
+    Validate the contents of a skill file.
+
+    :param name: of the file, for errors
+    :param kind: class of the result
+    :raises DataError: naming the file, the field and the reason
+    """
+    if len(text) > MAX_BYTES:
+        raise DataError(f'{name}: {len(text)} bytes, at most {MAX_BYTES} are read')
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f'{name}: not a skill file: {error}') from None
     try:
         return kind(**_parse(document, kind))
     except GdmpError as error:
-        raise DataError(f'{path}: {error}') from None
+        raise DataError(f'{name}: {error}') from None
 
 
 def _parse(document: Any, kind: type[P]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from gdmp_ros.util.optional_imports import extra, optional_import
 PERIOD = 0.001
 #: Models of this package.
 BUILT_IN = {name: Path(__file__).parent / 'models' / f'{name}.xml' for name in (
-    'panda', 'fr3', 'ur5e')}
+    'panda', 'fr3', 'ur5e', 'xarm7')}
 
 
 class Tool(NamedTuple):
@@ -40,7 +40,7 @@ def load(name: str) -> mujoco.MjSpec:
     """
     Load a model.
 
-    :param name: MJCF file; ``panda``, ``fr3`` or ``ur5e``, which are built in; ``menagerie:NAME``
+    :param name: MJCF file; ``panda``, ``fr3``, ``ur5e`` or ``xarm7``, built in; ``menagerie:NAME``
         or ``menagerie:NAME/ENTRY``, such as ``menagerie:kuka_iiwa_14``;
         ``robot_descriptions:NAME``, such as ``robot_descriptions:panda_mj_description``. The
         latter two are downloaded once

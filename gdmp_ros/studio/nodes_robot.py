@@ -5,7 +5,6 @@ from contextlib import suppress
 from functools import partial
 import math
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from gdmp_msgs.action import MoveJoints
@@ -81,7 +80,6 @@ class NodesRobot:
         self._pulled: np.ndarray | None = None
         self._executing = self._guided = self._records = False
         self._homing: SentGoal | None = None
-        self._folder = TemporaryDirectory(prefix='gdmp-studio-')
         self._commands = Commands(client.clock)
         self._running = client.clock.start(self._work())
 
@@ -94,7 +92,6 @@ class NodesRobot:
         self._closing = True
         self._running.end()
         self._client.close()
-        self._folder.cleanup()
 
     def _check_open(self) -> None:
         """:raises GdmpError: if nothing is to be waited for any more"""
@@ -241,9 +238,8 @@ class NodesRobot:
     def _start(self) -> None:
         if self._skill is not None:
             skill, name = self._skill
-            path = Path(self._folder.name) / f'{name or "skill"}.json'
-            skill.save(path)
-            self._request(f'{self._server}/load_skill', path=str(path))
+            self._request(f'{self._server}/load_skill', path=name or 'skill',
+                          contents=skill.text())
         self._request(f'{self._server}/set_speed', scale=self._tempo)
         self._client.execute(timeout=ANSWER_S)
         self._executing = True

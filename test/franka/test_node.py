@@ -82,7 +82,7 @@ def test_a_skill_is_tried_one_by_one(bed, tmp_path):
     move_joints(bed.client, FRANKA)
     bed.start_server(skill=str(tmp_path / 'skill.json'))
     bed.wait_holding()
-    robot = TrialsClient(SERVER, FRANKA, tmp_path, 30.0)
+    robot = TrialsClient(SERVER, FRANKA, 30.0)
     try:
         robot.begin_at(lambda present: Reach(arm).posture(skill.start, present), 60.0)
         variables = Variables(skill, [Weights(2, {'position': 0.005})])

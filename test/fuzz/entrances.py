@@ -494,9 +494,10 @@ def service_pause() -> Entrance:
 
 
 def service_load_skill() -> Entrance:
-    """``~/load_skill``: names of files."""
+    """``~/load_skill``: names of files, and what they contain."""
     valid = [LoadSkill.Request(path=str(p))
              for p in (_saved(), '/dev/zero', '/', '..', '/dev/stdin')]
+    valid.append(LoadSkill.Request(path='sent', contents=Path(_saved()).read_text()))
     return _service(server(), LoadSkill, '~/load_skill', valid)
 
 

@@ -140,6 +140,11 @@ def test_a_skill_that_the_arm_cannot_follow_is_loaded_with_a_warning(running, sk
 def test_services_start_pause_and_stop(running, skill_file, tmp_path):
     bad = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'none.json'))
     assert not bad.success and 'none.json' in bad.message
+    bad = running.call(LoadSkill, f'{SERVER}/load_skill', path='sent.json', contents='{}')
+    assert not bad.success and 'sent.json: not a skill file' in bad.message
+    assert running.call(LoadSkill, f'{SERVER}/load_skill', path='sent.json',
+                        contents=skill_file.read_text()).success
+    running.wait('its name', lambda: running.state.skill == 'sent.json', 5.0)
     assert running.call(LoadSkill, f'{SERVER}/load_skill', path=str(skill_file)).success
     assert running.call(SetSpeed, f'{SERVER}/set_speed', scale=0.2).success
     too_fast = running.call(SetSpeed, f'{SERVER}/set_speed', scale=7.0)

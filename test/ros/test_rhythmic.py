@@ -8,6 +8,7 @@ from std_srvs.srv import SetBool, Trigger
 from gdmp_ros.data import recordings, runs
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import SERVER
@@ -197,6 +198,12 @@ def test_a_sequence_begins_at_a_step_is_cancelled_and_preempted(running, folder)
 
 def test_a_sequence_that_cannot_be_executed_is_refused_with_the_reason(running, folder, tmp_path):
     client = running.client
+    action = running.participant.action_client(ExecuteSequence, f'{SERVER}/execute_sequence')
+
+    def refused(goal, reason):
+        result = client.send(action, goal, 20.0).result(20.0)
+        assert result.error_code == ExecuteSequence.Result.INVALID_GOAL
+        assert reason in result.error_string
     for text, reason in (('steps: [{skill: none.json}]', 'none.json'),
                          ('steps: [{hold: 1}]', 'needs a step with a skill'),
                          (f'steps: [{{skill: {folder}/left.json, goal: [5, 0, 0]}}]', 'goal'),
@@ -204,12 +211,23 @@ def test_a_sequence_that_cannot_be_executed_is_refused_with_the_reason(running, 
                           'no state of one is known')):
         path = tmp_path / 'wrong.yaml'
         path.write_text(text)
-        client.execute_sequence(str(path))
-        result = client.result(20.0)
-        assert result.error_code == ExecuteSequence.Result.INVALID_GOAL
-        assert reason in result.error_string
+        refused(ExecuteSequence.Goal(sequence=str(path)), reason)
+    with pytest.raises(DataError, match='cannot read'):
+        client.execute_sequence(str(tmp_path / 'none.yaml'))
+    refused(ExecuteSequence.Goal(sequence='here.yaml', files=['here.yaml']), '1 files and 0')
+    refused(ExecuteSequence.Goal(sequence='here.yaml', files=['here.yaml'],
+                                 contents=['steps: [{skill: there.json}]']), 'there.json')
     client.execute_sequence(str(folder / 'sequence.yaml'), 9)
     assert 'step is 9, expected 1 to 6' in client.result(20.0).error_string
+    running.participant.destroy(action)
+
+
+def test_the_files_of_a_sequence_need_not_be_where_the_server_is(running, folder, monkeypatch):
+    """A relative name is none in the folder of the server."""
+    monkeypatch.chdir(folder)
+    running.client.execute_sequence('sequence.yaml', 6)
+    result = running.client.result(20.0)
+    assert result.error_code == ExecuteSequence.Result.SUCCESSFUL, result.error_string
 
 
 def test_a_rhythmic_skill_is_learned_by_service(running, tmp_path):

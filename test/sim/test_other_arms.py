@@ -4,6 +4,7 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from experiments.position_trial import circle
 from gdmp_ros import DataError
@@ -133,13 +134,33 @@ def test_the_built_in_ur5e_is_where_denavit_and_hartenberg_say(rng):
         found[3:] *= np.sign(found[3:] @ expected[3:])
         np.testing.assert_allclose(found, expected, atol=1e-12)
     assert arm.names == list(urdf.JOINTS)
-    # As the data sheet says of the arm without its base; the hand has 0.76 kg.
-    assert arm.known.model.body_mass.sum() - 4.0 - 0.76 == pytest.approx(17.7, abs=0.01)
+    # As the data sheet says of the arm without its base; the hand has 1 kg.
+    assert arm.known.model.body_mass.sum() - 4.0 - 1.0 == pytest.approx(17.7, abs=0.01)
 
 
+def test_the_built_in_xarm7_is_where_denavit_and_hartenberg_say(rng):
+    """With the modified parameters of its user manual: length, twist, offset."""
+    arm, right = Arm('xarm7', 'flange'), np.pi / 2.0
+    parameters = ((0.0, 0.0, 0.267), (0.0, -right, 0.0), (0.0, right, 0.293),
+                  (0.0525, right, 0.0), (0.0775, right, 0.3425), (0.0, right, 0.0),
+                  (0.076, -right, 0.097))
+    for _ in range(20):
+        position, expected = rng.uniform(arm.limits.lower, arm.limits.upper), np.eye(4)
+        for angle, (length, twist, offset) in zip(position, parameters):
+            step = np.eye(4)
+            step[:3, :3] = Rotation.from_euler('XZ', [twist, angle]).as_matrix()
+            step[:3, 3] = [length, -np.sin(twist) * offset, np.cos(twist) * offset]
+            expected = expected @ step
+        found = arm.pose_at(position)
+        np.testing.assert_allclose(found[:3], expected[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(Rotation.from_quat(found[3:], scalar_first=True).as_matrix(),
+                                   expected[:3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize('model', ['ur5e', 'xarm7'])
 @pytest.mark.parametrize('stiffness', [300.0, 800.0])
-def test_the_ur5e_follows_a_circle_with_the_impedance_law(stiffness):
-    loop = ClosedLoop(Arm('ur5e'))
+def test_other_arms_follow_a_circle_with_the_impedance_law(stiffness, model):
+    loop = ClosedLoop(Arm(model))
     references = circle(loop.arm.measure().pose, stiffness, 5.0, cycle=1e-3)
     poses = loop.follow_all(references)
     errors = np.linalg.norm(poses[:, :3] - references[:, POSE:POSE + 3], axis=1)

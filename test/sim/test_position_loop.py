@@ -2,8 +2,10 @@
 import subprocess
 import sys
 
+import mink
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
 from experiments.position_trial import (
     circle,
@@ -32,16 +34,17 @@ from gdmp_ros.util.profiles import minimum_jerk
 
 @pytest.mark.parametrize('stiffness', [300.0, 800.0])
 @pytest.mark.parametrize('settings', [FAST, SLOW], ids=['8 ms', '36 ms'])
-def test_in_free_space_it_is_where_its_reference_is(settings, stiffness):
-    trial = Trial(settings)
+@pytest.mark.parametrize('model', ['ur5e', 'xarm7'])
+def test_in_free_space_it_is_where_its_reference_is(model, settings, stiffness):
+    trial = Trial(settings, model=model)
     references = circle(trial.pose, stiffness)
     rows = trial.follow(references)
     errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 1e-3
     # The whole delay is measured while it moves.
     assert trial.driver.delay == pytest.approx(settings.delay + 0.0025, abs=1e-3)
-    # What hangs at the sensor, 0.76 kg, is no force of the world.
-    assert np.abs(rows[:, 8:10]).max() < 1.5
+    # What hangs at the sensor, 1 kg or 10 N, is no force of the world; the noise is 0.3 N.
+    assert np.abs(rows[250:, 8:11]).max() < 1.5
 
 
 def test_a_compiled_tick_is_the_same():
@@ -77,10 +80,54 @@ def test_a_compiled_tick_is_the_same():
     assert made > 1190 and trials[1].force > 1.0
 
 
-@pytest.mark.parametrize(('settings', 'stiffness', 'speed'), [
-    (FAST, 300.0, 0.05), (SLOW, 300.0, 0.01)])  # others: `experiments limits position-arm`
-def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed):
-    trial = Trial(settings)
+class Judge:
+    """The differential inverse kinematics of mink, with the limits of the joints."""
+
+    def __init__(self, model, posture):
+        self.state, self.task = mink.Configuration(model, posture), mink.FrameTask(
+            'tcp', 'site', position_cost=1.0, orientation_cost=1.0)
+        self.limits = [mink.ConfigurationLimit(model)]
+
+    def follow(self, poses):
+        """Track poses; the posture at the end, and how far its tool is from the last one [m]."""
+        for pose in poses:
+            self.task.set_target(mink.SE3(np.concatenate([pose[3:7], pose[:3]])))
+            self.state.integrate_inplace(mink.solve_ik(
+                self.state, [self.task], 0.01, 'daqp', limits=self.limits), 0.01)
+        return self.state.q.copy(), np.linalg.norm(self.task.compute_error(self.state)[:3])
+
+
+@pytest.mark.parametrize('model', ['ur5e', 'xarm7'])
+def test_where_another_solver_gets_its_joints_get_too(model, rng):
+    trial = Trial(FAST, model=model)
+    arm, goals = trial.servo.arm, 0
+    home, judge = trial.pose, Judge(arm.known.model, arm.home)
+    for _ in range(6):
+        there = arm.pose_at(arm.home + rng.uniform(-0.5, 0.5, len(arm.home)))
+        turns = Slerp([0.0, 1.0], Rotation.from_quat([home[3:], there[3:]], scalar_first=True))
+        shares = minimum_jerk(np.linspace(0.0, 1.0, 1000))
+        shares = np.concatenate([shares, np.ones(500), shares[::-1]])
+        references = resting(home, 800.0, len(shares) * CYCLE)
+        references[:, :3] += shares[:, None] * (there[:3] - home[:3])
+        references[:, 3:7] = turns(shares).as_quat(scalar_first=True)
+        posture, missed = judge.follow(references[:1500])
+        if missed < 1e-3:
+            goals += 1
+            assert np.linalg.norm(trial.follow(references[:1500])[-1, :3] - there[:3]) < 1e-3
+            now = trial.servo.read().position
+            assert ((arm.limits.lower < now) & (now < arm.limits.upper)).all()
+            if model == 'ur5e':  # with six joints there is one solution on each branch
+                np.testing.assert_allclose(now, posture, atol=0.01)
+            trial.follow(references[1500:])
+        judge.follow(references[1500:])
+    assert goals >= 4
+
+
+@pytest.mark.parametrize(('settings', 'stiffness', 'speed', 'model'), [
+    (FAST, 300.0, 0.05, 'ur5e'), (SLOW, 300.0, 0.01, 'ur5e'),
+    (FAST, 300.0, 0.05, 'xarm7')])  # others: `experiments limits position-arm`
+def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed, model):
+    trial = Trial(settings, model=model)
     forces = press(trial, stiffness, speed)
     damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
     assert forces.max() < 1.4 * (stiffness * DEPTH + damping * speed)
@@ -226,7 +273,7 @@ def test_beside_a_singular_posture_it_does_not_shake_its_tool():
         named.add(trial.loop.controller.blocked)
     assert 'a singularity' in named
     # Mass times the acceleration that is sent ahead; the levers of all joints are 4 m together.
-    assert max(felt[100:]) < 4.0 * 0.76 * AHEAD_ACCELERATION
+    assert max(felt[100:]) < 4.0 * 1.0 * AHEAD_ACCELERATION
 
 
 def test_it_does_what_other_arms_do():

@@ -59,7 +59,7 @@ ARM = (
 )
 SIMULATION = (
     *ARM,
-    Spec('model', '', 'another arm: fr3, ur5e, MJCF file, menagerie:NAME or '
+    Spec('model', '', 'another arm: fr3, ur5e, xarm7, MJCF file, menagerie:NAME or '
          'robot_descriptions:NAME; empty: the built-in Panda'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('pace', 'wall', 'wall: simulated time passes like wall time; fast: as fast as possible, '
@@ -81,8 +81,8 @@ FRANKA = (
 #: An arm that takes joint positions.
 POSITION = (
     *(replace(spec, default='base_link') if spec.name == 'frame_id' else spec for spec in ARM),
-    Spec('model', 'ur5e', 'model of the arm: ur5e, panda, fr3, MJCF file, menagerie:NAME or '
-         'robot_descriptions:NAME'),
+    Spec('model', 'ur5e', 'model of the arm: ur5e, xarm7, panda, fr3, MJCF file, menagerie:NAME '
+         'or robot_descriptions:NAME'),
     Spec('tool_site', 'tcp', 'site of the model that is controlled'),
     Spec('sensor_site', 'flange', 'site of the model with the frame of the measured wrench'),
     Spec('rate_hz', 500, 'rate of the commands', 'Hz', 20, 1000, changes='configure'),

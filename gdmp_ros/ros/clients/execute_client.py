@@ -9,6 +9,7 @@ from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.srv import LoadSkill, SetSpeed
 import numpy as np
 
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.server_client import ServerClient
@@ -59,7 +60,9 @@ def execute(request: ExecuteRequest) -> int:
     try:
         client.find_server(request.wait)
         for kind, name, fields in (
-                (LoadSkill, 'load_skill', {'path': request.skill} if request.skill else None),
+                (LoadSkill, 'load_skill', {
+                    'path': request.skill, 'contents': Skill.load(request.skill).text()}
+                 if request.skill else None),
                 (SetSpeed, 'set_speed', {'scale': request.speed} if request.speed is not None
                  else None)):
             if fields is not None:

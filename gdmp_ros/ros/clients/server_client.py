@@ -13,6 +13,7 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_msgs.msg import Float64, Float64MultiArray, String
 
+from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.realtime.loop import NS
@@ -285,13 +286,17 @@ class ServerClient(Client):
 
     def execute_sequence(self, path: str, first_step: int = 0, timeout: float = 10.0) -> None:
         """
-        Start a sequence with the action.
+        Start a sequence with the action; the server need not have its files.
 
         :param path: sequence file
         :param first_step: counted from 1; 0: the first one
+        :raises DataError: if a file cannot be read
         """
-        self._send(self._sequences, ExecuteSequence.Goal(sequence=path, first_step=first_step),
-                   timeout)
+        contents: dict[str, str] = {}
+        read_sequence(path, contents)
+        self._send(self._sequences, ExecuteSequence.Goal(
+            sequence=path, first_step=first_step, files=list(contents),
+            contents=list(contents.values())), timeout)
 
     def _send(self, action: ActionClient, goal: Any, timeout: float) -> None:
         self._goal = self.send(action, goal, timeout)

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from gdmp_msgs.msg import ArmStatus, Reference, RobotState
@@ -54,18 +53,17 @@ class TrialsClient(ServerClient):
     The limits of the nodes act in any case; a roll-out that reaches one is ended too.
     """
 
-    def __init__(self, server: str, arm: str, folder: Path, largest_force: float = np.inf):
+    def __init__(self, server: str, arm: str, largest_force: float = np.inf):
         """
         Connect.
 
         :param server: name of the trajectory server, with its namespace
         :param arm: name of the node of the arm
-        :param folder: where skills are put for the server, which must see it
         :param largest_force: at which a roll-out is ended [N]
         """
         self._polled: list[tuple[Subscription, Callable[[Any], None]]] = []
         super().__init__(server, self._read)
-        self._server, self._arm, self._folder = server, arm, folder
+        self._server, self._arm = server, arm
         self._largest_force = largest_force
         self._robot: RobotState | None = None
         self._status: ArmStatus | None = None
@@ -101,9 +99,8 @@ class TrialsClient(ServerClient):
         if np.abs(self._position() - self._start).max() > THERE:
             self._rest()
             move_joints(self, self._arm, self._start.tolist(), BACK_SPEED)
-        path = self._folder / 'candidate.json'
-        skill.save(path)
-        warning = self.request(LoadSkill, f'{self._server}/load_skill', path=str(path))
+        warning = self.request(LoadSkill, f'{self._server}/load_skill', path='candidate',
+                               contents=skill.text())
         self._trial = None
         if warning:
             return refused(f'not begun: {warning}', len(self._position()))

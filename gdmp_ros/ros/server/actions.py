@@ -396,7 +396,11 @@ class SequenceAction(ServerAction):
         result, request = ExecuteSequence.Result(), handle.request
         try:
             first = max(int(request.first_step), 1) - 1
-            self._streamer.begin_sequence(read_sequence(request.sequence), first)
+            if len(request.files) != len(request.contents):
+                raise ParameterError(f'{len(request.files)} files and {len(request.contents)} '
+                                     'contents, expected one for each')
+            sequence = read_sequence(request.sequence, dict(zip(request.files, request.contents)))
+            self._streamer.begin_sequence(sequence, first)
         except GdmpError as error:
             return self._refused(handle, error)
         self._finish(result.PREEMPTED, 'a newer goal was accepted')

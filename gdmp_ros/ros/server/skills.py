@@ -114,21 +114,24 @@ class SkillLoader:
         if result is not None:
             self.use(*result)
 
-    def load(self, path: str, name: str = '') -> str:
+    def load(self, path: str, name: str = '', contents: str = '') -> str:
         """
         Use a skill file; returns as `use`.
 
         :param name: for reports; by default the path
+        :param contents: of the file, if it is on another machine
         :raises DataError: if it cannot be loaded; the present skill stays
         """
-        warning = self.use(Skill.load(path), name or path)
+        skill = Skill.parse(contents, path) if contents else Skill.load(path)
+        warning = self.use(skill, name or path)
         self._logger.info(f'loaded {name or path}')
         return warning
 
     def answer(self, request: LoadSkill.Request, reply: LoadSkill.Response) -> LoadSkill.Response:
         """Answer ``~/load_skill``."""
         try:
-            reply.message, reply.success = self.load(request.path), True
+            reply.message, reply.success = self.load(
+                request.path, contents=request.contents), True
         except GdmpError as error:
             reply.success, reply.message = False, str(error)
             self._logger.warning(str(error))
