@@ -22,12 +22,14 @@ from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.spring import moved_with_tool, spring_wrench, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
+from gdmp_ros.control.surroundings import depths
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
 from gdmp_ros.control.weight import GRAVITY, moments_of
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.util.settings import numbers
 
 #: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
@@ -52,6 +54,7 @@ class ImpedanceController:
     :ivar tank: energy that may be added
     :ivar counters: of the limits
     :ivar posture: of the null space
+    :ivar scene: what is around the arm, in the frame of its base
     """
 
     guard: ReferenceGuard
@@ -73,6 +76,8 @@ class ImpedanceController:
         self._joints, self._model_friction, self._chain = joints, friction, chain
         self._body = body
         self._next: ControllerSettings | None = None
+        self._next_scene: Scene | None = None
+        self.scene = Scene()
         self._refills = False
         self.numbers = memory.blank(len(joints.torque), len(body.capsules), len(body.pairs))
         self.memory = memory.parts(self.numbers)
@@ -102,6 +107,19 @@ class ImpedanceController:
                                  f'most {self._joints.torque[at]:g}, what its motor can do')
         self.posture.check(settings.posture)
         moments_of(settings.weight_moments, len(self._joints.torque))
+
+    def surround(self, scene: Scene) -> None:
+        """
+        Keep away from the volumes of a scene from the next tick on.
+
+        What is nearer than its margin already does not push: only what the arm does counts.
+
+        :param scene: in the frame of the base
+        :raises DataError: if it does not fit the arm
+        """
+        scene = scene.copy()
+        scene.packed(self._body.bits)
+        self._next_scene = scene
 
     def take_posture(self) -> None:
         """Approach the posture of the settings again, if there is one."""
@@ -168,7 +186,8 @@ class ImpedanceController:
     @property
     def only_goes_on(self) -> bool:
         """Whether no setting or posture changes: then a kernel can make the next tick."""
-        return not (self._next is not None or self._refills or self.posture.changes
+        return not (self._next is not None or self._next_scene is not None or self._refills
+                    or self.posture.changes
                     or self.memory.scalars.law != TOOL_SPRING)
 
     def catch_up(self) -> None:
@@ -271,7 +290,17 @@ class ImpedanceController:
         if scalars.blocked < BLOCKED_S:
             return ''
         return ('what holds the tool' if scalars.blocking < 0.0 else
-                row_name(int(scalars.blocking), len(self._joints.torque), self._body.names))
+                row_name(int(scalars.blocking), len(self._joints.torque), self._body.names,
+                         self._body.links, self.scene.names))
+
+    @property
+    def clearance(self) -> tuple[float, str]:
+        """Least distance of the reference from what is around [m], and the names; inf and ''."""
+        scalars = self.memory.scalars
+        if not len(self.scene) or scalars.nearest < 0.0:
+            return np.inf, ''
+        volume, link = divmod(int(scalars.nearest), len(self._body.links))
+        return float(scalars.clearance), f'{self._body.links[link]} and {self.scene.names[volume]}'
 
     @property
     def reference(self) -> np.ndarray:
@@ -340,6 +369,9 @@ class ImpedanceController:
 
     def _take_settings(self) -> None:
         settings, self._next = self._next, None
+        if self._next_scene is not None:
+            self._take_scene(self._next_scene)
+            self._next_scene = None
         if self._refills:
             self._refills = False
             self.tank.fill()
@@ -355,6 +387,22 @@ class ImpedanceController:
         self._use(settings)
         self.guard.configure(settings.guard, settings.limits, settings.damping_ratio)
         self.tank.configure(settings.tank)
+
+    def _take_scene(self, scene: Scene) -> None:
+        arm, before = self.memory, {name: k for k, name in enumerate(self.scene.names)}
+        rows = scene.packed(self._body.bits)
+        deep = depths(self._chain, self._body, arm.position, rows)
+        acts = np.zeros_like(deep)  # how much of the depth acts at present
+        known = depths(self._chain, self._body, arm.position, arm.volumes[:len(before)].copy())
+        for k, name in enumerate(scene.names):
+            if name in before:
+                at = before[name]
+                acts[k] = np.maximum(known[at] - arm.depth[at], 0.0)
+        arm.volumes[:], arm.depth[:] = 0.0, 0.0
+        arm.volumes[:len(rows)] = rows
+        arm.depth[:len(rows)] = np.maximum(np.maximum(deep, 0.0) - acts, 0.0)
+        arm.scalars.seen = 0.0
+        self.scene = scene
 
     def _hold(self, pose: np.ndarray, position: np.ndarray) -> None:
         """

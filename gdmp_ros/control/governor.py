@@ -31,6 +31,7 @@ from gdmp_ros.control.quadratic_program import solve
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.singularity import ROTATION_LENGTH
 from gdmp_ros.control.spring import keep_error
+from gdmp_ros.control.surroundings import MOST_ROWS, surroundings_rows
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, noinline, records_at
 from gdmp_ros.manifolds.linalg import copy_into, limit_norm, norm
@@ -111,6 +112,10 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
     count = body_rows(arm.frames, arm.axes, position, arm.capsules, arm.pairs,
                       0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
                       ids, count)
+    count, arm.scalars.slowed, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
+        arm.frames, arm.axes, position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
+        limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows, bounds,
+        ids, count)
     return count, value
 
 
@@ -127,7 +132,7 @@ def _move_joints(numbers, jacobian, twist, violation):
     arm = arm_view(numbers)
     n, rates, limits = (arm.position.size, arm.governed_rate,
                         records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0])
-    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
+    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0] + MOST_ROWS
     rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
     hessian, gradient, last = local_matrix(n, n), local_numbers(n), local_numbers(n)
     count, value = _collect_rows(arm, arm.governed, arm.reference[POSE:POSE + 3], jacobian, True,
@@ -151,6 +156,8 @@ def _move_joints(numbers, jacobian, twist, violation):
     if steps < 0:
         _slow_down(last, rows[:count], bounds[:count], rates)
     blocking = _strongest(multipliers[:count], ids)
+    if arm.scalars.slowed < NO_WAY:
+        blocking = 2 * n + OTHER_ROWS + arm.pairs.shape[0] + arm.scalars.nearest
     for i in range(count):
         if ids[i] == 2 * n + 6 and multipliers[i] > 0.0:
             start, stop = limits.singularity_start, limits.singularity_stop
@@ -165,7 +172,7 @@ def _move_joints(numbers, jacobian, twist, violation):
         held = max(LEAST_SHARE,
                    _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist))
     # At rest the norms are 0.
-    share = min(1.0, held * fastest / max(norm(3, twist[:3]), 1e-9),
+    share = min(arm.scalars.slowed, held * fastest / max(norm(3, twist[:3]), 1e-9),
                 held * fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]
@@ -199,7 +206,7 @@ def keep_joints_inside(numbers, asked, rates):
     n, s, place = rates.size, arm.scalars, arm.joint_reference[:rates.size]
     pose, jacobian = local_numbers(7), local_matrix(6, n)
     chain_state(arm.frames, arm.axes, arm.end, place, pose, jacobian)
-    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0]
+    most = 2 * n + OTHER_ROWS + arm.pairs.shape[0] + MOST_ROWS
     rows, bounds, ids = local_matrix(most, n), local_numbers(most), local_numbers(most)
     count, _ = _collect_rows(arm, place, pose[:3], jacobian, False, rows, bounds, ids)
     hessian, multipliers, kept = local_matrix(n, n), local_zeros(most), local_numbers(n)
@@ -215,7 +222,7 @@ def keep_joints_inside(numbers, asked, rates):
         for i in range(n):
             moving[j] += jacobian[j, i] * kept[i]
     fastest = min(limits.speed, TOOL_SPEED_SHARE * limits.tool_speed)
-    share, away, changed = min(1.0, fastest / max(norm(3, moving), 1e-9)), 0.0, False
+    share, away, changed = min(s.slowed, fastest / max(norm(3, moving), 1e-9)), 0.0, False
     for i in range(n):
         kept[i] *= share
         changed = changed or abs(kept[i] - rates[i]) > 1e-12

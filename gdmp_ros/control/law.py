@@ -24,6 +24,7 @@ from gdmp_ros.control.own_body import push_apart
 from gdmp_ros.control.reference_kinds import HOLD_JOINT_STIFFNESS
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, SMALLEST_DAMPING_RATIO
 from gdmp_ros.control.spring import spring_power, stored_energy
+from gdmp_ros.control.surroundings import move_volumes, push_away
 from gdmp_ros.control.tank import draw, measure_energy, missing_energy, remember, spendable
 from gdmp_ros.control.target import (
     ACCELERATION,
@@ -241,6 +242,8 @@ def _push(arm):
         push_from_walls(arm.pose, arm.twist, arm.jacobian, arm.limits, arm.outside, arm.push)
     push_apart(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules, arm.pairs,
                arm.nearness, arm.push)
+    push_away(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules, arm.volumes,
+              arm.scalars.seen, arm.scalars.dt, arm.depth, arm.push)
 
 
 @kernel
@@ -346,6 +349,8 @@ def compute(numbers):
         stored = (stored_energy(arm.pose, arm.reference, arm.gains) if s.law == TOOL_SPRING
                   else joint_energy(arm.position, arm.joint_reference))
     _account(arm, stored)
+    move_volumes(arm.volumes, s.seen, s.dt)
+    s.seen += s.dt
     arm.violation[:] = 0.0
     external, twist, exerted = local_numbers(n), local_numbers(6), local_zeros(6)
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,

@@ -24,11 +24,14 @@ OTHER_ROWS = 7
 SLOWING_SHARE = 0.9
 
 
-def row_name(index: int, joints: int, parts: Sequence[str]) -> str:
+def row_name(index: int, joints: int, parts: Sequence[str], links: Sequence[str] = (),
+             volumes: Sequence[str] = ()) -> str:
     """
-    Name of a limit, as `ids` of `limit_rows` numbers them, and those of the own body behind.
+    Name of a limit, as `ids` of `limit_rows` numbers them; own body and volumes are behind.
 
     :param parts: names of the pairs of the own body
+    :param links: names of the links of its capsules
+    :param volumes: names of what is around the arm
     """
     if index < 2 * joints:
         return (f'joint {index % joints + 1} at its '
@@ -38,7 +41,11 @@ def row_name(index: int, joints: int, parts: Sequence[str]) -> str:
         return f'the {("lower", "upper")[side]} wall of the workspace in {"xyz"[axis]}'
     if index < 2 * joints + OTHER_ROWS:
         return 'a singularity'
-    return f'the body of the arm itself ({parts[index - 2 * joints - OTHER_ROWS]})'
+    index -= 2 * joints + OTHER_ROWS
+    if index < len(parts):
+        return f'the body of the arm itself ({parts[index]})'
+    volume, link = divmod(index - len(parts), len(links))
+    return f'{volumes[volume]} ({links[link]} is near it)'
 
 
 @kernel

@@ -16,6 +16,7 @@ from gdmp_ros.control.own_body import CAPSULE_SIZE
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import inlined, records_at, without_refcount
+from gdmp_ros.scene.volume import CAPACITY, VOLUME_SIZE
 
 #: What a tick does: a spring at the tool, springs at the joints, damping alone, a joint motion.
 TOOL_SPRING, JOINT_SPRINGS, FREE, JOINT_MOTION = range(4)
@@ -49,7 +50,11 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'way',               # share of the asked velocity that the governed reference has, a mean
     'blocked',           # time for which the governed reference has made no way [s]
     'blocking',          # the limit that keeps it: index of `gdmp_ros.control.limit_rows`, or -1
-    'returns')])         # flag: its joints go straight to the posture, where the target is
+    'returns',           # flag: its joints go straight to the posture, where the target is
+    'seen',              # how long ago the volumes around it were seen [s]
+    'clearance',         # least distance of a link of the reference from a volume [m]
+    'nearest',           # which: volume times capsules plus capsule, or -1
+    'slowed')])          # share of the speed that is left beside volumes that come
 _SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
 _GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
 _LIMIT_COUNT = len(LIMITS)
@@ -78,6 +83,8 @@ class ArmMemory(NamedTuple):
     :ivar capsules: of its body (`gdmp_ros.control.own_body.Body`)
     :ivar pairs: the same
     :ivar nearness: of pairs inside the distance that they keep which does not act yet [m]
+    :ivar volumes: around the arm, packed (`gdmp_ros.scene.volume`), shape (`CAPACITY`, ...)
+    :ivar depth: of links inside the margin of volumes that does not act [m], shape (`CAPACITY`, m)
     :ivar joint_target: of the guard, 3 n + 1 numbers
     :ivar joint_reference: the governed one of the joints
     :ivar joint_limits: lower, upper [rad], largest speed of a reference [rad/s], and how the robot
@@ -136,6 +143,8 @@ class ArmMemory(NamedTuple):
     capsules: Any
     pairs: Any
     nearness: Any
+    volumes: Any
+    depth: Any
     joint_target: Any
     joint_reference: Any
     joint_limits: Any
@@ -207,6 +216,10 @@ def arm_view(numbers):
     pairs = memory[at:at + 2 * pair_count].reshape(pair_count, 2)
     nearness = memory[at + 2 * pair_count:at + 3 * pair_count]
     at += 3 * pair_count
+    volumes = memory[at:at + CAPACITY * VOLUME_SIZE].reshape(CAPACITY, VOLUME_SIZE)
+    at += CAPACITY * VOLUME_SIZE
+    depth = memory[at:at + CAPACITY * capsule_count].reshape(CAPACITY, capsule_count)
+    at += CAPACITY * capsule_count
     size = 3 * n + 1
     joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
     at += 2 * size
@@ -224,7 +237,7 @@ def arm_view(numbers):
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
         reference, past, frames, axes, end, moments, wanted_moments, capsules, pairs, nearness,
-        joint_target, joint_reference, joint_limits, friction, credit, sent,
+        volumes, depth, joint_target, joint_reference, joint_limits, friction, credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
         joints[15], joints[16], joints[17], joints[18], outside,
@@ -235,6 +248,7 @@ def blank(joints: int, capsules: int = 0, pairs: int = 0) -> np.ndarray:
     """Memory of the controller of an arm; everything but the sizes is zero."""
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
              + 2 * TARGET_SIZE + 18 + 16 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
+             + CAPACITY * (VOLUME_SIZE + capsules)
              + 2 * (3 * joints + 1) + (11 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints, capsules, pairs)

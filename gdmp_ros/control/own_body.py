@@ -19,7 +19,7 @@ from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotate
 
 #: Numbers of a capsule.
-CAPSULE_SIZE = 8
+CAPSULE_SIZE = 9
 #: Distance that the parts of an arm keep from each other [m].
 KEEP = 0.02
 #: Force between parts that touch [N], and the speed of an approach at which it is doubled [m/s].
@@ -31,14 +31,21 @@ class Body(NamedTuple):
     Shape of an arm.
 
     :ivar capsules: how many joints move it, both ends of its axis in the frame of the last of
-        these joints [m], its radius [m]; shape ``(m, CAPSULE_SIZE)``
+        these joints [m], its radius [m], the bit of its link; shape ``(m, CAPSULE_SIZE)``
     :ivar pairs: capsules that must not touch; the first is moved by fewer joints; shape ``(k, 2)``
     :ivar names: of the parts of each pair
+    :ivar links: names of the links of the capsules
     """
 
     capsules: np.ndarray
     pairs: np.ndarray
     names: tuple[str, ...]
+    links: tuple[str, ...] = ()
+
+    @property
+    def bits(self) -> dict[str, int]:
+        """The bit of each link."""
+        return {name: int(row[8]) for name, row in zip(self.links, self.capsules)}
 
 
 #: An arm without a shape.
@@ -81,7 +88,7 @@ def nearest_points(a, b, c, d, first, second):
 
 
 @kernel
-def _place_capsules(frames, axes, position, capsules, links, turns, ends):
+def place_capsules(frames, axes, position, capsules, links, turns, ends):
     """
     Write where links, axes of joints and ends of capsules are.
 
@@ -160,7 +167,7 @@ def body_rows(frames, axes, position, capsules, pairs, deceleration, fastest, fi
     links, turns, ends = (local_matrix(n + 1, 7), local_matrix(n, 3),
                           local_matrix(2 * capsules.shape[0], 3))
     way, far = local_numbers(3), local_numbers(3)
-    _place_capsules(frames, axes, position, capsules, links, turns, ends)
+    place_capsules(frames, axes, position, capsules, links, turns, ends)
     # Beyond this distance no row binds (`approach`).
     furthest = KEEP + max(0.5 * fastest ** 2 / deceleration, fastest * LAST_S)
     for p in range(pairs.shape[0]):
@@ -193,7 +200,7 @@ def push_apart(frames, axes, position, velocity, capsules, pairs, relief, torque
     links, turns, ends = (local_matrix(n + 1, 7), local_matrix(n, 3),
                           local_matrix(2 * capsules.shape[0], 3))
     way, far, row = local_numbers(3), local_numbers(3), local_numbers(n)
-    _place_capsules(frames, axes, position, capsules, links, turns, ends)
+    place_capsules(frames, axes, position, capsules, links, turns, ends)
     for p in range(pairs.shape[0]):
         a, b = int(pairs[p, 0]), int(pairs[p, 1])
         if _is_far(capsules, ends, a, b, KEEP):
@@ -222,6 +229,6 @@ def clearances(chain: Chain, body: Body, position: np.ndarray) -> np.ndarray:
     """
     n, m = len(position), len(body.capsules)
     ends, way, far = np.empty((2 * m, 3)), np.empty(3), np.empty(3)
-    _place_capsules(*chain, position, body.capsules, np.empty((n + 1, 7)), np.empty((n, 3)), ends)
+    place_capsules(*chain, position, body.capsules, np.empty((n + 1, 7)), np.empty((n, 3)), ends)
     return np.array([_distance(body.capsules, ends, a, b, way, far) - body.capsules[a, 7]
                      - body.capsules[b, 7] for a, b in body.pairs.astype(int)])

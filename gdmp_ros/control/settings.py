@@ -129,6 +129,9 @@ class LimitSettings:
         'N/m, Nm/rad', 1e-3, 1e5)
     stiffness_rate: float = setting(
         20.0, 'largest relative change of the stiffness in any direction', '1/s', 0.01, 1000.0)
+    retreat_speed: float = setting(
+        0.0, 'speed at which the arm goes away from what comes nearer than the margin; 0: it '
+        'stands still', 'm/s', 0.0, 1.0)
     singularity_start: float = setting(
         0.06, 'smallest singular value of the Jacobian (rotations times 0.3 m) below which the '
         'reference is slowed down on its way to a singularity', 'm', 0.0, 1.0)

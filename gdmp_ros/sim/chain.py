@@ -93,7 +93,9 @@ def body_of(model: mujoco.MjModel, body: int, posture: np.ndarray) -> Body:
             link = moved_by[order[owner]]
             turn, at = data.xmat[link].reshape(3, 3), data.xanchor[model.body_jntadr[link]]
             first, second = (first - at) @ turn, (second - at) @ turn
-        capsules.append([order[owner], *first, *second, radius])
+        # Beyond 52 links a float does not hold the bit.
+        bit = 2.0 ** min(len(dict.fromkeys(names)) - 1, 51)
+        capsules.append([order[owner], *first, *second, radius, bit])
     near, far = np.empty((2, 3))
     pairs, found = [], []
     for a in range(len(capsules)):
@@ -105,7 +107,7 @@ def body_of(model: mujoco.MjModel, body: int, posture: np.ndarray) -> Body:
                 pairs.append((a, b))
                 found.append(f'{names[b]} and {names[a]}')
     return Body(np.array(capsules).reshape(-1, CAPSULE_SIZE),
-                np.array(pairs, dtype=float).reshape(-1, 2), tuple(found))
+                np.array(pairs, dtype=float).reshape(-1, 2), tuple(found), tuple(names))
 
 
 def _solid_geoms(model: mujoco.MjModel, root: int) -> list[int]:

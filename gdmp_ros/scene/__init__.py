@@ -1,0 +1,5 @@
+"""What stands around an arm: volumes, the distances from them, ways around them."""
+from gdmp_ros.scene.scene import read_scene, Scene
+from gdmp_ros.scene.volume import Volume
+
+__all__ = ['Scene', 'Volume', 'read_scene']

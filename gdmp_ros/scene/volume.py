@@ -1,0 +1,159 @@
+"""
+Volumes: spheres, boxes, capsules and half-spaces.
+
+Each is a box whose corners and edges may be rounded: a sphere is rounded alone, a capsule has a
+length in one direction, a half-space is a very large box below its plane. So there is one formula
+for the distance (`gdmp_ros.scene.distance`). A mesh or a cluster of points counts as the box
+around it.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+import math
+from typing import Any
+
+import numpy as np
+
+from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.util.numeric import numbers
+
+#: Numbers of a kind's size [m]: radius; lengths of the edges; radius and length of the axis (along
+#: z); nothing: solid below z = 0.
+KINDS = {'sphere': 1, 'box': 3, 'capsule': 2, 'plane': 0}
+#: Half of the size of a half-space [m].
+ENDLESS = 50.0
+#: Larger numbers are refused [m].
+LARGEST = 1e3
+#: Layout of a packed volume: half edges, radius, pose, twist, margin, links that may touch it (a
+#: bit each), and a number that is 0 where there is none.
+HALF, RADIUS, POSE, TWIST, MARGIN, ALLOWED, THERE = 0, 3, 4, 11, 17, 18, 19
+VOLUME_SIZE = 20
+#: Most volumes at a time.
+CAPACITY = 32
+#: Distance that is kept from a volume that has no margin of its own [m].
+DEFAULT_MARGIN = 0.02
+
+
+def _still() -> np.ndarray:
+    return np.zeros(6)
+
+
+@dataclass(frozen=True)
+class Volume:
+    """
+    Something that is in the way.
+
+    :ivar name: unique in a scene
+    :ivar kind: one of `KINDS`
+    :ivar size: see `KINDS` [m]
+    :ivar pose: of its centre (x, y, z, qw, qx, qy, qz); of a plane: of a point of it
+    :ivar twist: how it moves, linear and angular, in the frame of the pose [m/s, rad/s]
+    :ivar margin: distance to keep [m]; None: that of the scene
+    :ivar allowed: links of the arm that may touch it
+    :ivar frame: in which the pose is given; empty: that of the arm's base
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    pose: np.ndarray
+    twist: np.ndarray = field(default_factory=_still)
+    margin: float | None = None
+    allowed: tuple[str, ...] = ()
+    frame: str = ''
+
+    def __post_init__(self) -> None:
+        where = f'volume {self.name!r}'
+        if not self.name or not self.name.isprintable():
+            raise DataError(f'{where}: expected a name')
+        if self.kind not in KINDS:
+            raise DataError(f'{where}: kind is {self.kind!r}, expected {", ".join(KINDS)}')
+        size = tuple(float(value) for value in self.size)
+        if len(size) != KINDS[self.kind]:
+            raise DataError(f'{where}: size has {len(size)} numbers, a {self.kind} has '
+                            f'{KINDS[self.kind]}')
+        if not all(0.0 < value <= LARGEST for value in size):
+            raise DataError(f'{where}: size is {list(size)} m, expected above 0 and at most '
+                            f'{LARGEST:g}')
+        pose, twist = numbers('pose', self.pose), numbers('twist', self.twist)
+        if pose.shape != (7,) or not (np.abs(pose[:3]) <= LARGEST).all():
+            raise DataError(f'{where}: pose is {pose.tolist()}, expected x, y, z within '
+                            f'{LARGEST:g} m, and qw, qx, qy, qz')
+        length = float(np.linalg.norm(pose[3:]))
+        if not 0.99 < length < 1.01:
+            raise DataError(f'{where}: the quaternion has length {length:.3g}, expected 1')
+        if twist.shape != (6,) or not (np.abs(twist) <= LARGEST).all():
+            raise DataError(f'{where}: twist is {twist.tolist()}, expected 6 finite numbers')
+        if self.margin is not None and not 0.0 <= self.margin <= LARGEST:
+            raise DataError(f'{where}: margin is {self.margin} m, expected 0 to {LARGEST:g}')
+        pose = np.concatenate([pose[:3], pose[3:] / length])
+        for name, value in (('size', size), ('pose', pose), ('twist', np.array(twist))):
+            object.__setattr__(self, name, value)
+
+    @property
+    def half(self) -> np.ndarray:
+        """Half edges of the box that is rounded, shape (3,) [m]."""
+        if self.kind == 'box':
+            return 0.5 * np.array(self.size)
+        if self.kind == 'capsule':
+            return np.array([0.0, 0.0, 0.5 * self.size[1]])
+        return np.full(3, ENDLESS) if self.kind == 'plane' else np.zeros(3)
+
+    @property
+    def radius(self) -> float:
+        """How far the box is rounded [m]."""
+        return self.size[0] if self.kind in ('sphere', 'capsule') else 0.0
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Pose of the box that is rounded."""
+        below = np.array([0.0, 0.0, -ENDLESS, 1.0, 0.0, 0.0, 0.0])
+        return compose(self.pose, below) if self.kind == 'plane' else self.pose
+
+    def at(self, pose: np.ndarray, twist: np.ndarray | None = None) -> Volume:
+        """Return it elsewhere."""
+        return replace(self, pose=pose, twist=np.zeros(6) if twist is None else twist)
+
+    def packed(self, margin: float, links: dict[str, int]) -> np.ndarray:
+        """
+        Numbers for kernels, shape (`VOLUME_SIZE`,).
+
+        :param margin: of the scene [m]
+        :param links: the bits of the links of the arm
+        :raises DataError: if it allows a link that the arm does not have
+        """
+        unknown = sorted(set(self.allowed) - set(links))
+        if unknown and links:
+            raise DataError(f'volume {self.name!r}: allowed: the arm has no link {unknown[0]!r}; '
+                            f'it has {", ".join(links)}')
+        bits = 0
+        for name in self.allowed:
+            bits |= links.get(name, 0)
+        return np.array([*self.half, self.radius, *self.centre, *self._twist_of_centre(),
+                         margin if self.margin is None else self.margin, float(bits), 1.0])
+
+    def _twist_of_centre(self) -> np.ndarray:
+        lever = self.centre[:3] - self.pose[:3]
+        return np.concatenate([self.twist[:3] + np.cross(self.twist[3:], lever), self.twist[3:]])
+
+
+def box_around(name: str, points: Any, **others: Any) -> Volume:
+    """
+    Box around points: what a mesh or a cluster of points counts as.
+
+    :param points: shape (n, 3) [m]
+    :raises DataError: without a finite point
+    """
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    if not len(points) or not np.isfinite(points).all():
+        raise DataError(f'volume {name!r}: expected finite points')
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = np.maximum(high - low, 1e-4)
+    return Volume(name, 'box', tuple(size), np.array([*(0.5 * (low + high)), 1.0, 0.0, 0.0, 0.0]),
+                  **others)
+
+
+def around(volume: Volume) -> float:
+    """Radius of the sphere around a volume [m]."""
+    return math.hypot(*volume.half) + volume.radius
